@@ -1,0 +1,1 @@
+"""Frenetic finds the roads on which an automated driver leaves its lane."""

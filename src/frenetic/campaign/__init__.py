@@ -1,0 +1,1 @@
+"""One search with its budget, on disk."""

@@ -1,0 +1,27 @@
+"""The errors a user can cause, each with a message for the person reading it."""
+
+from __future__ import annotations
+
+
+class FreneticError(Exception):
+    """A mistake or a circumstance that the user can mend.
+
+    The message is one line: what was given, what is allowed, what to do. The command line prints it
+    and exits with code 2.
+    """
+
+
+class RoadError(FreneticError, ValueError):
+    """Values or points that do not describe a road."""
+
+
+class CampaignError(FreneticError):
+    """A campaign's folder or database that cannot be used as asked."""
+
+
+class DriverError(FreneticError):
+    """A driver that cannot be loaded, or that broke its contract during a drive."""
+
+
+class UnknownNameError(FreneticError, LookupError):
+    """A strategy, driver or simulator that nobody registered."""

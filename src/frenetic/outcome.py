@@ -1,0 +1,23 @@
+"""The four ways in which a road test can end."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Outcome(StrEnum):
+    """What became of a road test."""
+
+    PASS = "PASS"
+    """The car reached the end of the road in its lane."""
+    FAIL = "FAIL"
+    """The car left its lane, stood still or ran out of time."""
+    INVALID = "INVALID"
+    """The road was refused, so nothing was driven."""
+    ERROR = "ERROR"
+    """The simulator or the driver broke; nothing is known about the road."""
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a drive took place that was judged: PASS or FAIL."""
+        return self in (Outcome.PASS, Outcome.FAIL)

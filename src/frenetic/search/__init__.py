@@ -1,0 +1,1 @@
+"""What to try next: the Strategy protocol, its operators and its implementations."""

@@ -1,0 +1,55 @@
+"""What passes between a campaign and a search strategy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.outcome import Outcome
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a candidate comes from."""
+
+    operator: str
+    """Name of the operator that made it, as in DESIGN section 4: ``random``, ``P1`` .. ``C2``."""
+    parents: tuple[int, ...] = ()
+    """Ids of the candidates it was made from."""
+    generation: int = 0
+    """0 for a random road, otherwise one more than its youngest parent's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A road that a strategy wants judged."""
+
+    id: int
+    """Counts from 1 in the order of asking."""
+    curvatures: FloatArray
+    """(N,) 1/m, read-only."""
+    step: float
+    """m between two curvature samples."""
+    origin: Origin
+
+    def __post_init__(self) -> None:
+        values = np.array(self.curvatures, dtype=np.float64)
+        values.setflags(write=False)
+        object.__setattr__(self, "curvatures", values)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What became of a candidate: what a strategy is told."""
+
+    candidate: Candidate
+    outcome: Outcome
+    moobd: float | None
+    """Minimum oob distance in m, smaller is worse for the driver; None unless PASS or FAIL."""
+    budget_spent: float
+    """Share of the campaign's budget spent when this was told, 0..1."""

@@ -1,0 +1,124 @@
+"""What a simulator hands over: the trajectory of one drive and the circumstances it was driven in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CarBody:
+    """The rectangle that a car covers on the ground, relative to its centre of mass."""
+
+    length: float = 4.508
+    """m, bumper to bumper (BMW 320i, CommonRoad vehicle 2)."""
+    width: float = 1.610
+    """m, without mirrors."""
+    centre_ahead: float = 0.0
+    """m, how far the rectangle's centre lies ahead of the centre of mass."""
+
+
+@dataclass(frozen=True)
+class Rules:
+    """When a drive ends and what counts as failing it (DESIGN: "Ending a drive")."""
+
+    speed_limit: float = 70.0
+    """km/h, what the driver is told to keep."""
+    oob_tolerance: float = 0.95
+    """Share (0..1] of the car's box that may be outside the ego lane; more is a FAIL."""
+    goal_distance: float = 8.0
+    """m from the road's last point at which the drive has passed."""
+    stuck_distance: float = 1.0
+    """m that a car has to move within `stuck_time`."""
+    stuck_time: float = 10.0
+    """s."""
+    timeout_base: float = 20.0
+    """s granted to every drive, whatever its length."""
+    timeout_speed: float = 2.5
+    """m/s, mean speed below which a drive takes too long: timeout = base + length / speed."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"{item.name} is {value}: a positive number is needed")
+        if self.oob_tolerance > 1.0:
+            raise ValueError(
+                f"oob_tolerance is {self.oob_tolerance}: a share above 0 and up to 1 is needed"
+            )
+
+    def timeout(self, road_length: float) -> float:
+        """Simulated seconds after which a drive on a road of `road_length` m has failed."""
+        return self.timeout_base + road_length / self.timeout_speed
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64."""
+
+    time: FloatArray
+    """s of simulated time since the start; the first record is the start."""
+    x: FloatArray
+    """m, centre of mass."""
+    y: FloatArray
+    """m, centre of mass."""
+    heading: FloatArray
+    """rad, counter-clockwise from +x, unwrapped."""
+    speed: FloatArray
+    """m/s, along the car."""
+    lateral_speed: FloatArray
+    """m/s, across the car, positive to the left."""
+    yaw_rate: FloatArray
+    """rad/s, positive to the left."""
+    steering: FloatArray
+    """rad, angle of the front wheels, positive to the left."""
+    steering_input: FloatArray
+    """rad, the angle that the driver asked for."""
+    throttle: FloatArray
+    """0..1, as the driver asked."""
+    brake: FloatArray
+    """0..1, as the driver asked."""
+
+    def __post_init__(self) -> None:
+        n = len(self.time)
+        for item in fields(self):
+            column = np.ascontiguousarray(getattr(self, item.name), dtype=np.float64)
+            if column.shape != (n,):
+                raise ValueError(
+                    f"column {item.name} has shape {column.shape}, the time column ({n},)"
+                )
+            column.setflags(write=False)
+            object.__setattr__(self, item.name, column)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """The columns' names, in order."""
+        return tuple(item.name for item in fields(cls))
+
+    @classmethod
+    def from_rows(cls, rows: FloatArray) -> Trajectory:
+        """A trajectory from an (n, 11) array whose columns are in the order of `names()`."""
+        return cls(*(rows[:, k] for k in range(rows.shape[1])))
+
+    def to_rows(self) -> FloatArray:
+        """The records as an (n, 11) array in the order of `names()`."""
+        return np.column_stack([getattr(self, name) for name in self.names()])
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One execution of a road test."""
+
+    trajectory: Trajectory
+    car: CarBody = field(default_factory=CarBody)
+    rules: Rules = field(default_factory=Rules)
+    error: str | None = None
+    """Why the simulator or the driver broke, or None when the drive ended by the rules."""

@@ -1,0 +1,1 @@
+"""The embedded simulator: a dynamic single-track car in compiled code, headless and fast."""
