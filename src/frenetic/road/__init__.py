@@ -1,1 +1,17 @@
 """What a test is: roads from curvature, their geometry, fitting the map, validity, lanes."""
+
+from frenetic.road.fitting import RigidMotion, fit_to_map
+from frenetic.road.geometry import integrate
+from frenetic.road.road import Lane, Pose, Road
+from frenetic.road.validity import Verdict, check_validity
+
+__all__ = [
+    "Lane",
+    "Pose",
+    "RigidMotion",
+    "Road",
+    "Verdict",
+    "check_validity",
+    "fit_to_map",
+    "integrate",
+]

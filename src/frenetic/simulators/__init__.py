@@ -1,1 +1,7 @@
 """What moves the car: the Simulator protocol and the simulators that implement it."""
+
+from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
+from frenetic.simulators.simulator import Simulator
+
+__all__ = ["CarBody", "Drive", "EmbeddedSimulator", "Rules", "Simulator", "Trajectory", "Vehicle"]

@@ -1,0 +1,17 @@
+"""Who drives: the Driver protocol, the built-in drivers, layers over any driver."""
+
+from frenetic.drivers.builtin import Planner, Stanley
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
+from frenetic.drivers.layers import Delayed, LimitedView, Noisy
+
+__all__ = [
+    "Controls",
+    "Delayed",
+    "DriveSetup",
+    "Driver",
+    "LimitedView",
+    "Noisy",
+    "Observation",
+    "Planner",
+    "Stanley",
+]

@@ -1,0 +1,142 @@
+"""The built-in drivers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import ClassVar, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.drivers import laws
+from frenetic.drivers.driver import Controls, DriveSetup, Observation
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+class BuiltIn:
+    """A driver whose law is a compiled kernel; the subclasses are its parameters."""
+
+    law: ClassVar[int]
+
+    def parameters(self) -> FloatArray:
+        """The law's parameters in the order of `frenetic.drivers.laws`."""
+        raise NotImplementedError
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        self._setup = laws.setup_array(setup)
+        self._parameters = self.parameters()
+
+    def act(self, observation: Observation) -> Controls:
+        """The law's controls."""
+        o = observation
+        steering, throttle, brake = laws.decide(
+            self.law,
+            o.speed,
+            o.yaw_rate,
+            o.lateral_offset,
+            o.heading_error,
+            o.ahead,
+            o.curvature_ahead,
+            len(o.ahead),
+            self._parameters,
+            self._setup,
+        )
+        return Controls(steering, throttle, brake)
+
+
+def _check(driver: object, allow_zero: tuple[str, ...] = ()) -> None:
+    """Raises ValueError unless every number of a driver is finite and positive."""
+    for item in fields(driver):  # type: ignore[arg-type]
+        value = getattr(driver, item.name)
+        least_fits = value >= 0.0 if item.name in allow_zero else value > 0.0
+        if not (math.isfinite(value) and least_fits):
+            allowed = "a number of 0 or more" if item.name in allow_zero else "a positive number"
+            raise ValueError(f"{item.name} is {value}: {allowed} is needed")
+
+
+@dataclass
+class Planner(BuiltIn):
+    """Knows the road ahead as BeamNG.AI does; steers by pure pursuit.
+
+    Its speed keeps the lateral acceleration that the road ahead will ask for within a budget, and
+    its braking before a curve within another. It sees a curve as its mean over a short window and
+    cuts the corner a little, so it has weak spots: short sharp bends, and bends that follow each
+    other closely, at the end of a fast stretch.
+    """
+
+    law: ClassVar[int] = laws.PLANNER
+
+    aggression: float = 0.7
+    """Scales both budgets: 1 is a driver who uses about all the grip there is."""
+    lateral_acceleration: float = 10.0
+    """m/s^2 in curves at aggression 1."""
+    braking: float = 6.0
+    """m/s^2 before curves at aggression 1."""
+    smoothing: float = 4.0
+    """m of road on each side over which a curve's curvature is averaged."""
+    lookahead_time: float = 0.5
+    """s of driving to the point that is steered for."""
+    lookahead_min: float = 4.0
+    """m, lookahead distance at rest."""
+    speed_gain: float = 1.5
+    """1/s, acceleration per m/s of speed error."""
+
+    def __post_init__(self) -> None:
+        _check(self, allow_zero=("smoothing", "lookahead_time"))
+
+    def parameters(self) -> FloatArray:
+        """The parameters of `laws.planner`."""
+        return np.array(
+            [
+                self.aggression * self.lateral_acceleration,
+                self.aggression * self.braking,
+                self.speed_gain,
+                round(self.smoothing / laws.SPACING),
+                self.lookahead_time,
+                self.lookahead_min,
+            ]
+        )
+
+
+@dataclass
+class Stanley(BuiltIn):
+    """Plans its speed like `Planner` and steers by Stanley's law (Hoffmann et al., ACC 2007)."""
+
+    law: ClassVar[int] = laws.STANLEY
+
+    aggression: float = 0.6
+    """Scales both budgets."""
+    lateral_acceleration: float = 10.0
+    """m/s^2 in curves at aggression 1."""
+    braking: float = 6.0
+    """m/s^2 before curves at aggression 1."""
+    smoothing: float = 4.0
+    """m of road on each side over which a curve's curvature is averaged."""
+    speed_gain: float = 1.5
+    """1/s, acceleration per m/s of speed error."""
+    offset_gain: float = 1.5
+    """1/s, how fast a lateral offset is worked off."""
+    softening: float = 2.0
+    """m/s, keeps the steering calm at low speed."""
+    yaw_damping: float = 0.05
+    """s, steering against yaw rate beyond the road's."""
+
+    def __post_init__(self) -> None:
+        _check(self, allow_zero=("smoothing", "yaw_damping"))
+
+    def parameters(self) -> FloatArray:
+        """The parameters of `laws.stanley`."""
+        return np.array(
+            [
+                self.aggression * self.lateral_acceleration,
+                self.aggression * self.braking,
+                self.speed_gain,
+                round(self.smoothing / laws.SPACING),
+                self.offset_gain,
+                self.softening,
+                self.yaw_damping,
+            ]
+        )

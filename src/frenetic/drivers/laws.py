@@ -1,0 +1,208 @@
+"""The built-in drivers' laws as kernels: the same code runs in the compiled rollout and in `act`.
+
+Every law has the same signature, so that a rollout can choose one by its number. ``parameters`` is
+the law's own array (see the classes in `frenetic.drivers.builtin`), ``setup`` the array made by
+`setup_array`; both hold SI units.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+PLANNER, STANLEY = range(2)
+
+# setup
+SPEED_LIMIT, FRONT_AXLE, REAR_AXLE, MAX_STEERING, MAX_ACCELERATION, MAX_DECELERATION = range(6)
+# parameters of the speed plan, the first of every law
+LATERAL, BRAKING, SPEED_GAIN, SMOOTHING = range(4)
+# parameters of pure pursuit
+LOOKAHEAD_TIME, LOOKAHEAD_MIN = 4, 5
+# parameters of Stanley
+OFFSET_GAIN, SOFTENING, YAW_DAMPING = 4, 5, 6
+
+SPACING = AHEAD_SPACING
+
+
+def setup_array(setup: DriveSetup) -> FloatArray:
+    """A `DriveSetup` as the laws want it."""
+    return np.array(
+        [
+            setup.speed_limit,
+            setup.front_axle,
+            setup.rear_axle,
+            setup.max_steering,
+            setup.max_acceleration,
+            setup.max_deceleration,
+        ]
+    )
+
+
+@njit(cache=True)
+def planned_speed(
+    curvature_ahead: FloatArray,
+    rows: int,
+    limit: float,
+    lateral: float,
+    braking: float,
+    smoothing: int,
+) -> float:
+    """Speed in m/s now that lets the car take every curve in view within its budgets.
+
+    Each curve allows sqrt(lateral / |kappa|), where kappa is the mean curvature over a window of
+    ``smoothing`` rows on each side; braking steadily from here, v^2 = v_curve^2 + 2 braking
+    distance. At the end of the view the road is taken to go on as it is.
+    """
+    # The sums slide along, so that the cost does not depend on the window.
+    total = 0.0
+    for j in range(min(smoothing, rows)):
+        total += curvature_ahead[j]
+    best = limit * limit
+    for i in range(rows):
+        if i + smoothing < rows:
+            total += curvature_ahead[i + smoothing]
+        if i - smoothing - 1 >= 0:
+            total -= curvature_ahead[i - smoothing - 1]
+        count = min(i + smoothing, rows - 1) - max(i - smoothing, 0) + 1
+        kappa = abs(total) / count
+        if kappa * best > lateral:
+            best = min(best, lateral / kappa + 2.0 * braking * i * SPACING)
+    return math.sqrt(best)
+
+
+@njit(cache=True)
+def pedals(
+    speed: float, wanted: float, gain: float, setup: FloatArray
+) -> tuple[float, float]:
+    """(throttle, brake) that bring the speed towards the wanted one at ``gain`` 1/s."""
+    acceleration = gain * (wanted - speed)
+    if acceleration >= 0.0:
+        return min(acceleration / setup[MAX_ACCELERATION], 1.0), 0.0
+    return 0.0, min(-acceleration / setup[MAX_DECELERATION], 1.0)
+
+
+@njit(cache=True)
+def planner(
+    speed: float,
+    yaw_rate: float,
+    lateral_offset: float,
+    heading_error: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+    rows: int,
+    parameters: FloatArray,
+    setup: FloatArray,
+) -> tuple[float, float, float]:
+    """(steering, throttle, brake): speed from the curvature ahead, pure-pursuit steering.
+
+    Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01): the front wheels take the arc that leads the
+    rear axle through the lane's centre a lookahead distance away.
+    """
+    wanted = planned_speed(
+        curvature_ahead,
+        rows,
+        setup[SPEED_LIMIT],
+        parameters[LATERAL],
+        parameters[BRAKING],
+        int(parameters[SMOOTHING]),
+    )
+    throttle, brake = pedals(speed, wanted, parameters[SPEED_GAIN], setup)
+    lookahead = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
+    place = min(lookahead / SPACING, rows - 1.0)
+    i = max(min(int(place), rows - 2), 0)
+    t = place - i
+    j = min(i + 1, rows - 1)
+    x = ahead[i, 0] + t * (ahead[j, 0] - ahead[i, 0]) + setup[REAR_AXLE]
+    y = ahead[i, 1] + t * (ahead[j, 1] - ahead[i, 1])
+    square = max(x * x + y * y, 1.0)
+    wheelbase = setup[FRONT_AXLE] + setup[REAR_AXLE]
+    steering = math.atan(2.0 * wheelbase * y / square)
+    bound = setup[MAX_STEERING]
+    return min(max(steering, -bound), bound), throttle, brake
+
+
+@njit(cache=True)
+def stanley(
+    speed: float,
+    yaw_rate: float,
+    lateral_offset: float,
+    heading_error: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+    rows: int,
+    parameters: FloatArray,
+    setup: FloatArray,
+) -> tuple[float, float, float]:
+    """(steering, throttle, brake): the same speed plan, Stanley's steering law.
+
+    Hoffmann et al., "Autonomous Automobile Trajectory Tracking for Off-Road Driving", ACC 2007:
+    heading error plus the angle that takes the front axle back to the line, the lane's own
+    curvature fed forward, and the yaw rate damped.
+    """
+    wanted = planned_speed(
+        curvature_ahead,
+        rows,
+        setup[SPEED_LIMIT],
+        parameters[LATERAL],
+        parameters[BRAKING],
+        int(parameters[SMOOTHING]),
+    )
+    throttle, brake = pedals(speed, wanted, parameters[SPEED_GAIN], setup)
+    wheelbase = setup[FRONT_AXLE] + setup[REAR_AXLE]
+    offset = lateral_offset + setup[FRONT_AXLE] * math.sin(heading_error)
+    kappa = curvature_ahead[0]
+    steering = (
+        math.atan(wheelbase * kappa)
+        - heading_error
+        - math.atan(parameters[OFFSET_GAIN] * offset / (parameters[SOFTENING] + speed))
+        - parameters[YAW_DAMPING] * (yaw_rate - speed * kappa)
+    )
+    bound = setup[MAX_STEERING]
+    return min(max(steering, -bound), bound), throttle, brake
+
+
+@njit(cache=True)
+def decide(
+    law: int,
+    speed: float,
+    yaw_rate: float,
+    lateral_offset: float,
+    heading_error: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+    rows: int,
+    parameters: FloatArray,
+    setup: FloatArray,
+) -> tuple[float, float, float]:
+    """(steering, throttle, brake) by the law with the given number."""
+    if law == PLANNER:
+        return planner(
+            speed,
+            yaw_rate,
+            lateral_offset,
+            heading_error,
+            ahead,
+            curvature_ahead,
+            rows,
+            parameters,
+            setup,
+        )
+    return stanley(
+        speed,
+        yaw_rate,
+        lateral_offset,
+        heading_error,
+        ahead,
+        curvature_ahead,
+        rows,
+        parameters,
+        setup,
+    )

@@ -1,0 +1,243 @@
+"""Layers over any driver: noise on what it sees, delay of what it does, a limited view.
+
+Layers compose: ``Delayed(Noisy(Planner(), offset=0.2), seconds=0.1)``. They commute, as noise and
+view change what comes in and the delay what goes out; one layer of each kind over a built-in driver
+stays inside the compiled rollout.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from frenetic.drivers.builtin import BuiltIn
+from frenetic.drivers.driver import (
+    AHEAD_POINTS,
+    AHEAD_SPACING,
+    Controls,
+    Driver,
+    DriveSetup,
+    Observation,
+)
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+_BLOCK = 256
+
+
+@njit(cache=True)
+def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None:
+    """Moves the view ahead, in place, as it looks to a car that errs about its place.
+
+    A car that believes itself ``offset`` m further left and turned by ``heading`` rad sees every
+    point further right, turned the other way.
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    for i in range(rows):
+        x, y = ahead[i, 0], ahead[i, 1] - offset
+        ahead[i, 0] = c * x + s * y
+        ahead[i, 1] = c * y - s * x
+
+
+def _amount(value: float, name: str, unit: str, allow_zero: bool = True) -> float:
+    if not (math.isfinite(value) and (value > 0.0 or (allow_zero and value == 0.0))):
+        allowed = "0 or more" if allow_zero else "more than 0"
+        raise ValueError(f"{name} is {value}: {allowed} {unit} needed")
+    return float(value)
+
+
+class Noisy:
+    """A driver that errs about its place: Gaussian errors that change slowly.
+
+    Both errors are first-order autoregressive with the given standard deviations and correlation
+    time. Offset, heading error and view ahead err alike, as they would when they come from one
+    localisation. Every drive sees the same errors, drawn from ``seed``.
+
+    Args:
+        driver: the driver underneath.
+        offset: m, standard deviation of the lateral error.
+        heading: rad, standard deviation of the heading error.
+        correlation_time: s after which an error has faded to 1/e.
+        seed: of the errors.
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        *,
+        offset: float = 0.1,
+        heading: float = 0.01,
+        correlation_time: float = 1.0,
+        seed: int = 0,
+    ) -> None:
+        self.driver = driver
+        self.offset = _amount(offset, "offset", "m are")
+        self.heading = _amount(heading, "heading", "rad are")
+        self.correlation_time = _amount(correlation_time, "correlation_time", "s are", False)
+        self.seed = seed
+
+    def errors(self, period: float) -> ErrorSequence:
+        """The errors of one drive with the given control period in s."""
+        return ErrorSequence(self.offset, self.heading, self.correlation_time, self.seed, period)
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Starts the errors anew."""
+        self.driver.reset(setup)
+        self._errors = self.errors(setup.period)
+        self._calls = 0
+
+    def act(self, observation: Observation) -> Controls:
+        """The driver's controls for the disturbed observation."""
+        offset, heading = self._errors.upto(self._calls + 1)[self._calls]
+        self._calls += 1
+        ahead = observation.ahead.copy()
+        disturb(ahead, len(ahead), offset, heading)
+        return self.driver.act(
+            replace(
+                observation,
+                lateral_offset=observation.lateral_offset + offset,
+                heading_error=observation.heading_error + heading,
+                ahead=ahead,
+            )
+        )
+
+
+class ErrorSequence:
+    """The errors (lateral, heading) of a `Noisy` driver, drawn as far as they are needed."""
+
+    def __init__(
+        self, offset: float, heading: float, correlation_time: float, seed: int, period: float
+    ) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._scale = np.array([offset, heading])
+        self._keep = math.exp(-period / correlation_time)
+        self._rows = np.empty((0, 2))
+
+    def upto(self, n: int) -> FloatArray:
+        """(m, 2) errors in m and rad, m >= n; the same rows whatever was asked before."""
+        while len(self._rows) < n:
+            fresh = self._rng.standard_normal((_BLOCK, 2))
+            last = self._rows[-1] if len(self._rows) else fresh[0]
+            self._rows = np.concatenate([self._rows, _autoregress(fresh, last, self._keep)])
+        scaled: FloatArray = self._rows * self._scale
+        return scaled
+
+
+@njit(cache=True)
+def _autoregress(fresh: FloatArray, last: FloatArray, keep: float) -> FloatArray:
+    """Standard normal rows made to depend on the row before, the variance kept at 1."""
+    out = np.empty_like(fresh)
+    gain = math.sqrt(1.0 - keep * keep)
+    a, b = last[0], last[1]
+    for i in range(len(fresh)):
+        a = keep * a + gain * fresh[i, 0]
+        b = keep * b + gain * fresh[i, 1]
+        out[i, 0] = a
+        out[i, 1] = b
+    return out
+
+
+class Delayed:
+    """A driver whose controls arrive late.
+
+    Until the first ones arrive, the car rolls with straight wheels and no pedal.
+
+    Args:
+        driver: the driver underneath.
+        seconds: the delay, rounded to whole control periods.
+    """
+
+    def __init__(self, driver: Driver, *, seconds: float = 0.1) -> None:
+        self.driver = driver
+        self.seconds = _amount(seconds, "seconds", "s are")
+        if self.seconds > 10.0:
+            raise ValueError(f"seconds is {seconds}: a delay of at most 10 s is allowed")
+
+    def periods(self, period: float) -> int:
+        """The delay in control periods of ``period`` s."""
+        return round(self.seconds / period)
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Forgets what is on its way."""
+        self.driver.reset(setup)
+        self._waiting = deque([Controls(0.0)] * self.periods(setup.period))
+
+    def act(self, observation: Observation) -> Controls:
+        """The controls that the driver chose some time ago."""
+        self._waiting.append(self.driver.act(observation))
+        return self._waiting.popleft()
+
+
+class LimitedView:
+    """A driver that sees only the next metres of road.
+
+    Args:
+        driver: the driver underneath.
+        distance: m of road; the view is cut to whole points 2 m apart, at least two.
+    """
+
+    def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
+        self.driver = driver
+        self.distance = _amount(distance, "distance", "m are", False)
+
+    @property
+    def rows(self) -> int:
+        """Points that remain of a full view."""
+        return min(max(int(self.distance / AHEAD_SPACING) + 1, 2), AHEAD_POINTS)
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        self.driver.reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        """The driver's controls for what it can see."""
+        return self.driver.act(
+            replace(
+                observation,
+                ahead=observation.ahead[: self.rows],
+                curvature_ahead=observation.curvature_ahead[: self.rows],
+            )
+        )
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A built-in driver and its layers, flattened for the compiled rollout."""
+
+    law: int
+    parameters: FloatArray
+    rows: int
+    """Points of the view."""
+    delay: int
+    """Control periods."""
+    errors: ErrorSequence | None
+
+
+def compiled_form(driver: Driver, period: float) -> Compiled | None:
+    """The driver for the compiled rollout, or None if it has to be called from Python.
+
+    Only the built-in classes themselves qualify, under at most one layer of each kind: a subclass
+    may do anything in `act`.
+    """
+    rows, delay, errors = AHEAD_POINTS, 0, None
+    seen = set()
+    while type(driver) in (Noisy, Delayed, LimitedView):
+        if type(driver) in seen:
+            return None
+        seen.add(type(driver))
+        if isinstance(driver, Noisy):
+            errors = driver.errors(period)
+        elif isinstance(driver, Delayed):
+            delay = driver.periods(period)
+        elif isinstance(driver, LimitedView):
+            rows = driver.rows
+        driver = driver.driver  # type: ignore[attr-defined]
+    if not (isinstance(driver, BuiltIn) and type(driver).__module__ == BuiltIn.__module__):
+        return None
+    return Compiled(driver.law, driver.parameters(), rows, delay, errors)

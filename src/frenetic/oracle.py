@@ -1,0 +1,268 @@
+"""Judging a drive: outcome, reason, how far the car was out of its lane, where and on which side.
+
+The rules for ending a drive live here once, as a kernel that looks at one record: simulators call
+it after every record to know when to stop, and `judge` calls it over a whole trajectory.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from frenetic.outcome import Outcome
+from frenetic.road.geometry import pose_at, project_global, project_near, reach_of
+from frenetic.road.overlap import share_outside
+
+if TYPE_CHECKING:
+    from frenetic.road import Road
+    from frenetic.simulators.drive import Drive, Rules
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+Side: TypeAlias = Literal["left", "right"]
+
+RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
+"""What a record says about its drive: it goes on, or how it ended."""
+
+# Columns of the assessment of a trajectory, one row per record.
+DISTANCE, OFFSET, OOB_SHARE = range(3)
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Where a car had left its lane by more than the tolerance."""
+
+    time: float
+    """s of simulated time."""
+    distance: float
+    """m along the road."""
+    x: float
+    """m, centre of mass."""
+    y: float
+    """m, centre of mass."""
+    side: Side
+    """Side of the ego lane on which it left, in driving direction."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a drive means: a `Drive` judged on its road."""
+
+    outcome: Outcome
+    reason: str
+    """Why, in one sentence."""
+    moobd: float | None
+    """m, minimum oob distance; None for ERROR."""
+    moobd_distance: float | None
+    """m along the road where the oob distance was least; None for ERROR."""
+    max_oob_share: float | None
+    """Largest share 0..1 of the car's box outside the ego lane; None for ERROR."""
+    duration: float
+    """s of simulated time until the drive ended."""
+    departure: Departure | None
+    """Where the car left the lane, if that is why it failed."""
+
+
+@njit(cache=True)
+def assess_record(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    rules: FloatArray,
+    car: FloatArray,
+    times: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    heading: float,
+    i: int,
+    s_before: float,
+) -> tuple[int, float, float, float, float]:
+    """What record ``i`` says: (end, s, d, road heading, oob share).
+
+    Args:
+        table, ds: the road, see `frenetic.road.geometry`.
+        lane_width: m.
+        rules: `rules_array`.
+        car: (3,) length, width, centre_ahead in m.
+        times, xs, ys: columns of the trajectory, filled up to ``i``.
+        heading: rad, the car's at record ``i``.
+        s_before: m, distance along the road at record ``i - 1``; not used for record 0.
+    """
+    x, y = xs[i], ys[i]
+    if i == 0:
+        s, d = project_global(table, ds, x, y)
+    else:
+        moved = math.hypot(x - xs[i - 1], y - ys[i - 1])
+        s, d = project_near(table, ds, x, y, s_before, reach_of(moved))
+    _, _, road_heading, _ = pose_at(table, ds, s)
+    share = share_outside(
+        table, ds, 0.0, -lane_width, s, d, road_heading, x, y, heading, car[0], car[1], car[2]
+    )
+    tolerance, goal, stuck_distance = rules[0], rules[1], rules[2]
+    stuck_time, timeout = rules[3], rules[4]
+    last = len(table) - 1
+    end = RUNNING
+    if share > tolerance:
+        end = LEFT_LANE
+    elif (
+        math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal
+    ):
+        end = REACHED
+    else:
+        # Records come at a steady rate: guess where stuck_time ago was, then make sure.
+        j = i
+        if i > 0:
+            j = max(0, i - int(stuck_time / (times[i] - times[i - 1])))
+        while j > 0 and times[i] - times[j] < stuck_time - 1e-9:
+            j -= 1
+        if (
+            times[i] - times[j] >= stuck_time - 1e-9
+            and math.hypot(x - xs[j], y - ys[j]) < stuck_distance
+        ):
+            end = STUCK
+        elif times[i] > timeout:
+            end = TIMED_OUT
+    return end, s, d, road_heading, share
+
+
+@njit(cache=True)
+def _assess(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    rules: FloatArray,
+    car: FloatArray,
+    times: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    headings: FloatArray,
+) -> tuple[int, FloatArray]:
+    n = len(times)
+    rows = np.empty((n, 3))
+    s = 0.0
+    for i in range(n):
+        end, s, d, _, share = assess_record(
+            table, ds, lane_width, rules, car, times, xs, ys, headings[i], i, s
+        )
+        rows[i, 0] = s
+        rows[i, 1] = d
+        rows[i, 2] = share
+        if end != 0:
+            return end, rows[: i + 1]
+    return 0, rows
+
+
+def rules_array(rules: Rules, road_length: float) -> FloatArray:
+    """The rules as `assess_record` wants them: tolerance, goal, stuck distance and time, timeout."""
+    return np.array(
+        [
+            rules.oob_tolerance,
+            rules.goal_distance,
+            rules.stuck_distance,
+            rules.stuck_time,
+            rules.timeout(road_length),
+        ]
+    )
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """A trajectory seen from its road, record by record, up to the record that ended the drive."""
+
+    end: int
+    """RUNNING, REACHED, LEFT_LANE, STUCK or TIMED_OUT."""
+    distance: FloatArray
+    """(n,) m along the road."""
+    lateral_offset: FloatArray
+    """(n,) m left of the ego lane's centre line."""
+    oob_distance: FloatArray
+    """(n,) m, see `Result.moobd`."""
+    oob_share: FloatArray
+    """(n,) 0..1."""
+
+
+def assess(road: Road, drive: Drive) -> Assessment:
+    """The drive record by record: place, lateral offset, oob distance and oob share."""
+    t = drive.trajectory
+    body = drive.car
+    end, rows = _assess(
+        road.table,
+        road.sub_step,
+        road.lane_width,
+        rules_array(drive.rules, road.length),
+        np.array([body.length, body.width, body.centre_ahead]),
+        t.time,
+        t.x,
+        t.y,
+        t.heading,
+    )
+    half = 0.5 * road.lane_width
+    offset = rows[:, OFFSET] + half
+    return Assessment(end, rows[:, DISTANCE], offset, half - np.abs(offset), rows[:, OOB_SHARE])
+
+
+def judge(road: Road, drive: Drive) -> Result:
+    """The verdict on one drive of a road.
+
+    The trajectory is followed record by record until a rule ends the drive. Records after that do
+    not count. A drive that stops before any rule ended it, or that carries an error, is an ERROR.
+    """
+    records = len(drive.trajectory)
+    if drive.error is not None or records == 0:
+        duration = float(drive.trajectory.time[-1]) if records else 0.0
+        reason = drive.error or "The simulator recorded nothing"
+        return Result(Outcome.ERROR, reason, None, None, None, duration, None)
+    seen = assess(road, drive)
+    i = len(seen.distance) - 1
+    duration = float(drive.trajectory.time[i])
+    least = int(np.argmin(seen.oob_distance))
+    outcome, departure = Outcome.FAIL, None
+    rules = drive.rules
+    if seen.end == REACHED:
+        outcome, reason = Outcome.PASS, "Car reached the end of the road"
+    elif seen.end == LEFT_LANE:
+        side: Side = "left" if seen.lateral_offset[i] > 0.0 else "right"
+        departure = Departure(
+            duration,
+            float(seen.distance[i]),
+            float(drive.trajectory.x[i]),
+            float(drive.trajectory.y[i]),
+            side,
+        )
+        reason = (
+            f"Car drove out of the lane to the {side} after {seen.distance[i]:.0f} m:"
+            f" {seen.oob_share[i]:.0%} of it outside, {rules.oob_tolerance:.0%} tolerated"
+        )
+    elif seen.end == STUCK:
+        reason = (
+            f"Car moved less than {rules.stuck_distance:g} m in {rules.stuck_time:g} s"
+            f" at {seen.distance[i]:.0f} m"
+        )
+    elif seen.end == TIMED_OUT:
+        reason = (
+            f"Car took longer than {rules.timeout(road.length):.0f} s"
+            f" and was at {seen.distance[i]:.0f} m of {road.length:.0f} m"
+        )
+    else:
+        return Result(
+            Outcome.ERROR,
+            f"The simulator stopped after {duration:.1f} s, before the drive had ended",
+            None,
+            None,
+            None,
+            duration,
+            None,
+        )
+    return Result(
+        outcome,
+        reason,
+        float(seen.oob_distance[least]),
+        float(seen.distance[least]),
+        float(seen.oob_share.max()),
+        duration,
+        departure,
+    )

@@ -1,0 +1,274 @@
+"""Kernels of road geometry: clothoid chains, their points, and projection onto them.
+
+A road's curvature is linear between samples that are ``step`` apart, so its heading is a quadratic
+and each piece is a clothoid. Everything here works on a *table*: the chain cut into equal
+sub-steps of ``ds`` <= 1 m, aligned with the samples.
+
+==========  =======  ==============================================================
+symbol      shape    meaning
+==========  =======  ==============================================================
+``table``   (M, 6)   rows x [m], y [m], heading [rad], curvature [1/m], cos, sin
+``ds``      scalar   m of centre line from one row to the next
+``s``       scalar   m along the centre line from the road's start
+``d``       scalar   m to the left of the centre line (lateral offset)
+==========  =======  ==============================================================
+
+Before its start and after its end a road goes on straight along its tangent, so that a car that
+starts on the first point, or reaches the last, stands on a lane.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+X, Y, HEADING, CURVATURE, COS, SIN = range(6)
+
+SUB_STEP = 1.0
+"""m, the longest sub-step of a table."""
+SUB_TURN = 0.5
+"""rad, the most that a table's sub-step may turn."""
+
+# Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which turns
+# by SUB_TURN at most, its error is below 1e-11 m.
+_GAUSS_X = 0.5 * (np.polynomial.legendre.leggauss(5)[0] + 1.0)
+_GAUSS_W = 0.5 * np.polynomial.legendre.leggauss(5)[1]
+_G0, _G1, _G2, _G3, _G4 = (float(v) for v in _GAUSS_X)
+_W0, _W1, _W2, _W3, _W4 = (float(v) for v in _GAUSS_W)
+
+
+@njit(cache=True)
+def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[float, float]:
+    """Displacement (dx, dy) after ``u`` m of a clothoid with the given start and curvature rate."""
+    dx = 0.0
+    dy = 0.0
+    for node, weight in ((_G0, _W0), (_G1, _W1), (_G2, _W2), (_G3, _W3), (_G4, _W4)):
+        t = u * node
+        angle = heading + t * (curvature + 0.5 * rate * t)
+        dx += weight * math.cos(angle)
+        dy += weight * math.sin(angle)
+    return u * dx, u * dy
+
+
+@njit(cache=True)
+def sub_steps(curvatures: FloatArray, step: float) -> int:
+    """Number of sub-steps per piece that keeps them below SUB_STEP and SUB_TURN."""
+    sharpest = 0.0
+    for value in curvatures:
+        sharpest = max(sharpest, abs(value))
+    return max(1, math.ceil(max(step / SUB_STEP, step * sharpest / SUB_TURN) - 1e-9))
+
+
+@njit(cache=True)
+def build_table(
+    curvatures: FloatArray, step: float, x: float, y: float, heading: float, per_piece: int
+) -> FloatArray:
+    """Table of a road from its (N,) curvatures and its pose, ``per_piece`` rows for each piece."""
+    pieces = len(curvatures) - 1
+    table = np.empty((pieces * per_piece + 1, 6))
+    ds = step / per_piece
+    for i in range(pieces):
+        rate = (curvatures[i + 1] - curvatures[i]) / step
+        start = heading
+        for j in range(per_piece):
+            t = j * ds
+            kappa = curvatures[i] + rate * t
+            theta = start + t * (curvatures[i] + 0.5 * rate * t)
+            row = i * per_piece + j
+            table[row, 0] = x
+            table[row, 1] = y
+            table[row, 2] = theta
+            table[row, 3] = kappa
+            table[row, 4] = math.cos(theta)
+            table[row, 5] = math.sin(theta)
+            dx, dy = chord(theta, kappa, rate, ds)
+            x += dx
+            y += dy
+        heading = start + 0.5 * step * (curvatures[i] + curvatures[i + 1])
+    last = pieces * per_piece
+    table[last, 0] = x
+    table[last, 1] = y
+    table[last, 2] = heading
+    table[last, 3] = curvatures[pieces]
+    table[last, 4] = math.cos(heading)
+    table[last, 5] = math.sin(heading)
+    return table
+
+
+@njit(cache=True)
+def pose_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float]:
+    """(x, y, heading, curvature) of the centre line at ``s``; straight beyond both ends."""
+    last = len(table) - 1
+    length = last * ds
+    if s < 0.0:
+        return table[0, 0] + s * table[0, 4], table[0, 1] + s * table[0, 5], table[0, 2], 0.0
+    if s > length:
+        u = s - length
+        return (
+            table[last, 0] + u * table[last, 4],
+            table[last, 1] + u * table[last, 5],
+            table[last, 2],
+            0.0,
+        )
+    i = min(int(s / ds), last - 1)
+    u = s - i * ds
+    rate = (table[i + 1, 3] - table[i, 3]) / ds
+    dx, dy = chord(table[i, 2], table[i, 3], rate, u)
+    return (
+        table[i, 0] + dx,
+        table[i, 1] + dy,
+        table[i, 2] + u * (table[i, 3] + 0.5 * rate * u),
+        table[i, 3] + rate * u,
+    )
+
+
+@njit(cache=True)
+def _refine(
+    table: FloatArray, ds: float, px: float, py: float, low: int, high: int
+) -> tuple[float, float]:
+    """(s, d) of the point nearest to (px, py) among rows low..high and the pieces around them."""
+    best = low
+    best_square = math.inf
+    for i in range(low, high + 1):
+        square = (px - table[i, 0]) ** 2 + (py - table[i, 1]) ** 2
+        if square < best_square:
+            best_square = square
+            best = i
+    last = len(table) - 1
+    # The foot of the perpendicular lies within one sub-step of the nearest row, except beyond the
+    # road's ends, where the line is straight and one Newton step is exact.
+    least = -math.inf if best == 0 else (best - 1) * ds
+    most = math.inf if best == last else (best + 1) * ds
+    s = best * ds
+    offset = 0.0
+    for _ in range(20):
+        x, y, heading, kappa = pose_at(table, ds, s)
+        c = math.cos(heading)
+        n = math.sin(heading)
+        along = (px - x) * c + (py - y) * n
+        offset = (py - y) * c - (px - x) * n
+        # d(along)/ds = -(1 - kappa * offset); kept away from 0 where the point is near the centre
+        # of the osculating circle, so that the iteration stays a descent.
+        move = along / max(1.0 - kappa * offset, 0.1)
+        target = min(max(s + move, least), most)
+        if abs(target - s) < 1e-10:
+            break
+        s = target
+    return s, offset
+
+
+@njit(cache=True)
+def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[float, float]:
+    """(s, d) of the point of the whole road that is nearest to (px, py)."""
+    return _refine(table, ds, px, py, 0, len(table) - 1)
+
+
+@njit(cache=True)
+def project_near(
+    table: FloatArray, ds: float, px: float, py: float, s: float, reach: float
+) -> tuple[float, float]:
+    """(s, d) of the nearest point of the road that is at most about ``reach`` m from ``s``.
+
+    Following a car this way keeps to the piece of road that it drives on, where another piece
+    passes close by.
+    """
+    last = len(table) - 1
+    low = min(max(int((s - reach) / ds), 0), last)
+    high = min(max(int((s + reach) / ds) + 1, 0), last)
+    return _refine(table, ds, px, py, low, high)
+
+
+@njit(cache=True)
+def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
+    """(n, 2) distances along and lateral offsets of a path of (n, 2) consecutive positions.
+
+    The first position is projected onto the whole road, each other one near its predecessor's
+    place, as far as the path moved.
+    """
+    n = len(xy)
+    out = np.empty((n, 2))
+    s = 0.0
+    for i in range(n):
+        if i == 0:
+            s, d = project_global(table, ds, xy[0, 0], xy[0, 1])
+        else:
+            moved = math.hypot(xy[i, 0] - xy[i - 1, 0], xy[i, 1] - xy[i - 1, 1])
+            s, d = project_near(table, ds, xy[i, 0], xy[i, 1], s, reach_of(moved))
+        out[i, 0] = s
+        out[i, 1] = d
+    return out
+
+
+@njit(cache=True)
+def reach_of(moved: float) -> float:
+    """How far along the road (m) to look for a car that moved ``moved`` m since it was last seen.
+
+    Inside a bend the foot of the perpendicular runs faster than the car: twice as fast half way
+    to the bend's centre.
+    """
+    return 2.0 + 2.0 * moved
+
+
+@njit(cache=True)
+def project_all(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
+    """(n, 2) distances along and lateral offsets of (n, 2) unrelated positions."""
+    out = np.empty((len(xy), 2))
+    for i in range(len(xy)):
+        out[i, 0], out[i, 1] = project_global(table, ds, xy[i, 0], xy[i, 1])
+    return out
+
+
+@njit(cache=True)
+def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: float) -> FloatArray:
+    """(n, 2) points at ``distances`` (n,) along the road, ``offset`` m left of its centre line."""
+    out = np.empty((len(distances), 2))
+    for i in range(len(distances)):
+        x, y, heading, _ = pose_at(table, ds, distances[i])
+        out[i, 0] = x - offset * math.sin(heading)
+        out[i, 1] = y + offset * math.cos(heading)
+    return out
+
+
+@njit(cache=True)
+def _integrate(
+    curvatures: FloatArray, step: float, x: float, y: float, heading: float
+) -> tuple[FloatArray, FloatArray]:
+    roads, samples = curvatures.shape
+    headings = np.empty((roads, samples))
+    points = np.empty((roads, samples, 2))
+    for k in range(roads):
+        per_piece = sub_steps(curvatures[k], step)
+        table = build_table(curvatures[k], step, x, y, heading, per_piece)
+        for i in range(samples):
+            points[k, i, 0] = table[i * per_piece, 0]
+            points[k, i, 1] = table[i * per_piece, 1]
+            headings[k, i] = table[i * per_piece, 2]
+    return headings, points
+
+
+def integrate(
+    curvatures: npt.ArrayLike,
+    step: float = 10.0,
+    pose: tuple[float, float, float] = (0.0, 0.0, math.pi / 2),
+) -> tuple[FloatArray, FloatArray]:
+    """Headings and positions at the curvature samples of one road or of a batch of roads.
+
+    Args:
+        curvatures: (..., N) curvature samples in 1/m, positive to the left, linear in between.
+        step: m between two samples.
+        pose: x [m], y [m] and heading [rad] of every road's first sample.
+
+    Returns:
+        Headings (..., N) in rad, exact, not wrapped; positions (..., N, 2) in m, accurate to far
+        below a micrometre for roads of some hundred metres.
+    """
+    values = np.asarray(curvatures, dtype=np.float64)
+    flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]))
+    headings, points = _integrate(flat, float(step), *(float(v) for v in pose))
+    return headings.reshape(values.shape), points.reshape((*values.shape, 2))

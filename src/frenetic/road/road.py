@@ -1,0 +1,276 @@
+"""The road: curvature samples, a pose, and everything that follows from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.errors import RoadError
+from frenetic.road import geometry
+from frenetic.road.fitting import fit_to_map
+from frenetic.road.recovery import curvature_from_points
+from frenetic.road.validity import Verdict, check_validity
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+MAX_SAMPLES = 10_000
+"""Most curvature samples of a road."""
+MAX_LENGTH = 50_000.0
+"""m, longest road."""
+MAX_CURVATURE = 10.0
+"""1/m, sharpest curve that can be represented; valid roads stay below 0.07."""
+POINT_SPACING = 2.0
+"""m, spacing of the points in which a road leaves our hands (validity, files, other simulators)."""
+
+
+class Pose(NamedTuple):
+    """A place and a direction in the plane."""
+
+    x: float
+    """m."""
+    y: float
+    """m."""
+    heading: float
+    """rad, counter-clockwise from +x."""
+
+
+START = Pose(0.0, 0.0, math.pi / 2)
+"""Where a road starts unless it is moved."""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A lane's lines as points that face each other, from the road's start to its end."""
+
+    centre: FloatArray
+    """(n, 2) m."""
+    left: FloatArray
+    """(n, 2) m, the left edge seen in driving order of the road."""
+    right: FloatArray
+    """(n, 2) m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """A planar centre line given by curvature samples, with one lane on each side.
+
+    The curvature is linear between samples, so every piece is a clothoid. The car drives on the
+    right-hand lane, the ego lane, from the first sample to the last.
+
+    Raises:
+        RoadError: fewer than 2 or more than 10000 samples, values that are not finite numbers or
+            are beyond 10 1/m, a step or lane width that is not positive.
+    """
+
+    curvatures: FloatArray
+    """(N,) 1/m, positive turns left; read-only."""
+    step: float = 10.0
+    """m between two samples."""
+    pose: Pose = START
+    """Where the first sample lies and which way the road starts."""
+    lane_width: float = field(default=4.0, kw_only=True)
+    """m, of each of the two lanes."""
+
+    def __post_init__(self) -> None:
+        values = _numbers(self.curvatures, "curvatures")
+        if values.ndim != 1:
+            raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
+        if not 2 <= len(values) <= MAX_SAMPLES:
+            raise RoadError(
+                f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
+            )
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise RoadError(
+                f"curvature {bad[0]} is {values[bad[0]]}: every curvature must be a finite number"
+            )
+        sharp = np.flatnonzero(np.abs(values) > MAX_CURVATURE)
+        if len(sharp):
+            raise RoadError(
+                f"curvature {sharp[0]} is {values[sharp[0]]:g} 1/m: at most {MAX_CURVATURE:g} in"
+                " either direction can be represented"
+            )
+        values.setflags(write=False)
+        object.__setattr__(self, "curvatures", values)
+        object.__setattr__(self, "step", _positive(self.step, "step"))
+        object.__setattr__(self, "lane_width", _positive(self.lane_width, "lane_width"))
+        if self.length > MAX_LENGTH:
+            raise RoadError(
+                f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
+            )
+        pose = Pose(*(float(v) for v in self.pose))
+        if not all(math.isfinite(v) for v in pose):
+            raise RoadError(f"pose {tuple(pose)}: x, y and heading must be finite numbers")
+        object.__setattr__(self, "pose", pose)
+
+    @classmethod
+    def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
+        """The road through given centre-line points, spaced as they come (competition style).
+
+        Points that sample a road with piecewise linear curvature at equal distances give exactly
+        that curvature back. Any others are joined, as the competition does it, by a parametric
+        spline (cubic from four points on), and the spline's curvature is sampled about every half
+        metre such that the resulting road stays within millimetres of it.
+
+        Args:
+            points: (N, 2) m, N >= 2, no two consecutive ones equal.
+            lane_width: m, of each lane.
+
+        Raises:
+            RoadError: not (N, 2) finite numbers, fewer than 2 points, or two consecutive equal ones.
+        """
+        array = _numbers(points, "points")
+        if array.ndim != 2 or array.shape[1] != 2:
+            raise RoadError(f"points have shape {array.shape}: a list of (x, y), (N, 2), is needed")
+        if not 2 <= len(array) <= MAX_SAMPLES:
+            raise RoadError(f"a road of {len(array)} points: 2 to {MAX_SAMPLES} are allowed")
+        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+        if len(bad):
+            x, y = array[bad[0]]
+            raise RoadError(f"point {bad[0]} is ({x}, {y}): coordinates must be finite numbers")
+        lengths = np.hypot(*np.diff(array, axis=0).T)
+        if not lengths.all():
+            i = int(np.flatnonzero(lengths == 0.0)[0])
+            raise RoadError(f"points {i} and {i + 1} are the same: consecutive points must differ")
+        if lengths.sum() > MAX_LENGTH:
+            raise RoadError(
+                f"a road of {lengths.sum():.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
+            )
+        curvatures, step, pose = curvature_from_points(array)
+        return cls(curvatures, step, Pose(*pose), lane_width=lane_width)
+
+    @property
+    def length(self) -> float:
+        """M along the centre line."""
+        return (len(self.curvatures) - 1) * self.step
+
+    @cached_property
+    def sub_step(self) -> float:
+        """M between two rows of `table`."""
+        return self.step / geometry.sub_steps(self.curvatures, self.step)
+
+    @cached_property
+    def table(self) -> FloatArray:
+        """The centre line cut into sub-steps, as the kernels of `frenetic.road.geometry` want it."""
+        table: FloatArray = geometry.build_table(
+            self.curvatures, self.step, *self.pose, round(self.step / self.sub_step)
+        )
+        table.setflags(write=False)
+        return table
+
+    @property
+    def headings(self) -> FloatArray:
+        """(N,) rad, heading at the curvature samples, not wrapped."""
+        return self.table[:: round(self.step / self.sub_step), geometry.HEADING]
+
+    @property
+    def points(self) -> FloatArray:
+        """(N, 2) m, positions of the curvature samples."""
+        return self.table[:: round(self.step / self.sub_step), : geometry.HEADING]
+
+    @cached_property
+    def road_points(self) -> FloatArray:
+        """(n, 2) m, the centre line at 2 m or denser: what validity, files and simulators get."""
+        points = self.sample(POINT_SPACING)
+        points.setflags(write=False)
+        return points
+
+    def distances(self, spacing: float = POINT_SPACING) -> FloatArray:
+        """(n,) m, equal steps along the road from 0 to its length, ``spacing`` or a little less."""
+        return np.linspace(0.0, self.length, max(1, math.ceil(self.length / spacing - 1e-9)) + 1)
+
+    def sample(self, spacing: float = POINT_SPACING, offset: float = 0.0) -> FloatArray:
+        """(n, 2) m, points at `distances(spacing)`, ``offset`` m to the left of the centre line."""
+        points: FloatArray = geometry.sample_line(
+            self.table, self.sub_step, self.distances(spacing), float(offset)
+        )
+        return points
+
+    def pose_at(self, distance: float) -> Pose:
+        """Place and direction of the centre line ``distance`` m along it, straight beyond the ends."""
+        x, y, heading, _ = geometry.pose_at(self.table, self.sub_step, float(distance))
+        return Pose(x, y, heading)
+
+    def curvature_at(self, distances: npt.ArrayLike) -> FloatArray:
+        """Curvature in 1/m at ``distances`` (any shape) in m along the road; 0 beyond its ends."""
+        places = np.arange(len(self.curvatures)) * self.step
+        values: FloatArray = np.interp(
+            np.asarray(distances, dtype=np.float64), places, self.curvatures, left=0.0, right=0.0
+        )
+        return values
+
+    def project(self, positions: npt.ArrayLike) -> FloatArray:
+        """(n, 2) distance along and lateral offset (left positive) in m of (n, 2) positions.
+
+        Each is the nearest point of the whole road. For the path of a car use `track`.
+        """
+        xy = np.ascontiguousarray(positions, dtype=np.float64).reshape(-1, 2)
+        result: FloatArray = geometry.project_all(self.table, self.sub_step, xy)
+        return result
+
+    def track(self, path: npt.ArrayLike) -> FloatArray:
+        """(n, 2) distance along and lateral offset in m of a path of (n, 2) consecutive positions.
+
+        Every position is looked for near its predecessor's place, so a path stays on its piece of
+        road where another one passes close by.
+        """
+        xy = np.ascontiguousarray(path, dtype=np.float64).reshape(-1, 2)
+        result: FloatArray = geometry.track(self.table, self.sub_step, xy)
+        return result
+
+    @property
+    def ego_lane(self) -> Lane:
+        """The right-hand lane, in which the car has to stay."""
+        return self._lane(0.0, -self.lane_width)
+
+    @property
+    def other_lane(self) -> Lane:
+        """The left-hand lane, for traffic from the other side."""
+        return self._lane(self.lane_width, 0.0)
+
+    def _lane(self, left: float, right: float) -> Lane:
+        return Lane(
+            centre=self.sample(self.sub_step, 0.5 * (left + right)),
+            left=self.sample(self.sub_step, left),
+            right=self.sample(self.sub_step, right),
+        )
+
+    def fitted(self, map_size: float = 200.0, margin: float = 10.0) -> Road | None:
+        """This road moved and, if needed, rotated into the map [0, map_size]^2, ``margin`` m inside.
+
+        Returns:
+            The same road elsewhere, itself if it lies inside already, None if no pose fits.
+        """
+        motion = fit_to_map(self.road_points, map_size, margin)
+        if motion is None:
+            return None
+        if motion.rotation == motion.dx == motion.dy == 0.0:
+            return self
+        ((x, y),) = motion.apply(np.array([[self.pose.x, self.pose.y]]))
+        return replace(self, pose=Pose(float(x), float(y), self.pose.heading + motion.rotation))
+
+    def check_validity(self, map_size: float = 200.0) -> Verdict:
+        """The competition's verdict on this road where it lies, from its `road_points`."""
+        return check_validity(self.road_points, map_size)
+
+
+def _numbers(values: npt.ArrayLike, name: str) -> FloatArray:
+    try:
+        return np.array(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise RoadError(f"{name} are not a list of numbers") from None
+
+
+def _positive(value: float, name: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise RoadError(f"{name} is {value!r}: a positive number of metres is needed") from None
+    if not (math.isfinite(number) and number > 0.0):
+        raise RoadError(f"{name} is {number:g}: a positive number of metres is needed")
+    return number

@@ -1,0 +1,233 @@
+"""The embedded simulator's loop: observe, decide, move, judge; compiled, or with a Python driver.
+
+Both loops call the same kernels in the same order, so a built-in driver drives bit for bit alike
+in either.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
+from frenetic.drivers.layers import disturb
+from frenetic.drivers.laws import decide
+from frenetic.oracle import RUNNING, assess_record
+from frenetic.simulators.embedded.vehicle import (
+    HEADING,
+    LATERAL_SPEED,
+    SPEED,
+    STEERING,
+    YAW_RATE,
+    X,
+    Y,
+    advance,
+)
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+STEP = 0.01
+"""s, of the RK4 integration: 100 Hz."""
+STEPS_PER_PERIOD = 5
+"""RK4 steps between two decisions and records: 20 Hz."""
+PERIOD = STEP * STEPS_PER_PERIOD
+"""s between two decisions and records."""
+
+# Columns of the records, as in Trajectory.
+TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RBRAKE = range(11)
+
+
+@njit(cache=True)
+def start_state(table: FloatArray, lane_width: float) -> FloatArray:
+    """(7,) state of the car at rest on the ego lane's centre at the road's first point."""
+    state = np.zeros(7)
+    offset = -0.5 * lane_width
+    state[X] = table[0, 0] - offset * table[0, 5]
+    state[Y] = table[0, 1] + offset * table[0, 4]
+    state[HEADING] = table[0, 2]
+    return state
+
+
+@njit(cache=True)
+def wrap(angle: float) -> float:
+    """The same angle in -pi..pi."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True)
+def look_ahead(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    state: FloatArray,
+    s: float,
+    rows: int,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+) -> None:
+    """Writes the ego lane ahead of a car at ``s`` into ``ahead`` and ``curvature_ahead``.
+
+    Between a table's rows the centre line is taken as the arc of the nearest row, which is right to
+    a millimetre.
+    """
+    last = len(table) - 1
+    length = last * ds
+    offset = -0.5 * lane_width
+    c, n = math.cos(state[HEADING]), math.sin(state[HEADING])
+    for i in range(rows):
+        at = s + i * AHEAD_SPACING
+        if at <= 0.0:
+            j, kappa = 0, 0.0
+        elif at >= length:
+            j, kappa = last, 0.0
+        else:
+            j = int(at / ds + 0.5)
+            k = min(int(at / ds), last - 1)
+            t = at / ds - k
+            kappa = table[k, 3] + t * (table[k + 1, 3] - table[k, 3])
+        u = at - j * ds
+        bend = table[j, 3] if 0.0 < at < length else 0.0
+        cosine, sine = table[j, 4], table[j, 5]
+        across = 0.5 * bend * u * u
+        turned = bend * u
+        x = table[j, 0] + u * cosine - across * sine - offset * (sine + turned * cosine)
+        y = table[j, 1] + u * sine + across * cosine + offset * (cosine - turned * sine)
+        x -= state[X]
+        y -= state[Y]
+        ahead[i, 0] = c * x + n * y
+        ahead[i, 1] = c * y - n * x
+        curvature_ahead[i] = kappa
+
+
+@njit(cache=True)
+def write_record(
+    records: FloatArray,
+    i: int,
+    state: FloatArray,
+    steering: float,
+    throttle: float,
+    brake: float,
+) -> None:
+    """Writes record ``i``: the state and the controls chosen at it."""
+    records[TIME, i] = i * PERIOD
+    records[RX, i] = state[X]
+    records[RY, i] = state[Y]
+    records[RHEADING, i] = state[HEADING]
+    records[RSPEED, i] = state[SPEED]
+    records[RLATERAL, i] = state[LATERAL_SPEED]
+    records[RYAW, i] = state[YAW_RATE]
+    records[RSTEERING, i] = state[STEERING]
+    records[RINPUT, i] = steering
+    records[RTHROTTLE, i] = throttle
+    records[RBRAKE, i] = brake
+
+
+@njit(cache=True)
+def advance_period(
+    state: FloatArray, steering: float, throttle: float, brake: float, vehicle: FloatArray
+) -> None:
+    """Moves the car on by one period, in place."""
+    for _ in range(STEPS_PER_PERIOD):
+        advance(state, steering, throttle, brake, vehicle, STEP)
+
+
+@njit(cache=True)
+def assess_now(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    rules: FloatArray,
+    car: FloatArray,
+    records: FloatArray,
+    i: int,
+    s: float,
+) -> tuple[int, float, float, float]:
+    """(end, s, lateral offset from the ego lane's centre, heading error) at record ``i``."""
+    end, s, d, road_heading, _ = assess_record(
+        table,
+        ds,
+        lane_width,
+        rules,
+        car,
+        records[TIME],
+        records[RX],
+        records[RY],
+        records[RHEADING, i],
+        i,
+        s,
+    )
+    return end, s, d + 0.5 * lane_width, wrap(records[RHEADING, i] - road_heading)
+
+
+@njit(cache=True)
+def rollout(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    rules: FloatArray,
+    car: FloatArray,
+    vehicle: FloatArray,
+    law: int,
+    parameters: FloatArray,
+    setup: FloatArray,
+    rows: int,
+    delay: int,
+    errors: FloatArray,
+    records: FloatArray,
+) -> int:
+    """Drives a built-in driver until the drive ends; returns the number of records written.
+
+    Args:
+        table, ds: the road, see `frenetic.road.geometry`.
+        lane_width: m.
+        rules, car: see `frenetic.oracle.assess_record`.
+        vehicle: `Vehicle.to_array()`.
+        law, parameters, setup: see `frenetic.drivers.laws`.
+        rows: points of the driver's view.
+        delay: periods that controls take to arrive.
+        errors: (m, 2) m and rad by which the driver errs, m >= the records' number, or (0, 2).
+        records: (11, m), room for the columns of a `Trajectory`.
+    """
+    state = start_state(table, lane_width)
+    ahead = np.empty((AHEAD_POINTS, 2))
+    curvature_ahead = np.empty(AHEAD_POINTS)
+    waiting = np.zeros((delay + 1, 3))
+    most = records.shape[1]
+    steering = throttle = brake = 0.0
+    s = 0.0
+    for i in range(most):
+        write_record(records, i, state, steering, throttle, brake)
+        end, s, offset, heading_error = assess_now(
+            table, ds, lane_width, rules, car, records, i, s
+        )
+        if end != RUNNING:
+            return i + 1
+        look_ahead(table, ds, lane_width, state, s, rows, ahead, curvature_ahead)
+        if len(errors):
+            disturb(ahead, rows, errors[i, 0], errors[i, 1])
+            offset += errors[i, 0]
+            heading_error += errors[i, 1]
+        steering, throttle, brake = decide(
+            law,
+            state[SPEED],
+            state[YAW_RATE],
+            offset,
+            heading_error,
+            ahead,
+            curvature_ahead,
+            rows,
+            parameters,
+            setup,
+        )
+        if delay:
+            slot = i % (delay + 1)
+            waiting[slot, 0], waiting[slot, 1], waiting[slot, 2] = steering, throttle, brake
+            slot = (i + 1) % (delay + 1)
+            steering, throttle, brake = waiting[slot, 0], waiting[slot, 1], waiting[slot, 2]
+        write_record(records, i, state, steering, throttle, brake)
+        advance_period(state, steering, throttle, brake, vehicle)
+    return most

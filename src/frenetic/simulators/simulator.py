@@ -1,0 +1,40 @@
+"""The Simulator protocol: what moves the car."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Protocol, Self, runtime_checkable
+
+from frenetic.drivers.driver import Driver
+from frenetic.road import Road
+from frenetic.simulators.drive import Drive, Rules
+
+
+@runtime_checkable
+class Simulator(Protocol):
+    """Drives a driver along roads, one after the other.
+
+    It is a context manager: entering it starts what has to be started, leaving it ends that in
+    every case. It is made with ``rules=Rules(...)`` and hands them on in every `Drive`.
+
+    `drive` puts the car at rest on the centre of the ego lane at the road's first point, aligned
+    with the road, and records it at a fixed rate until `frenetic.oracle` says that the drive has
+    ended. A driver or simulator that breaks is no exception but a `Drive` with `error` set, and
+    leaves the next drive clean. The same road and driver give the same drive.
+    """
+
+    rules: Rules
+
+    def __enter__(self) -> Self:
+        """Starts the simulator."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends the simulator."""
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        """One drive of the driver along the road."""
