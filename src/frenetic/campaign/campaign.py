@@ -1,0 +1,275 @@
+"""One search from the first road to the last: propose, fit, validate, drive, judge, store, tell."""
+
+from __future__ import annotations
+
+import logging
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, is_dataclass
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Final
+
+from frenetic.campaign.budget import Budget
+from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.campaign.tester import RoadTester
+from frenetic.drivers.driver import Driver
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.road.road import MAP_SIZE, MARGIN
+from frenetic.search.records import Evaluation
+from frenetic.search.strategy import Strategy
+from frenetic.simulators.simulator import Simulator
+
+logger = logging.getLogger(__name__)
+
+CAMPAIGNS: Final = Path("campaigns")
+"""Where campaigns go that are given no folder."""
+MAX_ERRORS_IN_A_ROW: Final = 10
+"""Drives that may break one after the other before a campaign gives up."""
+MAX_INVALID_IN_A_ROW: Final = 5_000
+"""Refused roads one after the other after which a campaign gives up."""
+
+PACKAGES: Final = ("frenetic-roads", "numpy", "numba", "scipy")
+"""Distributions whose versions a campaign records: its results depend on them."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a campaign has come."""
+
+    invalid: int = 0
+    passed: int = 0
+    failed: int = 0
+    errors: int = 0
+    min_moobd: float | None = None
+    """m, of all drives so far."""
+    seconds: float = 0.0
+    """Of wall time since the start."""
+    budget_spent: float = 0.0
+    """0..1."""
+
+    @property
+    def simulations(self) -> int:
+        """Drives, broken ones included."""
+        return self.passed + self.failed + self.errors
+
+    @property
+    def tests(self) -> int:
+        """Road tests, refused ones included."""
+        return self.simulations + self.invalid
+
+    @property
+    def tests_per_second(self) -> float:
+        """Road tests per second of wall time."""
+        return self.tests / self.seconds if self.seconds > 0.0 else 0.0
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Estimated from the share of the budget that is spent; None while nothing is."""
+        if self.budget_spent <= 0.0:
+            return None
+        return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
+
+
+@dataclass(frozen=True)
+class Summary(Progress):
+    """What a campaign ended with."""
+
+    seed: int | None = None
+    folder: Path = field(default_factory=Path)
+    interrupted: bool = False
+    """Whether it was stopped before its budget was spent."""
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The summary as one JSON object."""
+        return {
+            "simulations": self.simulations,
+            "invalid": self.invalid,
+            "passed": self.passed,
+            "failed": self.failed,
+            "errors": self.errors,
+            "min_moobd": self.min_moobd,
+            "seconds": round(self.seconds, 3),
+            "tests_per_second": round(self.tests_per_second, 1),
+            "seed": self.seed,
+            "interrupted": self.interrupted,
+            "folder": str(self.folder),
+        }
+
+
+def new_folder(parent: Path = CAMPAIGNS) -> Path:
+    """A folder in `parent` that does not exist yet, named after the date and time."""
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    folder = parent / stamp
+    for number in range(2, 1000):
+        if not folder.exists():
+            break
+        folder = parent / f"{stamp}-{number}"
+    return folder
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of Python and of what a campaign's results depend on."""
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "unknown"
+    return versions
+
+
+def describe(part: object) -> dict[str, JSONValue]:
+    """A part of a campaign for its record: its class and, of a dataclass, its fields."""
+    kind = type(part)
+    described: dict[str, JSONValue] = {"class": f"{kind.__module__}:{kind.__qualname__}"}
+    if is_dataclass(part):
+        described["options"] = asdict(part)  # type: ignore[arg-type]
+    inner = getattr(part, "driver", None)
+    if inner is not None:
+        described["options"] = {
+            name: value
+            for name, value in vars(part).items()
+            if isinstance(value, (bool, int, float, str)) and not name.startswith("_")
+        }
+        described["driver"] = describe(inner)
+    return described
+
+
+class Campaign:
+    """One search with its budget.
+
+    Args:
+        strategy: proposes roads.
+        simulator: drives them.
+        driver: the system under test.
+        budget: the first of its limits that is spent ends the campaign.
+        folder: where results go, made if need be; a new one under ``campaigns/`` by default.
+        map_size: m, side of the square map into which roads are fitted.
+        margin: m that a road's centre line keeps from the map's edge.
+        lane_width: m, of each of the two lanes.
+        seed: of the strategy, for the record.
+        description: what else to record as the campaign's configuration.
+    """
+
+    def __init__(
+        self,
+        *,
+        strategy: Strategy,
+        simulator: Simulator,
+        driver: Driver,
+        budget: Budget,
+        folder: Path | str | None = None,
+        map_size: float = MAP_SIZE,
+        margin: float = MARGIN,
+        lane_width: float = 4.0,
+        seed: int | None = None,
+        description: Mapping[str, JSONValue] | None = None,
+    ) -> None:
+        self.strategy = strategy
+        self.tester = RoadTester(simulator, driver, map_size, margin, lane_width)
+        self.budget = budget
+        self.folder = new_folder() if folder is None else Path(folder)
+        self.seed = seed
+        self.description = dict(description or {})
+
+    def configuration(self) -> dict[str, JSONValue]:
+        """What the campaign's database records about it."""
+        return {
+            "seed": self.seed,
+            "strategy": describe(self.strategy),
+            "simulator": describe(self.tester.simulator),
+            "driver": describe(self.tester.driver),
+            "rules": asdict(self.tester.simulator.rules),
+            "budget": asdict(self.budget),
+            "map_size": self.tester.map_size,
+            "margin": self.tester.margin,
+            "lane_width": self.tester.lane_width,
+            "versions": package_versions(),
+            **self.description,
+        }
+
+    def run(self, on_progress: Callable[[Progress], None] | None = None) -> Summary:
+        """Searches until the budget is spent or Ctrl-C is pressed, and stores every test.
+
+        Args:
+            on_progress: called after every test.
+
+        Raises:
+            CampaignError: the folder cannot be used or written, it holds a campaign already, or
+                nothing but broken drives or refused roads comes any more. What was stored stays.
+        """
+        start = time.perf_counter()
+        with CampaignStore.create(self.folder, self.configuration()) as store:
+            interrupted = False
+            budget_spent = 0.0
+            try:
+                with self.tester.simulator:
+                    for progress in self._tests(store, start):
+                        budget_spent = progress.budget_spent
+                        if on_progress is not None:
+                            on_progress(progress)
+            except KeyboardInterrupt:
+                logger.debug("interrupted")
+                interrupted = True
+            # What is stored counts, also when an interrupt came between storing and counting.
+            stored = store.counts()
+            summary = Summary(
+                invalid=stored.by_outcome[Outcome.INVALID],
+                passed=stored.by_outcome[Outcome.PASS],
+                failed=stored.by_outcome[Outcome.FAIL],
+                errors=stored.by_outcome[Outcome.ERROR],
+                min_moobd=stored.lowest_moobd,
+                seconds=time.perf_counter() - start,
+                budget_spent=budget_spent,
+                seed=self.seed,
+                folder=self.folder,
+                interrupted=interrupted,
+            )
+            store.finish(seconds=round(summary.seconds, 3), interrupted=interrupted)
+        return summary
+
+    def _tests(self, store: CampaignStore, start: float) -> Iterator[Progress]:
+        """Runs test after test; yields how far the campaign has come after each."""
+        counts = dict.fromkeys(Outcome, 0)
+        least: float | None = None
+        broken = refused = told = 0
+        budget_spent = 0.0
+        while budget_spent < 1.0:
+            before = time.perf_counter()
+            candidate = self.strategy.ask()
+            store.asked(candidate)
+            tested = self.tester.test(candidate)
+            result = tested.result
+            counts[result.outcome] += 1
+            told += 1
+            if result.moobd is not None:
+                least = result.moobd if least is None else min(least, result.moobd)
+            simulations = told - counts[Outcome.INVALID]
+            now = time.perf_counter()
+            budget_spent = self.budget.spent(simulations, now - start, counts[Outcome.FAIL])
+            store.told(tested.record(candidate, told, budget_spent, now - before))
+            self.strategy.tell(Evaluation(candidate, result.outcome, result.moobd, budget_spent))
+            yield Progress(
+                invalid=counts[Outcome.INVALID],
+                passed=counts[Outcome.PASS],
+                failed=counts[Outcome.FAIL],
+                errors=counts[Outcome.ERROR],
+                min_moobd=least,
+                seconds=time.perf_counter() - start,
+                budget_spent=budget_spent,
+            )
+            broken = broken + 1 if result.outcome is Outcome.ERROR else 0
+            refused = refused + 1 if result.outcome is Outcome.INVALID else 0
+            if broken >= MAX_ERRORS_IN_A_ROW:
+                raise CampaignError(
+                    f"the last {broken} drives broke, so the campaign gives up: {result.reason}"
+                )
+            if refused >= MAX_INVALID_IN_A_ROW:
+                raise CampaignError(
+                    f"the last {refused} roads were refused, so the campaign gives up:"
+                    f" {result.reason}; is a map of {self.map_size:g} m too small?"
+                )

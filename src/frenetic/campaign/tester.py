@@ -1,0 +1,96 @@
+"""Testing one road: fit, validate, drive, judge."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from frenetic.campaign.store import TestRecord
+from frenetic.drivers.driver import Driver
+from frenetic.errors import RoadError
+from frenetic.oracle import Result, judge
+from frenetic.outcome import Outcome
+from frenetic.road import Pose, Road
+from frenetic.road.road import MAP_SIZE, MARGIN
+from frenetic.search.records import Candidate
+from frenetic.simulators.drive import Trajectory
+from frenetic.simulators.simulator import Simulator
+
+@dataclass(frozen=True)
+class Tested:
+    """What became of one road."""
+
+    result: Result
+    """Of an INVALID road: only outcome and reason."""
+    pose: Pose | None
+    """Where on the map the road starts; None if it fits nowhere."""
+    trajectory: Trajectory | None
+    """None if nothing was driven."""
+
+    def record(
+        self, candidate: Candidate, told: int, budget_spent: float, seconds: float
+    ) -> TestRecord:
+        """The test as a campaign keeps it; ``seconds`` of wall time were spent on it."""
+        result, departure = self.result, self.result.departure
+        driven = self.trajectory is not None
+        return TestRecord(
+            candidate=candidate,
+            told=told,
+            outcome=result.outcome,
+            reason=result.reason,
+            budget_spent=budget_spent,
+            pose=self.pose,
+            moobd=result.moobd,
+            max_oob_share=result.max_oob_share,
+            duration=result.duration if driven else None,
+            moobd_distance=result.moobd_distance,
+            departure_time=departure.time if departure else None,
+            departure_distance=departure.distance if departure else None,
+            departure_x=departure.x if departure else None,
+            departure_y=departure.y if departure else None,
+            departure_side=departure.side if departure else None,
+            seconds=seconds,
+            trajectory=self.trajectory,
+        )
+
+
+@dataclass(frozen=True)
+class RoadTester:
+    """Tests roads, one after the other, always in the same way."""
+
+    simulator: Simulator
+    driver: Driver
+    map_size: float = MAP_SIZE
+    """m, side of the square map into which roads are fitted."""
+    margin: float = MARGIN
+    """m that a road's centre line keeps from the map's edge."""
+    lane_width: float = 4.0
+    """m, of each lane."""
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.map_size) and self.map_size > 2.0 * self.margin >= 0.0):
+            raise ValueError(
+                f"map_size is {self.map_size:g}: more than twice the margin of"
+                f" {self.margin:g} m is needed"
+            )
+
+    def test(self, candidate: Candidate) -> Tested:
+        """Drives a candidate's road if it is one, fits the map and is valid."""
+        try:
+            road = Road(candidate.curvatures, candidate.step, lane_width=self.lane_width)
+        except RoadError as error:
+            return self._refused(str(error), None)
+        fitted = road.fitted(self.map_size, self.margin)
+        if fitted is None:
+            return self._refused(
+                f"The road does not fit the map of {self.map_size:g} m in any direction", None
+            )
+        verdict = fitted.check_validity(self.map_size)
+        if not verdict.valid:
+            return self._refused(verdict.message, fitted.pose)
+        drive = self.simulator.drive(fitted, self.driver)
+        return Tested(judge(fitted, drive), fitted.pose, drive.trajectory)
+
+    @staticmethod
+    def _refused(reason: str, pose: Pose | None) -> Tested:
+        return Tested(Result(Outcome.INVALID, reason, None, None, None, 0.0, None), pose, None)

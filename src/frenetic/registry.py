@@ -1,0 +1,240 @@
+"""Strategies, drivers and simulators by name: built in, installed by others, or a user's own.
+
+A name stands for ``module:Class`` and is imported when it is used, so that listing what there is
+imports nothing. Other packages add theirs with an entry point in the group ``frenetic.strategies``,
+``frenetic.drivers`` or ``frenetic.simulators``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import importlib.util
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.errors import DriverError, FreneticError, UnknownNameError
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Something that can be asked for by name."""
+
+    name: str
+    target: str
+    """``module:Class``."""
+    origin: str
+    """``built in``, or the distribution that installed it."""
+    summary: str = ""
+    """One line, where it is known without importing anything."""
+
+
+@dataclass(frozen=True)
+class Registry:
+    """The known names of one kind of part."""
+
+    kind: str
+    """What a user calls it: strategy, driver, simulator."""
+    group: str
+    """Entry-point group."""
+    built_in: Mapping[str, tuple[str, str]]
+    """Name -> (``module:Class``, summary)."""
+    methods: tuple[str, ...]
+    """What an object has to have to be one."""
+
+    def entries(self) -> list[Entry]:
+        """All names: the built-in ones, then the installed ones in alphabetical order.
+
+        Raises:
+            FreneticError: an installed package claims a name that is already taken.
+        """
+        found = {
+            name: Entry(name, target, "built in", summary)
+            for name, (target, summary) in self.built_in.items()
+        }
+        for point in sorted(entry_points(group=self.group), key=lambda p: p.name):
+            origin = point.dist.name if point.dist is not None else "unknown"
+            if point.name in found:
+                raise FreneticError(
+                    f"two {self.kind} entries are named {point.name!r}: one is"
+                    f" {found[point.name].origin}, one comes from {origin}; uninstall one of them"
+                )
+            found[point.name] = Entry(point.name, point.value, origin)
+        return list(found.values())
+
+    def load(self, spec: str) -> Callable[..., Any]:
+        """The class (or factory) that a name, ``module:Class`` or ``file.py:Class`` stands for.
+
+        Modules are looked for in the current folder, too.
+
+        Raises:
+            UnknownNameError: no such name; the message lists the known ones.
+            FreneticError: the module, file or class cannot be loaded.
+        """
+        known = {entry.name: entry for entry in self.entries()}
+        if spec in known:
+            return self._import(known[spec].target, spec)
+        if ":" in spec:
+            return self._import(spec, spec)
+        raise UnknownNameError(
+            f"unknown {self.kind} {spec!r}{_hint(spec, known)} Known: {', '.join(known)};"
+            " your own goes as package.module:Class or path/to/file.py:Class"
+        )
+
+    def make(self, spec: str, **options: Any) -> Any:
+        """An instance of what `spec` names, made with the given options.
+
+        Raises:
+            FreneticError: as `load`; or the options do not suit, or it lacks a needed method.
+        """
+        factory = self.load(spec)
+        self._check_options(factory, spec, options)
+        try:
+            made = factory(**options)
+        except (TypeError, ValueError, ArithmeticError) as error:
+            raise FreneticError(f"{self.kind} {spec!r}: {_line(error)}") from error
+        except FreneticError:
+            raise
+        except Exception as error:
+            raise FreneticError(
+                f"{self.kind} {spec!r} cannot be made: {type(error).__name__}: {_line(error)}"
+            ) from error
+        missing = [name for name in self.methods if not callable(getattr(made, name, None))]
+        if missing:
+            raise FreneticError(
+                f"{spec!r} is no {self.kind}: it has no method {' and no method '.join(missing)}"
+            )
+        return made
+
+    def option_names(self, factory: Callable[..., Any]) -> list[str] | None:
+        """Names of the options that a factory takes, None if it takes any or hides them."""
+        try:
+            parameters = inspect.signature(factory).parameters.values()
+        except (TypeError, ValueError):
+            return None
+        if any(p.kind is p.VAR_KEYWORD for p in parameters):
+            return None
+        return [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+
+    def _check_options(
+        self, factory: Callable[..., Any], spec: str, options: Mapping[str, Any]
+    ) -> None:
+        names = self.option_names(factory)
+        for given in options:
+            if names is not None and given not in names:
+                raise FreneticError(
+                    f"{self.kind} {spec!r} has no option {given!r}{_hint(given, names)}"
+                    f" It has: {', '.join(names) or 'none'}"
+                )
+
+    def _import(self, target: str, spec: str) -> Callable[..., Any]:
+        place, _, attribute = target.rpartition(":")
+        try:
+            module = _load_file(place) if place.endswith(".py") else _load_module(place)
+        except FreneticError:
+            raise
+        except ModuleNotFoundError as error:
+            raise FreneticError(
+                f"{self.kind} {spec!r}: there is no module {error.name!r}; is it installed, or in"
+                " the current folder?"
+            ) from error
+        except (Exception, SystemExit) as error:
+            raise FreneticError(
+                f"{self.kind} {spec!r}: importing it raised {type(error).__name__}: {_line(error)}"
+            ) from error
+        found = getattr(module, attribute, None)
+        if not callable(found):
+            names = [n for n, v in vars(module).items() if inspect.isclass(v) and n[0] != "_"]
+            raise FreneticError(
+                f"{self.kind} {spec!r}: {place} has no class {attribute!r}{_hint(attribute, names)}"
+                f" It has: {', '.join(names) or 'none'}"
+            )
+        made: Callable[..., Any] = found
+        return made
+
+
+def _hint(given: str, known: Iterable[str]) -> str:
+    """The end of a sentence: a full stop, or a question for the close match."""
+    close = difflib.get_close_matches(given, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else "."
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _load_module(name: str) -> Any:
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    return importlib.import_module(name)
+
+
+def _load_file(name: str) -> Any:
+    path = Path(name).expanduser()
+    if not path.is_file():
+        raise DriverError(f"there is no file {name!r}")
+    path = path.resolve()
+    module_name = f"frenetic_user_{path.stem}_{abs(hash(os.fspath(path))):x}"
+    if module_name in sys.modules:
+        return sys.modules[module_name]
+    spec = importlib.util.spec_from_file_location(module_name, path)
+    if spec is None or spec.loader is None:
+        raise DriverError(f"{name!r} cannot be read as Python")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[module_name]
+        raise
+    return module
+
+
+STRATEGIES: Final = Registry(
+    "strategy",
+    "frenetic.strategies",
+    {
+        "frenetic": (
+            "frenetic.search:Frenetic",
+            "random roads, then mutants and crossovers of the worst (Castellano et al., 2021)",
+        ),
+        "random": ("frenetic.search:RandomSearch", "random roads only, the baseline"),
+    },
+    ("ask", "tell"),
+)
+
+DRIVERS: Final = Registry(
+    "driver",
+    "frenetic.drivers",
+    {
+        "planner": (
+            "frenetic.drivers:Planner",
+            "knows the road ahead, speed from curvature, pure-pursuit steering; the default",
+        ),
+        "stanley": ("frenetic.drivers:Stanley", "the same speed plan, Stanley's steering law"),
+        "beamng-ai": (
+            "frenetic.drivers:BeamngAi",
+            "the planner tuned to rank roads as recorded BeamNG.AI runs do",
+        ),
+    },
+    ("reset", "act"),
+)
+
+SIMULATORS: Final = Registry(
+    "simulator",
+    "frenetic.simulators",
+    {
+        "embedded": (
+            "frenetic.simulators:EmbeddedSimulator",
+            "a dynamic single-track car in compiled code, headless",
+        ),
+    },
+    ("drive", "__enter__", "__exit__"),
+)
