@@ -1,0 +1,499 @@
+"""The car: a dynamic single-track model with Pacejka tyres, in compiled code.
+
+The two wheels of an axle are taken as one in its middle. The car yaws and slides in the plane; roll
+and pitch appear only as the load that driving and braking shift between the axles. Lateral tyre
+forces follow the Magic Formula, limited by a friction circle that cornering shares with driving and
+braking.
+
+A state is a float64 vector (7,), in SI units, positive to the left:
+
+    ===== ================= ==================================================
+    index constant          meaning
+    ===== ================= ==================================================
+    0     ``X``             m, centre of mass
+    1     ``Y``             m, centre of mass
+    2     ``HEADING``       rad, counter-clockwise from +x, unwrapped
+    3     ``SPEED``         m/s, along the car (v_x)
+    4     ``LATERAL_SPEED`` m/s, across the car (v_y)
+    5     ``YAW_RATE``      rad/s (r)
+    6     ``STEERING``      rad, angle of the front wheels (δ)
+    ===== ================= ==================================================
+
+The inputs are held over a control period: the angle asked of the front wheels [rad], throttle and
+brake [0..1]; all three are clipped to their range. There is no reverse gear: ``SPEED`` is negative
+only while a car that has spun round slides backwards.
+
+Sources: M. Althoff, G. Würsching, "CommonRoad: Vehicle Models", 2020 (the parameters of vehicle 2
+and of its tyres, and the single-track model); H. B. Pacejka, "Tire and Vehicle Dynamics" (Magic
+Formula). What differs from the CommonRoad single-track model: the tyres saturate, the steering
+lags, the engine is a family car's, no wheel locks or spins, air and rolling drag act, and low
+speeds need no kinematic substitute (see ``Vehicle.crawl_speed``).
+
+With one kind of tyre all round, whose forces grow in proportion to the load, the car is neutral: it
+understeers only by what load transfer and drive forces make of it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from frenetic.simulators.drive import CarBody, FloatArray
+
+GRAVITY: Final = 9.81
+"""m/s²."""
+AIR_DENSITY: Final = 1.2
+"""kg/m³, at 20 °C."""
+BRAKE_FADE_SPEED: Final = 0.5
+"""m/s, rolling speed below which brakes and rolling drag fade out: a car comes to rest smoothly."""
+STEP_RATE: Final = 100.0
+"""Hz, the RK4 step rate for which a vehicle's parameters are checked to be stable."""
+
+# The state vector.
+X: Final = 0
+Y: Final = 1
+HEADING: Final = 2
+SPEED: Final = 3
+LATERAL_SPEED: Final = 4
+YAW_RATE: Final = 5
+STEERING: Final = 6
+STATE_SIZE: Final = 7
+
+# The parameter vector of the kernels, made by `Vehicle.to_array`.
+MASS: Final = 0  # kg
+YAW_INERTIA: Final = 1  # kg m²
+FRONT: Final = 2  # m, centre of mass to front axle
+REAR: Final = 3  # m, centre of mass to rear axle
+HEIGHT: Final = 4  # m, of the centre of mass
+GRIP: Final = 5  # μ, peak of an axle's force per load
+TYRE_B: Final = 6  # 1/rad, such that B C μ is the cornering stiffness per load
+TYRE_C: Final = 7
+CRAWL_SPEED: Final = 8  # m/s
+SLIP_CONTROL: Final = 9  # share of the grip open to driving and braking
+STEERING_LIMIT: Final = 10  # rad
+STEERING_RATE: Final = 11  # rad/s
+STEERING_LAG: Final = 12  # s
+ENGINE_FORCE: Final = 13  # N
+SWITCH_SPEED: Final = 14  # m/s
+BRAKE_FORCE: Final = 15  # N
+BRAKE_FRONT_SHARE: Final = 16
+AIR_DRAG: Final = 17  # N per (m/s)²
+ROLLING_DRAG: Final = 18  # N
+LEAST_ACCELERATION: Final = 19  # m/s², negative: all that the tyres can brake
+MOST_ACCELERATION: Final = 20  # m/s², all that the rear axle can drive
+PARAMETER_COUNT: Final = 21
+
+_MAY_BE_ZERO: Final = ("drag_area", "rolling_resistance")
+_AT_MOST: Final = {"tyre_shape": 2.0, "slip_control": 1.0, "brake_front_share": 1.0}
+_STABLE_STEP: Final = 2.0
+"""Largest decay rate times step length that is accepted; RK4 is stable up to 2.78."""
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """Parameters of a car. Defaults are CommonRoad's vehicle 2 (BMW 320i) unless said otherwise.
+
+    Raises:
+        ValueError: a parameter is not finite or outside its range, or the parameters together lift
+            an axle off the ground or are too stiff for the step rate.
+
+    """
+
+    mass: float = 1093.2952334674046
+    """kg."""
+    yaw_inertia: float = 1791.5995300122856
+    """kg m², about the vertical axis."""
+    front_axle: float = 1.1561957064
+    """m, from the centre of mass forward to the front axle."""
+    rear_axle: float = 1.4227170936
+    """m, from the centre of mass back to the rear axle."""
+    cg_height: float = 0.61373004
+    """m, of the centre of mass above the ground; the sprung mass's, as in CommonRoad's model."""
+    length: float = 4.508
+    """m, bumper to bumper."""
+    width: float = 1.610
+    """m, without mirrors."""
+
+    tyre_shape: float = 1.3507
+    """Magic Formula C (p_cy1), up to 2."""
+    tyre_peak: float = 1.0489
+    """Magic Formula D per load (p_dy1): the friction coefficient at `friction` 1."""
+    tyre_stiffness: float = 21.92
+    """1/rad, cornering stiffness per load (-p_ky1), whatever the `friction`."""
+    friction: float = 1.0
+    """Scale of the peak force: 1 is a dry road, about 0.7 a wet one, about 0.3 snow."""
+    crawl_speed: float = 2.0
+    """m/s, the rolling speed at least assumed in a tyre's slip.
+
+    The tyres' damping of lateral motion is proportional to 1/speed, so their equation is stiff near
+    standstill. With this floor their force becomes viscous there instead, which holds the wheels to
+    the path they point along, as a kinematic model does, and vanishes at rest.
+    """
+    slip_control: float = 0.95
+    """Share (0..1] of an axle's grip that driving and braking may use.
+
+    Anti-lock brakes and traction control keep the rest for cornering, sqrt(1 - 0.95²) = 0.31 of it.
+    """
+
+    steering_limit: float = 1.066
+    """rad, largest angle of the front wheels."""
+    steering_rate: float = 0.4
+    """rad/s, fastest change of that angle."""
+    steering_lag: float = 0.1
+    """s, time constant of the actuator; our choice, typical of electric power steering."""
+
+    engine_acceleration: float = 4.5
+    """m/s², on a level road at full throttle below `switch_speed`, at the rear axle.
+
+    Our choice: CommonRoad's 11.5 m/s² (switching at 7.319 m/s) is a racer's. 4.5 m/s² up to 15 m/s
+    are 67.5 W/kg, which take the car from 0 to 100 km/h in 8 s, as a family car does.
+    """
+    switch_speed: float = 15.0
+    """m/s, above which the engine's power limits the acceleration: it falls with 1/speed."""
+    brake_deceleration: float = 9.0
+    """m/s², at full pedal as far as the tyres allow; our choice, a good car's emergency stop."""
+    brake_front_share: float = 0.66
+    """Share (0..1] of the brake force at the front axle, at least.
+
+    Where the front axle bears more than this share of the load, it gets its share of the load, as
+    electronic brake-force distribution does: the rear axle never locks first.
+    """
+    drag_area: float = 0.65
+    """m², drag coefficient times frontal area (about 0.3 times 2.2 m²); may be 0."""
+    rolling_resistance: float = 0.012
+    """Rolling drag per weight; may be 0."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if not math.isfinite(value):
+                raise ValueError(f"{item.name} is {value}: a finite number is needed")
+            if item.name in _MAY_BE_ZERO:
+                if value < 0.0:
+                    raise ValueError(f"{item.name} is {value}: a number of at least 0 is needed")
+            elif value <= 0.0:
+                raise ValueError(f"{item.name} is {value}: a positive number is needed")
+            if value > _AT_MOST.get(item.name, math.inf):
+                raise ValueError(
+                    f"{item.name} is {value}: at most {_AT_MOST[item.name]:g} is allowed"
+                )
+        if self.steering_limit >= math.pi / 2.0:
+            raise ValueError(
+                f"steering_limit is {self.steering_limit} rad: less than a right angle"
+                " (1.5708) is needed"
+            )
+        if self.grip * self.cg_height >= min(self.front_axle, self.rear_axle):
+            raise ValueError(
+                f"tyre_peak * friction is {self.grip:g}: such grip lifts an axle off the ground;"
+                f" with cg_height {self.cg_height:g} m it has to be below"
+                f" {min(self.front_axle, self.rear_axle) / self.cg_height:.2f}"
+            )
+        if self.steering_lag * STEP_RATE * _STABLE_STEP < 1.0:
+            raise ValueError(
+                f"steering_lag is {self.steering_lag} s: at least"
+                f" {1.0 / (STEP_RATE * _STABLE_STEP):g} s are needed to integrate at"
+                f" {STEP_RATE:g} Hz"
+            )
+        # At speed v the tyres damp sliding by C/(m v) per second and yawing by l_f l_r C/(I_z v),
+        # where C is the cornering stiffness of both axles.
+        arm = self.front_axle * self.rear_axle * self.mass / self.yaw_inertia
+        decay = self.tyre_stiffness * GRAVITY * max(1.0, arm)
+        needed = decay / (STEP_RATE * _STABLE_STEP)
+        if self.crawl_speed < needed:
+            raise ValueError(
+                f"crawl_speed is {self.crawl_speed} m/s: with this tyre_stiffness, mass and"
+                f" yaw_inertia, at least {needed:.2f} m/s are needed to integrate at"
+                f" {STEP_RATE:g} Hz"
+            )
+
+    @property
+    def wheelbase(self) -> float:
+        """m, from axle to axle."""
+        return self.front_axle + self.rear_axle
+
+    @property
+    def grip(self) -> float:
+        """The friction coefficient μ between tyres and road."""
+        return self.tyre_peak * self.friction
+
+    def body(self) -> CarBody:
+        """Return the rectangle that the car covers: its overhangs in front and behind are equal."""
+        return CarBody(
+            length=self.length,
+            width=self.width,
+            centre_ahead=0.5 * (self.front_axle - self.rear_axle),
+        )
+
+    def to_array(self) -> FloatArray:
+        """Return the parameters as the kernels take them: a (PARAMETER_COUNT,) vector."""
+        p = np.empty(PARAMETER_COUNT)
+        p[MASS] = self.mass
+        p[YAW_INERTIA] = self.yaw_inertia
+        p[FRONT] = self.front_axle
+        p[REAR] = self.rear_axle
+        p[HEIGHT] = self.cg_height
+        p[GRIP] = self.grip
+        p[TYRE_B] = self.tyre_stiffness / (self.tyre_shape * self.grip)
+        p[TYRE_C] = self.tyre_shape
+        p[CRAWL_SPEED] = self.crawl_speed
+        p[SLIP_CONTROL] = self.slip_control
+        p[STEERING_LIMIT] = self.steering_limit
+        p[STEERING_RATE] = self.steering_rate
+        p[STEERING_LAG] = self.steering_lag
+        p[ENGINE_FORCE] = self.mass * self.engine_acceleration
+        p[SWITCH_SPEED] = self.switch_speed
+        p[BRAKE_FORCE] = self.mass * self.brake_deceleration
+        p[BRAKE_FRONT_SHARE] = self.brake_front_share
+        p[AIR_DRAG] = 0.5 * AIR_DENSITY * self.drag_area
+        p[ROLLING_DRAG] = self.rolling_resistance * self.mass * GRAVITY
+        usable = self.slip_control * self.grip
+        p[LEAST_ACCELERATION] = -usable * GRAVITY
+        # The rear axle drives with μ F_z, and the acceleration a adds to its load:
+        # m a = μ m (g l_f + a h) / l.
+        p[MOST_ACCELERATION] = (
+            usable * GRAVITY * self.front_axle / (self.wheelbase - usable * self.cg_height)
+        )
+        return p
+
+
+@njit(cache=True, error_model="numpy")
+def _clip(value: float, low: float, high: float) -> float:
+    return low if value < low else high if value > high else value
+
+
+@njit(cache=True, error_model="numpy")
+def _lateral_grip_used(rolling: float, sliding: float, p: FloatArray) -> float:
+    """Return the lateral force per peak force, -1..1, of tyres that roll and slide so fast [m/s].
+
+    The Magic Formula sin(C atan(B α)), where the tangent of the slip angle stands for α, as Pacejka
+    has it for large slip; up to 0.1 rad, that moves the force by 0.05 % of its peak. So does
+    leaving out the fourth coefficient, E (p_ey1 = -0.0075). A tyre that slides to the right is
+    pushed to the left.
+    """
+    slip = -sliding / max(abs(rolling), p[CRAWL_SPEED])
+    return math.sin(p[TYRE_C] * math.atan(p[TYRE_B] * slip))
+
+
+@njit(cache=True, error_model="numpy")
+def _axle_forces(
+    v_x: float,
+    v_y: float,
+    r: float,
+    cos_d: float,
+    sin_d: float,
+    throttle: float,
+    brake: float,
+    p: FloatArray,
+) -> tuple[float, float, float, float, float, float]:
+    """Do what `axle_forces` says, from scalars; cos_d and sin_d are of the steering angle."""
+    # Velocities of the axles along (rolling) and across (sliding) their wheels.
+    front_v_y = v_y + p[FRONT] * r
+    front_rolling = v_x * cos_d + front_v_y * sin_d
+    front_sliding = front_v_y * cos_d - v_x * sin_d
+    rear_rolling = v_x
+    rear_sliding = v_y - p[REAR] * r
+
+    # What the pedals ask for. Brakes oppose the rolling and fade with it.
+    engine = throttle * p[ENGINE_FORCE]
+    if v_x > p[SWITCH_SPEED]:
+        engine *= p[SWITCH_SPEED] / v_x
+    braking = brake * p[BRAKE_FORCE]
+    front_fade = _clip(front_rolling / BRAKE_FADE_SPEED, -1.0, 1.0)
+    rear_fade = _clip(rear_rolling / BRAKE_FADE_SPEED, -1.0, 1.0)
+
+    # Onto the ground: the acceleration asked for, as far as the tyres give it, shifts load.
+    acceleration = _clip(
+        (engine - braking * rear_fade) / p[MASS], p[LEAST_ACCELERATION], p[MOST_ACCELERATION]
+    )
+    weight = p[MASS] * GRAVITY
+    front_share = (p[REAR] - acceleration / GRAVITY * p[HEIGHT]) / (p[FRONT] + p[REAR])
+    front_z = weight * front_share
+    rear_z = weight - front_z
+
+    # Along the wheels: the pedals' forces, held within the share of the grip open to them.
+    front_peak = p[GRIP] * front_z
+    rear_peak = p[GRIP] * rear_z
+    front_limit = p[SLIP_CONTROL] * front_peak
+    rear_limit = p[SLIP_CONTROL] * rear_peak
+    front_braking = braking * max(p[BRAKE_FRONT_SHARE], front_share)
+    rear_braking = braking - front_braking
+    front_x = _clip(-front_braking * front_fade, -front_limit, front_limit)
+    rear_x = _clip(engine - rear_braking * rear_fade, -rear_limit, rear_limit)
+
+    # Across the wheels: what the friction circle leaves.
+    front_left = math.sqrt(front_peak * front_peak - front_x * front_x)
+    rear_left = math.sqrt(rear_peak * rear_peak - rear_x * rear_x)
+    front_y = front_left * _lateral_grip_used(front_rolling, front_sliding, p)
+    rear_y = rear_left * _lateral_grip_used(rear_rolling, rear_sliding, p)
+    return front_x, front_y, front_z, rear_x, rear_y, rear_z
+
+
+@njit(cache=True, error_model="numpy")
+def _motion(
+    v_x: float,
+    v_y: float,
+    r: float,
+    delta: float,
+    steering: float,
+    throttle: float,
+    brake: float,
+    p: FloatArray,
+) -> tuple[float, float, float, float]:
+    """Return the time derivatives of v_x, v_y, r and δ. They depend on neither place nor heading.
+
+    m (dv_x/dt - v_y r) = F_xr + F_xf cos δ - F_yf sin δ - drag
+    m (dv_y/dt + v_x r) = F_yr + F_xf sin δ + F_yf cos δ
+    I_z dr/dt           = l_f (F_xf sin δ + F_yf cos δ) - l_r F_yr
+    """
+    cos_d = math.cos(delta)
+    sin_d = math.sin(delta)
+    front_x, front_y, _, rear_x, rear_y, _ = _axle_forces(
+        v_x, v_y, r, cos_d, sin_d, throttle, brake, p
+    )
+    front_ahead = front_x * cos_d - front_y * sin_d
+    front_left = front_x * sin_d + front_y * cos_d
+    rolling_drag = p[ROLLING_DRAG] * _clip(v_x / BRAKE_FADE_SPEED, -1.0, 1.0)
+    drag = p[AIR_DRAG] * v_x * abs(v_x) + rolling_drag
+    wanted = _clip(steering, -p[STEERING_LIMIT], p[STEERING_LIMIT])
+    return (
+        (rear_x + front_ahead - drag) / p[MASS] + v_y * r,
+        (rear_y + front_left) / p[MASS] - v_x * r,
+        (p[FRONT] * front_left - p[REAR] * rear_y) / p[YAW_INERTIA],
+        _clip((wanted - delta) / p[STEERING_LAG], -p[STEERING_RATE], p[STEERING_RATE]),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def axle_forces(
+    state: FloatArray, throttle: float, brake: float, p: FloatArray
+) -> tuple[float, float, float, float, float, float]:
+    """Return the forces on the front axle, then on the rear axle, in newtons: F_x, F_y, F_z each.
+
+    F_x points along the axle's wheels (the front ones are turned by the steering angle), F_y across
+    them to the left, and F_z is the load. F_x² + F_y² <= (μ F_z)² on either axle.
+
+    Args:
+        state: (7,), see the module's text.
+        throttle: 0..1.
+        brake: 0..1.
+        p: `Vehicle.to_array()`.
+
+    """
+    return _axle_forces(
+        state[SPEED],
+        state[LATERAL_SPEED],
+        state[YAW_RATE],
+        math.cos(state[STEERING]),
+        math.sin(state[STEERING]),
+        _clip(throttle, 0.0, 1.0),
+        _clip(brake, 0.0, 1.0),
+        p,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def derivative(
+    state: FloatArray,
+    steering: float,
+    throttle: float,
+    brake: float,
+    p: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Write the time derivative of a state, per second, to `out`.
+
+    Args:
+        state: (7,), see the module's text.
+        steering: rad, asked of the front wheels, positive to the left.
+        throttle: 0..1.
+        brake: 0..1.
+        p: `Vehicle.to_array()`.
+        out: (7,).
+
+    """
+    v_x, v_y, r = state[SPEED], state[LATERAL_SPEED], state[YAW_RATE]
+    cos_h = math.cos(state[HEADING])
+    sin_h = math.sin(state[HEADING])
+    out[X] = v_x * cos_h - v_y * sin_h
+    out[Y] = v_x * sin_h + v_y * cos_h
+    out[HEADING] = r
+    out[SPEED], out[LATERAL_SPEED], out[YAW_RATE], out[STEERING] = _motion(
+        v_x,
+        v_y,
+        r,
+        state[STEERING],
+        steering,
+        _clip(throttle, 0.0, 1.0),
+        _clip(brake, 0.0, 1.0),
+        p,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
+    """Return a velocity turned by a small angle, to 1e-9 of itself up to 0.1 rad."""
+    square = angle * angle
+    cos_a = 1.0 - square * (0.5 - square / 24.0)
+    sin_a = angle * (1.0 - square * (1.0 / 6.0 - square / 120.0))
+    return v_x * cos_a - v_y * sin_a, v_x * sin_a + v_y * cos_a
+
+
+@njit(cache=True, error_model="numpy")
+def advance(
+    state: FloatArray, steering: float, throttle: float, brake: float, p: FloatArray, dt: float
+) -> None:
+    """Move a state on by dt [s] in place: one step of the classical Runge-Kutta method (RK4).
+
+    The way is summed up in the frame of the step's start, in which the heading stays small.
+
+    Args:
+        state: (7,), see the module's text.
+        steering: rad, asked of the front wheels, positive to the left.
+        throttle: 0..1.
+        brake: 0..1.
+        p: `Vehicle.to_array()`.
+        dt: s, at most 0.01.
+
+    """
+    throttle = _clip(throttle, 0.0, 1.0)
+    brake = _clip(brake, 0.0, 1.0)
+    v_x, v_y, r, delta = state[SPEED], state[LATERAL_SPEED], state[YAW_RATE], state[STEERING]
+    half = 0.5 * dt
+
+    # Each stage: its velocities, the heading since the start, and the derivatives there.
+    a_x1, a_y1, a_r1, rate1 = _motion(v_x, v_y, r, delta, steering, throttle, brake, p)
+
+    v_x2, v_y2, r2 = v_x + half * a_x1, v_y + half * a_y1, r + half * a_r1
+    east2, north2 = _turned(v_x2, v_y2, half * r)
+    a_x2, a_y2, a_r2, rate2 = _motion(
+        v_x2, v_y2, r2, delta + half * rate1, steering, throttle, brake, p
+    )
+
+    v_x3, v_y3, r3 = v_x + half * a_x2, v_y + half * a_y2, r + half * a_r2
+    east3, north3 = _turned(v_x3, v_y3, half * r2)
+    a_x3, a_y3, a_r3, rate3 = _motion(
+        v_x3, v_y3, r3, delta + half * rate2, steering, throttle, brake, p
+    )
+
+    v_x4, v_y4, r4 = v_x + dt * a_x3, v_y + dt * a_y3, r + dt * a_r3
+    east4, north4 = _turned(v_x4, v_y4, dt * r3)
+    a_x4, a_y4, a_r4, rate4 = _motion(
+        v_x4, v_y4, r4, delta + dt * rate3, steering, throttle, brake, p
+    )
+
+    sixth = dt / 6.0
+    ahead = sixth * (v_x + 2.0 * (east2 + east3) + east4)
+    left = sixth * (v_y + 2.0 * (north2 + north3) + north4)
+    cos_h = math.cos(state[HEADING])
+    sin_h = math.sin(state[HEADING])
+    state[X] += ahead * cos_h - left * sin_h
+    state[Y] += ahead * sin_h + left * cos_h
+    state[HEADING] += sixth * (r + 2.0 * (r2 + r3) + r4)
+    state[SPEED] += sixth * (a_x1 + 2.0 * (a_x2 + a_x3) + a_x4)
+    state[LATERAL_SPEED] += sixth * (a_y1 + 2.0 * (a_y2 + a_y3) + a_y4)
+    state[YAW_RATE] += sixth * (a_r1 + 2.0 * (a_r2 + a_r3) + a_r4)
+    state[STEERING] += sixth * (rate1 + 2.0 * (rate2 + rate3) + rate4)

@@ -1,0 +1,619 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
+from vehiclemodels.utils.tire_model import formula_lateral
+from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks
+from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
+
+from frenetic.simulators.drive import CarBody, FloatArray
+from frenetic.simulators.embedded.vehicle import (
+    BRAKE_FADE_SPEED,
+    GRAVITY,
+    HEADING,
+    LATERAL_SPEED,
+    PARAMETER_COUNT,
+    SPEED,
+    STATE_SIZE,
+    STEERING,
+    YAW_RATE,
+    Vehicle,
+    X,
+    Y,
+    advance,
+    axle_forces,
+    derivative,
+)
+
+DT = 0.01
+CAR = Vehicle()
+FREE = Vehicle(drag_area=0.0, rolling_resistance=0.0)
+"""The car of the CommonRoad models, which know no drag."""
+LIMIT = CAR.grip * GRAVITY
+"""m/s², more than which no tyre gives."""
+
+Inputs = Callable[[float], tuple[float, float, float]]
+"""Time [s] to steering [rad], throttle and brake."""
+
+
+@pytest.fixture(scope="module")
+def bmw() -> Any:
+    return parameters_vehicle2()
+
+
+def at(speed: float, **values: float) -> FloatArray:
+    """A state with this speed [m/s] and else only what is given."""
+    index = {"vy": LATERAL_SPEED, "r": YAW_RATE, "delta": STEERING, "heading": HEADING}
+    state = np.zeros(STATE_SIZE)
+    state[SPEED] = speed
+    for name, value in values.items():
+        state[index[name]] = value
+    return state
+
+
+def rates(
+    car: Vehicle,
+    state: FloatArray,
+    *,
+    steering: float = 0.0,
+    throttle: float = 0.0,
+    brake: float = 0.0,
+) -> FloatArray:
+    out = np.empty(STATE_SIZE)
+    derivative(state, steering, throttle, brake, car.to_array(), out)
+    return out
+
+
+def simulate(
+    car: Vehicle, state: FloatArray, inputs: Inputs, duration: float, dt: float = DT
+) -> FloatArray:
+    """The states (n + 1, 7) at every step, the start included."""
+    p = car.to_array()
+    state = state.copy()
+    states = [state.copy()]
+    for k in range(round(duration / dt)):
+        advance(state, *inputs(k * dt), p, dt)
+        states.append(state.copy())
+    return np.array(states)
+
+
+def held(steering: float = 0.0, throttle: float = 0.0, brake: float = 0.0) -> Inputs:
+    return lambda _: (steering, throttle, brake)
+
+
+def kinetic_energy(car: Vehicle, states: FloatArray) -> FloatArray:
+    speeds = states[..., SPEED] ** 2 + states[..., LATERAL_SPEED] ** 2
+    energy: FloatArray = 0.5 * (car.mass * speeds + car.yaw_inertia * states[..., YAW_RATE] ** 2)
+    return energy
+
+
+def power(car: Vehicle, state: FloatArray, rate: FloatArray) -> float:
+    """W, rate of change of the kinetic energy."""
+    along = state[SPEED] * rate[SPEED] + state[LATERAL_SPEED] * rate[LATERAL_SPEED]
+    return float(car.mass * along + car.yaw_inertia * state[YAW_RATE] * rate[YAW_RATE])
+
+
+def finite(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_nan=False, allow_infinity=False)
+
+
+SHARE = finite(0.0, 1.0)
+
+
+@st.composite
+def states(draw: st.DrawFn) -> FloatArray:
+    """Any state that a car may get into, spinning and sliding backwards included."""
+    return np.array(
+        [
+            0.0,
+            0.0,
+            draw(finite(-4.0, 4.0)),
+            draw(finite(-15.0, 40.0)),
+            draw(finite(-15.0, 15.0)),
+            draw(finite(-3.0, 3.0)),
+            draw(finite(-CAR.steering_limit, CAR.steering_limit)),
+        ]
+    )
+
+
+class TestParameters:
+    def test_are_those_of_the_reference(self, bmw: Any) -> None:
+        assert CAR.mass == bmw.m
+        assert CAR.yaw_inertia == bmw.I_z
+        assert (CAR.front_axle, CAR.rear_axle, CAR.cg_height) == (bmw.a, bmw.b, bmw.h_s)
+        assert (CAR.length, CAR.width) == (bmw.l, bmw.w)
+        assert (CAR.tyre_shape, CAR.tyre_peak) == (bmw.tire.p_cy1, bmw.tire.p_dy1)
+        assert CAR.tyre_stiffness == -bmw.tire.p_ky1
+        assert (CAR.steering_limit, CAR.steering_rate) == (bmw.steering.max, bmw.steering.v_max)
+        assert CAR.brake_front_share == bmw.T_sb
+
+    def test_body_reaches_as_far_beyond_either_axle(self) -> None:
+        body = CAR.body()
+        assert isinstance(body, CarBody)
+        front_overhang = body.centre_ahead + body.length / 2 - CAR.front_axle
+        rear_overhang = -body.centre_ahead + body.length / 2 - CAR.rear_axle
+        assert front_overhang == pytest.approx(rear_overhang)
+        assert body.centre_ahead == pytest.approx(-0.133, abs=5e-4)
+
+    def test_array_is_complete(self) -> None:
+        p = CAR.to_array()
+        assert p.shape == (PARAMETER_COUNT,)
+        assert p.dtype == np.float64
+        assert np.isfinite(p).all()
+
+    @pytest.mark.parametrize("name", [item.name for item in fields(Vehicle)])
+    @pytest.mark.parametrize("value", [-1.0, math.nan, math.inf])
+    def test_refuses_what_is_no_number_of_its_kind(self, name: str, value: float) -> None:
+        with pytest.raises(ValueError, match=f"^{name} is {value}: a .*number.* is needed"):
+            replace(CAR, **{name: value})
+
+    @pytest.mark.parametrize(
+        ("name", "value", "message"),
+        [
+            ("mass", 0.0, "mass is 0.0: a positive number is needed"),
+            ("slip_control", 1.1, "slip_control is 1.1: at most 1 is allowed"),
+            ("brake_front_share", 1.1, "brake_front_share is 1.1: at most 1 is allowed"),
+            ("tyre_shape", 2.1, "tyre_shape is 2.1: at most 2 is allowed"),
+            ("steering_limit", 1.6, "less than a right angle"),
+            ("friction", 2.0, "such grip lifts an axle off the ground"),
+            ("crawl_speed", 0.5, r"crawl_speed is 0.5 m/s: .* at least 1.08 m/s are needed"),
+            ("tyre_stiffness", 60.0, "crawl_speed is 2.0 m/s: with this tyre_stiffness"),
+            ("steering_lag", 0.001, "steering_lag is 0.001 s: at least 0.005 s are needed"),
+        ],
+    )
+    def test_refuses_what_is_out_of_range(self, name: str, value: float, message: str) -> None:
+        with pytest.raises(ValueError, match=message):
+            replace(CAR, **{name: value})
+
+
+class TestAgainstSingleTrack:
+    """CommonRoad's single-track model, whose tyres are linear: slips stay below 0.5 degrees.
+
+    There, the Magic Formula is up to 1.2 % below its tangent.
+    """
+
+    @pytest.mark.parametrize("acceleration", [-0.5, 0.0, 0.5])
+    def test_derivatives(self, bmw: Any, acceleration: float) -> None:
+        rng = np.random.default_rng(1)
+        throttle = max(acceleration, 0.0) / FREE.engine_acceleration
+        brake = max(-acceleration, 0.0) / FREE.brake_deceleration
+        car = replace(FREE, switch_speed=50.0)
+        for _ in range(300):
+            v = rng.uniform(8.0, 30.0)
+            r = rng.uniform(-0.15, 0.15)
+            slip_f, slip_r = np.radians(rng.uniform(-0.5, 0.5, 2))
+            v_y = car.rear_axle * r - v * math.tan(slip_r)
+            delta = slip_f + math.atan((v_y + car.front_axle * r) / v)
+            state = at(v, vy=v_y, r=r, delta=delta)
+
+            ours = rates(car, state, steering=delta, throttle=throttle, brake=brake)
+            speed = math.hypot(v, v_y)
+            slip_rate = (v * ours[LATERAL_SPEED] - v_y * ours[SPEED]) / speed**2
+            theirs = vehicle_dynamics_st(
+                [0.0, 0.0, delta, speed, 0.0, r, math.atan2(v_y, v)], [0.0, acceleration], bmw
+            )
+
+            # What the reference leaves out: the front brake's force across the car, and the change
+            # of the slip angle as the speed along the car changes.
+            brake_across = axle_forces(state, throttle, brake, car.to_array())[0]
+            brake_across *= math.sin(delta)
+            yaw_rate = theirs[5] + car.front_axle * brake_across / car.yaw_inertia
+            slip = theirs[6] + (brake_across / car.mass - acceleration * v_y / speed) / speed
+
+            # Both are differences of the axles' contributions: the error is a share of their sum.
+            stiffness = car.tyre_stiffness * car.mass * GRAVITY / car.wheelbase
+            front = stiffness * car.rear_axle * abs(slip_f)
+            rear = stiffness * car.front_axle * abs(slip_r)
+            turning = (car.front_axle * front + car.rear_axle * rear) / car.yaw_inertia
+            sliding = (front + rear) / (car.mass * speed)
+            assert ours[YAW_RATE] == pytest.approx(yaw_rate, abs=0.025 * turning + 1e-3)
+            assert slip_rate == pytest.approx(slip, abs=0.025 * sliding + 1e-4)
+
+    @pytest.mark.parametrize("speed", [10.0, 15.0, 20.0])
+    def test_sine_steer(self, bmw: Any, speed: float) -> None:
+        def asked(t: float) -> float:
+            return amplitude * math.sin(2.0 * math.pi * 0.4 * t)
+
+        amplitude = 1.0 * FREE.wheelbase / speed**2  # about 1 m/s² to either side
+
+        def theirs(t: float, x: FloatArray) -> list[float]:
+            wanted = (asked(t) - x[2]) / FREE.steering_lag
+            rate: list[float] = vehicle_dynamics_st(list(x), [wanted, 0.0], bmw)
+            return rate
+
+        start = [0.0, 0.0, 0.0, speed, 0.0, 0.0, 0.0]
+        reference = solve_ivp(theirs, (0.0, 5.0), start, rtol=1e-9, atol=1e-9).y[:, -1]
+        # Inputs are held over a step: take them from its middle.
+        ours = simulate(FREE, at(speed), lambda t: (asked(t + DT / 2), 0.0, 0.0), 5.0)[-1]
+
+        assert math.hypot(ours[X] - reference[0], ours[Y] - reference[1]) < 0.05
+        assert ours[HEADING] == pytest.approx(reference[4], abs=1e-3)
+
+
+class TestAgainstKinematicModel:
+    @pytest.mark.parametrize("speed", [1.0, 2.0, 3.0])
+    def test_crawling_follows_the_wheels(self, bmw: Any, speed: float) -> None:
+        def asked(t: float) -> float:
+            return 0.3 * math.sin(0.8 * t)
+
+        def theirs(t: float, x: FloatArray) -> list[float]:
+            wanted = (asked(t) - x[2]) / FREE.steering_lag
+            v = float(np.interp(t, times, ours[:, SPEED]))
+            rate: list[float] = vehicle_dynamics_ks([*x[:3], v, x[4]], [wanted, 0.0], bmw)
+            return rate
+
+        ours = simulate(FREE, at(speed), lambda t: (asked(t + DT / 2), 0.0, 0.0), 10.0)
+        times = np.arange(len(ours)) * DT
+        start = [-FREE.rear_axle, 0.0, 0.0, 0.0, 0.0]  # their point of reference: the rear axle
+        reference = solve_ivp(theirs, (0.0, 10.0), start, rtol=1e-8, atol=1e-8).y[:, -1]
+
+        x, y, heading = ours[-1, :3]
+        rear_x = x - FREE.rear_axle * math.cos(heading)
+        rear_y = y - FREE.rear_axle * math.sin(heading)
+        assert math.hypot(rear_x - reference[0], rear_y - reference[1]) < 0.02 * speed
+        assert heading == pytest.approx(reference[4], abs=0.003 * speed)
+
+    def test_turning_in_costs_speed_but_hardly_energy(self) -> None:
+        driven = simulate(FREE, at(2.0), held(0.5), 3.0)
+        assert driven[-1, SPEED] < 1.9
+        assert kinetic_energy(FREE, driven[-1]) > 0.98 * kinetic_energy(FREE, driven[0])
+
+
+class TestTyres:
+    def test_lateral_force_is_the_magic_formula(self, bmw: Any) -> None:
+        speed = 20.0
+        for slip in np.linspace(-1.3, 1.3, 131):
+            state = at(speed, vy=-speed * math.tan(slip))
+            _, front_y, front_z, _, rear_y, rear_z = axle_forces(state, 0.0, 0.0, CAR.to_array())
+            # Theirs counts slip to the left, ours to the right.
+            front = formula_lateral(slip, 0.0, front_z, bmw.tire)[0]
+            rear = formula_lateral(slip, 0.0, rear_z, bmw.tire)[0]
+            share = 0.001 if abs(slip) < 0.1 else 0.026
+            assert front_y == pytest.approx(-front, abs=share * CAR.grip * front_z)
+            assert rear_y == pytest.approx(-rear, abs=share * CAR.grip * rear_z)
+            assert front_y * slip >= 0.0
+
+    def test_friction_lowers_the_peak_and_leaves_the_stiffness(self) -> None:
+        def force(car: Vehicle, slip: float) -> float:
+            front_y: float = axle_forces(at(20.0, vy=-20.0 * slip), 0.0, 0.0, car.to_array())[1]
+            return front_y
+
+        wet = replace(CAR, friction=0.5)
+        assert force(wet, 1e-4) == pytest.approx(force(CAR, 1e-4), rel=1e-4)
+        slips = np.linspace(0.0, 0.5, 501)
+        peak = max(force(CAR, slip) for slip in slips)
+        assert max(force(wet, slip) for slip in slips) == pytest.approx(0.5 * peak, rel=1e-4)
+
+    @given(states(), SHARE, SHARE, finite(0.2, 1.5))
+    @settings(max_examples=500, deadline=None)
+    def test_no_axle_leaves_its_friction_circle(
+        self, state: FloatArray, throttle: float, brake: float, friction: float
+    ) -> None:
+        car = replace(CAR, friction=friction)
+        front_x, front_y, front_z, rear_x, rear_y, rear_z = axle_forces(
+            state, throttle, brake, car.to_array()
+        )
+        assert math.hypot(front_x, front_y) <= car.grip * front_z * (1.0 + 1e-12)
+        assert math.hypot(rear_x, rear_y) <= car.grip * rear_z * (1.0 + 1e-12)
+        assert min(front_z, rear_z) > 0.0
+        assert front_z + rear_z == pytest.approx(car.mass * GRAVITY)
+        assert abs(front_x) <= car.slip_control * car.grip * front_z * (1.0 + 1e-12)
+
+    def test_braking_shifts_load_to_the_front_and_driving_to_the_rear(self) -> None:
+        p = CAR.to_array()
+        coasting = axle_forces(at(10.0), 0.0, 0.0, p)[2]
+        shift = CAR.mass * CAR.cg_height / CAR.wheelbase
+        braking = axle_forces(at(10.0), 0.0, 1.0, p)[2]
+        driving = axle_forces(at(10.0), 1.0, 0.0, p)[2]
+        assert coasting == pytest.approx(CAR.mass * GRAVITY * CAR.rear_axle / CAR.wheelbase)
+        assert braking - coasting == pytest.approx(shift * CAR.brake_deceleration)
+        assert coasting - driving == pytest.approx(shift * CAR.engine_acceleration)
+
+    def test_the_rear_axle_never_brakes_harder_than_the_front(self) -> None:
+        for friction in (0.3, 0.7, 1.0):
+            car = replace(CAR, friction=friction)
+            for brake in np.linspace(0.05, 1.0, 20):
+                front_x, _, front_z, rear_x, _, rear_z = axle_forces(
+                    at(20.0), 0.0, brake, car.to_array()
+                )
+                assert front_x / front_z <= rear_x / rear_z + 1e-12 <= 1e-12
+
+
+class TestCornering:
+    def steady(self, car: Vehicle, speed: float, delta: float) -> FloatArray:
+        """The state after turning for 8 s while the throttle holds the speed."""
+        p = car.to_array()
+        state = at(speed)
+        drag = 0.6 * car.drag_area * speed**2 / car.mass
+        for _ in range(800):
+            throttle = drag / car.engine_acceleration + 2.0 * (speed - state[SPEED])
+            advance(state, delta, throttle, 0.0, p, DT)
+        return state
+
+    @pytest.mark.parametrize("speed", [8.0, 14.0, 25.0])
+    @pytest.mark.parametrize("lateral", [1.0, 3.0, 5.0])
+    def test_the_car_is_neutral(self, speed: float, lateral: float) -> None:
+        """Cornering stiffness in proportion to load makes both slip angles equal: δ = l / R."""
+        delta = FREE.wheelbase * lateral / speed**2
+        state = self.steady(FREE, speed, delta)
+        assert state[YAW_RATE] == pytest.approx(speed / FREE.wheelbase * math.tan(delta), rel=0.02)
+
+    def test_understeer_gradient_while_driving(self) -> None:
+        """δ = l/R + K a_y, K = l_r m/(l C_f) - l_f m/(l C_r), when air drag takes 2 m/s² of drive.
+
+        The drive shifts load from the front to the rear, which stiffens, and takes its share of the
+        friction circle there, which softens it.
+        """
+        speed, drive, lateral = 14.0, 2.0, 1.0
+        car = replace(FREE, drag_area=drive * FREE.mass / (0.6 * speed**2))
+        front_load = GRAVITY * car.rear_axle - drive * car.cg_height  # times m / l
+        rear_load = GRAVITY * car.front_axle + drive * car.cg_height
+        used = drive / (car.grip * rear_load / car.wheelbase)
+        gradient = (
+            car.rear_axle / front_load - car.front_axle / (rear_load * math.sqrt(1.0 - used**2))
+        ) / car.tyre_stiffness
+        assert gradient > 0.0
+
+        state = self.steady(car, speed, car.wheelbase * lateral / speed**2)
+        measured_lateral = state[SPEED] * state[YAW_RATE]
+        angle = state[STEERING] - car.wheelbase * state[YAW_RATE] / state[SPEED]
+        assert angle / measured_lateral == pytest.approx(gradient, rel=0.05)
+
+    @pytest.mark.parametrize("speed", [5.0, 12.0, 20.0, 35.0])
+    @pytest.mark.parametrize("steering", [0.05, 0.3, 1.066])
+    @pytest.mark.parametrize("pedals", [(0.0, 0.0), (1.0, 0.0), (0.0, 0.5)])
+    def test_lateral_acceleration_stays_below_the_friction_limit(
+        self, speed: float, steering: float, pedals: tuple[float, float]
+    ) -> None:
+        throttle, brake = pedals
+        for state in simulate(FREE, at(speed), held(steering, throttle, brake), 5.0):
+            rate = rates(FREE, state, steering=steering, throttle=throttle, brake=brake)
+            lateral = rate[LATERAL_SPEED] + state[SPEED] * state[YAW_RATE]
+            along = rate[SPEED] - state[LATERAL_SPEED] * state[YAW_RATE]
+            assert math.hypot(lateral, along) <= LIMIT * (1.0 + 1e-9)
+
+    def test_the_limit_is_reached(self) -> None:
+        driven = simulate(FREE, at(20.0), held(0.12), 2.0)
+        lateral = [rates(FREE, s)[LATERAL_SPEED] + s[SPEED] * s[YAW_RATE] for s in driven]
+        assert max(lateral) > 0.95 * LIMIT
+
+    def test_positive_steering_turns_left(self) -> None:
+        end = simulate(CAR, at(10.0), held(0.1), 1.0)[-1]
+        assert end[Y] > 0.0
+        assert end[HEADING] > 0.0
+        assert end[YAW_RATE] > 0.0
+
+
+class TestEnergy:
+    def test_coasting_straight_on_keeps_the_speed(self) -> None:
+        end = simulate(FREE, at(20.0), held(), 10.0)[-1]
+        assert end[SPEED] == 20.0
+        assert end[X] == pytest.approx(200.0, abs=1e-9)
+        assert end[Y] == 0.0
+
+    def test_drag_is_that_of_air_and_tyres(self) -> None:
+        expected = (0.5 * 1.2 * 0.65 * 20.0**2 + 0.012 * CAR.mass * GRAVITY) / CAR.mass
+        assert rates(CAR, at(20.0))[SPEED] == pytest.approx(-expected)
+
+    @given(states(), finite(-1.2, 1.2), SHARE)
+    @settings(max_examples=500, deadline=None)
+    def test_nothing_but_the_engine_adds_energy(
+        self, state: FloatArray, steering: float, brake: float
+    ) -> None:
+        rate = rates(CAR, state, steering=steering, brake=brake)
+        scale = LIMIT * CAR.mass * (1.0 + abs(state[SPEED]) + abs(state[LATERAL_SPEED]))
+        assert power(CAR, state, rate) <= 1e-12 * scale
+
+    @given(states(), finite(-1.2, 1.2), SHARE)
+    @settings(max_examples=50, deadline=None)
+    def test_a_slide_ends_at_rest(self, state: FloatArray, steering: float, brake: float) -> None:
+        driven = simulate(CAR, state, held(steering, 0.0, max(brake, 0.2)), 30.0)
+        energy = kinetic_energy(CAR, driven)
+        assert (np.diff(energy) <= 1e-9 * energy[:-1] + 1e-12).all()
+        assert energy[-1] < 1e-6
+
+    @given(states(), finite(-1.2, 1.2), SHARE, SHARE)
+    @settings(max_examples=300, deadline=None)
+    def test_the_engine_gives_no_more_than_its_power(
+        self, state: FloatArray, steering: float, throttle: float, brake: float
+    ) -> None:
+        rate = rates(CAR, state, steering=steering, throttle=throttle, brake=brake)
+        most = throttle * CAR.mass * CAR.engine_acceleration * CAR.switch_speed
+        assert power(CAR, state, rate) <= most * (1.0 + 1e-9) + 1e-6
+
+    @pytest.mark.parametrize("throttle", [0.3, 1.0])
+    def test_throttle_does_the_engines_work(self, throttle: float) -> None:
+        acceleration = throttle * FREE.engine_acceleration
+        switched = FREE.switch_speed / acceleration
+        driven = simulate(FREE, at(0.0), held(throttle=throttle), 15.0)
+        for t in (2.0, 15.0):
+            slow = min(t, switched)
+            gained = 0.5 * (acceleration * slow) ** 2
+            gained += acceleration * FREE.switch_speed * (t - slow)
+            energy = kinetic_energy(FREE, driven[round(t / DT)])
+            assert energy / FREE.mass == pytest.approx(gained, rel=1e-5)
+
+    def test_reaches_100_kmh_as_a_family_car(self) -> None:
+        driven = simulate(CAR, at(0.0), held(throttle=1.0), 12.0)
+        assert np.argmax(driven[:, SPEED] > 100.0 / 3.6) * DT == pytest.approx(8.0, abs=0.3)
+
+    def test_traction_limits_the_start_on_snow(self) -> None:
+        car = replace(FREE, friction=0.3)
+        usable = car.slip_control * car.grip
+        most = usable * GRAVITY * car.front_axle / (car.wheelbase - usable * car.cg_height)
+        assert rates(car, at(3.0), throttle=1.0)[SPEED] == pytest.approx(most)
+
+    @pytest.mark.parametrize("speed", [5.0, 10.0, 20.0, 40.0])
+    @pytest.mark.parametrize("friction", [0.4, 0.7, 1.0])
+    def test_braking_distance(self, speed: float, friction: float) -> None:
+        car = replace(FREE, friction=friction)
+        deceleration = min(car.brake_deceleration, car.slip_control * car.grip * GRAVITY)
+        end = simulate(car, at(speed), held(brake=1.0), speed / deceleration + 2.0)[-1]
+        assert 0.0 <= end[SPEED] < 1e-6
+        # Below the speed at which fading brakes are weaker than the tyres, the way doubles.
+        fading = BRAKE_FADE_SPEED * deceleration / car.brake_deceleration
+        squares = speed**2 + fading**2
+        assert end[X] == pytest.approx(squares / (2.0 * deceleration), rel=1e-3)
+        assert end[X] > speed**2 / (2.0 * car.grip * GRAVITY)
+
+
+class TestActuator:
+    def test_rate_limit_then_lag(self) -> None:
+        """At 0.4 rad/s until 0.4 rad/s times the lag is left, which then decays."""
+        wanted = 0.3
+        lag, rate = CAR.steering_lag, CAR.steering_rate
+        angles = simulate(CAR, at(5.0), held(wanted), 1.5)[:, STEERING]
+        turn = (wanted - rate * lag) / rate
+        for k, angle in enumerate(angles):
+            t = k * DT
+            left = rate * lag * math.exp(-(t - turn) / lag)
+            expected = rate * t if t <= turn else wanted - left
+            assert angle == pytest.approx(expected, abs=1e-4)
+
+    def test_angle_limit(self) -> None:
+        for side in (-1.0, 1.0):
+            angles = simulate(CAR, at(1.0), held(side * 5.0), 5.0)[:, STEERING]
+            assert np.abs(angles).max() <= CAR.steering_limit
+            assert angles[-1] == pytest.approx(side * CAR.steering_limit)
+
+    def test_pedals_are_clipped(self) -> None:
+        assert np.array_equal(
+            rates(CAR, at(10.0), throttle=2.0, brake=-1.0), rates(CAR, at(10.0), throttle=1.0)
+        )
+        assert np.array_equal(
+            rates(CAR, at(10.0), throttle=-1.0, brake=2.0), rates(CAR, at(10.0), brake=1.0)
+        )
+
+
+class TestStandstill:
+    @pytest.mark.parametrize("brake", [0.0, 1.0])
+    def test_a_car_at_rest_stays(self, brake: float) -> None:
+        start = at(0.0, delta=0.3, heading=1.0)
+        end = simulate(CAR, start, held(0.3, 0.0, brake), 5.0)[-1]
+        assert np.array_equal(end, start)
+
+    def test_starts_from_rest_along_its_wheels(self) -> None:
+        driven = simulate(CAR, at(0.0, delta=0.2), held(0.2, throttle=0.2), 3.0)
+        radius = CAR.wheelbase / math.tan(0.2)
+        assert (np.diff(driven[:, SPEED]) > 0.0).all()
+        moving = driven[50:]
+        assert moving[:, YAW_RATE] * radius == pytest.approx(moving[:, SPEED], rel=0.02)
+
+    @pytest.mark.parametrize("speed", [0.3, 2.0, 10.0])
+    @pytest.mark.parametrize("delta", [0.0, 0.2, 0.5])
+    def test_braking_never_reverses(self, speed: float, delta: float) -> None:
+        driven = simulate(CAR, at(speed, delta=delta), held(delta, brake=1.0), 4.0)
+        assert (driven[:, SPEED] >= 0.0).all()
+        assert np.abs(driven[-1, SPEED : YAW_RATE + 1]).max() < 1e-6
+
+    def test_brakes_stop_a_backward_slide(self) -> None:
+        """Less well than a forward drive: the load is at the rear, the brakes are in front."""
+        end = simulate(CAR, at(-10.0), held(brake=1.0), 4.0)[-1]
+        assert abs(end[SPEED]) < 1e-6
+        best = 10.0**2 / (2.0 * CAR.brake_deceleration)
+        assert -1.5 * best < end[X] < -best
+
+
+def schedule(seed: int) -> Inputs:
+    """A driver's erratic inputs, held for 50 ms each."""
+    rng = np.random.default_rng(seed)
+    steering = rng.uniform(-0.3, 0.3, 200)
+    throttle = rng.uniform(0.0, 1.0, 200)
+    brake = np.where(rng.uniform(0.0, 1.0, 200) < 0.2, 0.6, 0.0)
+
+    def inputs(t: float) -> tuple[float, float, float]:
+        k = int(t / 0.05 + 1e-6)
+        return float(steering[k]), float(throttle[k]), float(brake[k])
+
+    return inputs
+
+
+class TestIntegration:
+    @pytest.mark.parametrize("seed", range(5))
+    def test_mirrored_steering_mirrors_the_path(self, seed: int) -> None:
+        def mirrored(t: float) -> tuple[float, float, float]:
+            steering, throttle, brake = inputs(t)
+            return -steering, throttle, brake
+
+        inputs = schedule(seed)
+        left = simulate(CAR, at(12.0), inputs, 5.0)
+        right = simulate(CAR, at(12.0), mirrored, 5.0)
+        assert np.array_equal(left[:, [X, SPEED]], right[:, [X, SPEED]])
+        odd = [Y, HEADING, LATERAL_SPEED, YAW_RATE, STEERING]
+        assert np.array_equal(left[:, odd], -right[:, odd])
+
+    def test_moving_the_start_moves_the_path(self) -> None:
+        angle, x, y = 2.1, 50.0, -20.0
+        start = at(12.0, heading=angle)
+        start[[X, Y]] = x, y
+        moved = simulate(CAR, start, schedule(1), 5.0)
+        plain = simulate(CAR, at(12.0), schedule(1), 5.0)
+        cos, sin = math.cos(angle), math.sin(angle)
+        assert moved[:, X] == pytest.approx(x + cos * plain[:, X] - sin * plain[:, Y], abs=1e-9)
+        assert moved[:, Y] == pytest.approx(y + sin * plain[:, X] + cos * plain[:, Y], abs=1e-9)
+        assert np.array_equal(moved[:, SPEED:], plain[:, SPEED:])
+
+    @given(states(), finite(-1.2, 1.2), SHARE, SHARE)
+    @settings(max_examples=200, deadline=None)
+    def test_a_step_is_rk4_of_the_derivative(
+        self, state: FloatArray, steering: float, throttle: float, brake: float
+    ) -> None:
+        def rate(x: FloatArray) -> FloatArray:
+            return rates(CAR, x, steering=steering, throttle=throttle, brake=brake)
+
+        k1 = rate(state)
+        k2 = rate(state + DT / 2 * k1)
+        k3 = rate(state + DT / 2 * k2)
+        k4 = rate(state + DT * k3)
+        expected = state + DT / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        advance(state, steering, throttle, brake, CAR.to_array(), DT)
+        assert state == pytest.approx(expected, abs=1e-9)
+
+    def test_fourth_order(self) -> None:
+        """Halving the step divides the error by about 16 where no limit is met."""
+
+        def end(dt: float) -> FloatArray:
+            last: FloatArray = simulate(CAR, at(20.0), held(0.03, throttle=0.2), 2.0, dt)[-1]
+            return last
+
+        exact = end(0.0005)
+        coarse = np.abs(end(0.01) - exact)
+        fine = np.abs(end(0.005) - exact)
+        assert math.hypot(coarse[X], coarse[Y]) < 1e-7
+        assert (coarse[:STEERING] / fine[:STEERING] > 12.0).all()
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_100_hz_is_fine_enough(self, seed: int) -> None:
+        coarse = simulate(CAR, at(10.0), schedule(seed), 8.0)[-1]
+        fine = simulate(CAR, at(10.0), schedule(seed), 8.0, DT / 10)[-1]
+        assert math.hypot(coarse[X] - fine[X], coarse[Y] - fine[Y]) < 0.01
+
+    @given(
+        states(),
+        st.lists(st.tuples(finite(-3.0, 3.0), SHARE, SHARE), min_size=1, max_size=20),
+        finite(0.1, 1.5),
+    )
+    @settings(max_examples=100, deadline=None)
+    def test_any_inputs_leave_the_state_finite(
+        self, state: FloatArray, inputs: list[tuple[float, float, float]], friction: float
+    ) -> None:
+        car = replace(CAR, friction=friction)
+        p = car.to_array()
+        energy = kinetic_energy(car, state)
+        engine = car.mass * car.engine_acceleration * car.switch_speed
+        for asked in inputs:
+            for _ in range(20):
+                advance(state, *asked, p, DT)
+            energy += engine * 20 * DT
+            assert np.isfinite(state).all()
+            assert abs(state[STEERING]) <= car.steering_limit + 1e-12
+            assert kinetic_energy(car, state) <= energy * (1.0 + 1e-9)
