@@ -69,17 +69,17 @@ class Planner(BuiltIn):
 
     law: ClassVar[int] = laws.PLANNER
 
-    aggression: float = 0.7
-    """Scales both budgets: 1 is a driver who uses about all the grip there is."""
-    lateral_acceleration: float = 10.0
-    """m/s^2 in curves at aggression 1."""
-    braking: float = 6.0
-    """m/s^2 before curves at aggression 1."""
+    aggression: float = 1.0
+    """Scales both budgets; much more than 1 asks for more than the tyres can give."""
+    lateral_acceleration: float = 8.0
+    """m/s^2 in curves, at aggression 1."""
+    braking: float = 2.2
+    """m/s^2 before curves, at aggression 1."""
     smoothing: float = 4.0
     """m of road on each side over which a curve's curvature is averaged."""
-    lookahead_time: float = 0.5
+    lookahead_time: float = 0.3
     """s of driving to the point that is steered for."""
-    lookahead_min: float = 4.0
+    lookahead_min: float = 5.0
     """m, lookahead distance at rest."""
     speed_gain: float = 1.5
     """1/s, acceleration per m/s of speed error."""
@@ -107,12 +107,12 @@ class Stanley(BuiltIn):
 
     law: ClassVar[int] = laws.STANLEY
 
-    aggression: float = 0.6
-    """Scales both budgets."""
-    lateral_acceleration: float = 10.0
-    """m/s^2 in curves at aggression 1."""
-    braking: float = 6.0
-    """m/s^2 before curves at aggression 1."""
+    aggression: float = 1.0
+    """Scales both budgets; much more than 1 asks for more than the tyres can give."""
+    lateral_acceleration: float = 6.0
+    """m/s^2 in curves, at aggression 1."""
+    braking: float = 2.8
+    """m/s^2 before curves, at aggression 1."""
     smoothing: float = 4.0
     """m of road on each side over which a curve's curvature is averaged."""
     speed_gain: float = 1.5

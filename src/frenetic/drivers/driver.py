@@ -67,10 +67,12 @@ class Observation:
     heading_error: float
     """rad, the car's heading less the lane's, positive when it points to the left, in -pi..pi."""
     ahead: FloatArray
-    """(n, 2) m, the ego lane's centre line in the car's frame (x ahead, y left, origin at the centre
-    of mass): abreast of the car, then every 2 m of road. n is at most 40; a limited view has fewer."""
+    """(n, 2) m, the ego lane's centre line in the car's frame: x ahead, y to the left.
+
+    The origin is the centre of mass. The first point is abreast of it, then one follows every 2 m of
+    road. n is at most 40; a limited view has fewer."""
     curvature_ahead: FloatArray
-    """(n,) 1/m, the road's curvature at the points of `ahead`."""
+    """(n,) 1/m, curvature of the ego lane's centre line at the points of `ahead`."""
 
 
 @dataclass(frozen=True)

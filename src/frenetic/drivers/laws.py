@@ -1,8 +1,8 @@
 """The built-in drivers' laws as kernels: the same code runs in the compiled rollout and in `act`.
 
-Every law has the same signature, so that a rollout can choose one by its number. ``parameters`` is
-the law's own array (see the classes in `frenetic.drivers.builtin`), ``setup`` the array made by
-`setup_array`; both hold SI units.
+A rollout chooses a law by its number (`decide`). ``parameters`` is the law's own array, see the
+classes in `frenetic.drivers.builtin`; ``setup`` is the array made by `setup_array`; all is in SI
+units.
 """
 
 from __future__ import annotations
@@ -79,9 +79,7 @@ def planned_speed(
 
 
 @njit(cache=True)
-def pedals(
-    speed: float, wanted: float, gain: float, setup: FloatArray
-) -> tuple[float, float]:
+def pedals(speed: float, wanted: float, gain: float, setup: FloatArray) -> tuple[float, float]:
     """(throttle, brake) that bring the speed towards the wanted one at ``gain`` 1/s."""
     acceleration = gain * (wanted - speed)
     if acceleration >= 0.0:
@@ -92,9 +90,6 @@ def pedals(
 @njit(cache=True)
 def planner(
     speed: float,
-    yaw_rate: float,
-    lateral_offset: float,
-    heading_error: float,
     ahead: FloatArray,
     curvature_ahead: FloatArray,
     rows: int,
@@ -135,7 +130,6 @@ def stanley(
     yaw_rate: float,
     lateral_offset: float,
     heading_error: float,
-    ahead: FloatArray,
     curvature_ahead: FloatArray,
     rows: int,
     parameters: FloatArray,
@@ -184,23 +178,12 @@ def decide(
 ) -> tuple[float, float, float]:
     """(steering, throttle, brake) by the law with the given number."""
     if law == PLANNER:
-        return planner(
-            speed,
-            yaw_rate,
-            lateral_offset,
-            heading_error,
-            ahead,
-            curvature_ahead,
-            rows,
-            parameters,
-            setup,
-        )
+        return planner(speed, ahead, curvature_ahead, rows, parameters, setup)
     return stanley(
         speed,
         yaw_rate,
         lateral_offset,
         heading_error,
-        ahead,
         curvature_ahead,
         rows,
         parameters,

@@ -1,4 +1,4 @@
-"""What a simulator hands over: the trajectory of one drive and the circumstances it was driven in."""
+"""What a simulator hands over: the trajectory of one drive and the rules it was driven by."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 
-class WallLimitExceeded(BaseException):  # noqa: N818 - it is no error of ours
+class WallLimitExceeded(BaseException):
     """Raised inside code that runs for too long.
 
     Not an `Exception`, so that a driver's own ``except Exception`` does not keep it alive.
@@ -28,16 +28,14 @@ def wall_limit(seconds: float) -> Iterator[None]:
     call. Elsewhere the interpreter raises it at the next Python instruction, so a call that blocks
     in compiled code is ended when it returns.
     """
-    if (
-        hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread()
-    ):
+    if hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread():
         yield from _by_signal(seconds)
     else:
         yield from _by_thread(seconds)
 
 
 def _by_signal(seconds: float) -> Iterator[None]:
-    def expire(number: int, frame: FrameType | None) -> None:
+    def expire(_number: int, _frame: FrameType | None) -> None:
         raise WallLimitExceeded
 
     before = signal.signal(signal.SIGALRM, expire)

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from numba import njit
 
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
-from frenetic.drivers.layers import disturb
 from frenetic.drivers.laws import decide
+from frenetic.drivers.layers import disturb
 from frenetic.oracle import RUNNING, assess_record
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
@@ -100,7 +100,8 @@ def look_ahead(
         y -= state[Y]
         ahead[i, 0] = c * x + n * y
         ahead[i, 1] = c * y - n * x
-        curvature_ahead[i] = kappa
+        # A parallel of an arc is an arc about the same centre.
+        curvature_ahead[i] = kappa / max(1.0 - offset * kappa, 0.05)
 
 
 @njit(cache=True)
@@ -201,9 +202,7 @@ def rollout(
     s = 0.0
     for i in range(most):
         write_record(records, i, state, steering, throttle, brake)
-        end, s, offset, heading_error = assess_now(
-            table, ds, lane_width, rules, car, records, i, s
-        )
+        end, s, offset, heading_error = assess_now(table, ds, lane_width, rules, car, records, i, s)
         if end != RUNNING:
             return i + 1
         look_ahead(table, ds, lane_width, state, s, rows, ahead, curvature_ahead)

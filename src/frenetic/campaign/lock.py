@@ -1,0 +1,113 @@
+"""One writer at a time: a lock that the operating system releases when its process ends."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Final, Self
+
+from frenetic.errors import CampaignError
+
+if sys.platform == "win32":
+    import msvcrt
+else:
+    import fcntl
+
+_LOCKED_BYTE: Final = 1 << 30
+"""Far beyond the file's text: on Windows nobody else can read a byte that is locked."""
+
+# POSIX record locks belong to the process: they neither stop it from locking twice nor survive its
+# closing any other descriptor of the file. So a file that this process holds is not opened again.
+# They are chosen because a forked worker does not inherit them: an orphan keeps nothing locked.
+_held_here: set[Path] = set()
+
+
+class FileLock:
+    """Exclusive hold on the file at `path`, from its creation until `release`.
+
+    Killing the process in any way releases it. The file stays behind, holding the id of the process
+    that locked it last: whether it is locked is known to the operating system alone. Advisory on
+    POSIX: it keeps out those who ask.
+
+    Raises a `CampaignError` if another process, or this one, already holds it, or if the file
+    cannot be opened for writing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path.resolve()
+        if self._path in _held_here:
+            raise CampaignError(
+                f"{path.parent} is already open for writing in this process: close that campaign "
+                "first, or open this one for reading"
+            )
+        try:
+            self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as error:
+            raise CampaignError(
+                f"cannot write {path}: {error.strerror or error}; check its folder's permissions"
+            ) from error
+        try:
+            _lock(self._file)
+        except OSError as error:
+            holder = _read_holder(self._file)
+            os.close(self._file)
+            if not isinstance(error, BlockingIOError | PermissionError):
+                raise CampaignError(
+                    f"cannot lock {path}: {error.strerror or error}; choose another disk"
+                ) from error
+            raise CampaignError(
+                f"{path.parent} is being written by another process{holder}: wait for it or stop "
+                "it, or choose another folder"
+            ) from error
+        _held_here.add(self._path)
+        self._is_held = True
+        self._write_holder()
+
+    def release(self) -> None:
+        """Let others have it. Does nothing when it is released already."""
+        if self._is_held:
+            self._is_held = False
+            _held_here.discard(self._path)
+            os.close(self._file)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.release()
+
+    def _write_holder(self) -> None:
+        """Leave this process's id for the message that another one gets, if the disk has room."""
+        try:
+            os.ftruncate(self._file, 0)
+            os.write(self._file, f"{os.getpid()}\n".encode())
+        except OSError:
+            pass
+
+
+def _lock(file: int) -> None:
+    """Lock the open `file`; BlockingIOError or PermissionError if another process has it."""
+    if sys.platform == "win32":
+        os.lseek(file, _LOCKED_BYTE, os.SEEK_SET)
+        try:
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        finally:
+            os.lseek(file, 0, os.SEEK_SET)
+    else:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _LOCKED_BYTE)
+
+
+def _read_holder(file: int) -> str:
+    """Return " (process 123)" if the locked file says so, "" otherwise."""
+    try:
+        text = os.read(file, 20).decode("ascii", "replace").strip()
+    except OSError:
+        return ""
+    return f" (process {text})" if text.isdecimal() else ""

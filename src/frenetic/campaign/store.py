@@ -1,0 +1,840 @@
+"""A campaign on disk: every test, as it comes, in one SQLite database.
+
+The database, `campaign.sqlite` in the campaign's folder, is the campaign's log. It can be read by
+anyone with SQLite, while the campaign runs and long afterwards:
+
+| table | one row per |
+| --- | --- |
+| campaign | fact about the campaign: its configuration, when it was made and finished (JSON) |
+| candidate | road that the strategy asked for: origin and curvatures |
+| test | result that the strategy was told |
+| trajectory | drive, compressed by `frenetic.campaign.trajectory_codec` |
+
+and the view `overview` shows a test in one readable line.
+
+What survives: when `CampaignStore.told` has returned, the result, its trajectory and all candidates
+asked before are in the database, even if the process is killed in any way right then. If the
+machine itself goes down, the last results before it may be missing, but the database is whole.
+Candidates that were asked since the last result are lost with the process; who resumes a campaign
+asks again.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sqlite3
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any, ClassVar, Final, Literal, Self, TypeAlias, get_args
+
+import numpy as np
+
+from frenetic.campaign.lock import FileLock
+from frenetic.campaign.trajectory_codec import decode, encode
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.search.records import Candidate, Origin
+from frenetic.simulators.drive import Trajectory
+
+JSONValue: TypeAlias = (
+    "bool | int | float | str | Sequence[JSONValue] | Mapping[str, JSONValue] | None"
+)
+Order: TypeAlias = Literal["told", "moobd"]
+Side: TypeAlias = Literal["left", "right"]
+
+DATABASE: Final = "campaign.sqlite"
+"""Name of the database in a campaign's folder."""
+APPLICATION_ID: Final = int.from_bytes(b"Fren")
+"""What marks an SQLite file as a campaign of ours (`PRAGMA application_id`)."""
+
+_LOCK: Final = "campaign.lock"
+_BUSY_TIMEOUT: Final = (
+    10.0  # [s] readers wait for the rare moments in which the writer excludes them
+)
+# Tables check their columns' types where SQLite can (3.37, 2021).
+_STRICT: Final = "STRICT" if sqlite3.sqlite_version_info >= (3, 37) else ""
+
+MIGRATIONS: tuple[tuple[str, ...], ...] = (
+    (
+        f"""
+        CREATE TABLE campaign (
+            key TEXT PRIMARY KEY NOT NULL,
+            value TEXT NOT NULL  -- JSON
+        ) {_STRICT}
+        """,
+        f"""
+        CREATE TABLE candidate (
+            id INTEGER PRIMARY KEY CHECK (id >= 1),
+            operator TEXT NOT NULL,
+            parents TEXT NOT NULL,  -- JSON list of candidate ids
+            generation INTEGER NOT NULL CHECK (generation >= 0),
+            step REAL NOT NULL CHECK (step > 0),  -- m between curvatures
+            curvatures BLOB NOT NULL  -- 1/m, float64, little-endian
+                CHECK (length(curvatures) % 8 = 0)
+        ) {_STRICT}
+        """,
+        f"""
+        CREATE TABLE test (
+            candidate_id INTEGER PRIMARY KEY REFERENCES candidate (id),
+            told INTEGER NOT NULL UNIQUE CHECK (told >= 1),
+            outcome TEXT NOT NULL CHECK (outcome IN ('PASS', 'FAIL', 'INVALID', 'ERROR')),
+            reason TEXT NOT NULL,
+            budget_spent REAL NOT NULL,  -- share of the budget
+            x REAL,  -- m, where the fitted road starts
+            y REAL,  -- m
+            heading REAL,  -- rad
+            moobd REAL,  -- m
+            max_oob_share REAL,  -- 0..1
+            duration REAL,  -- simulated s
+            moobd_distance REAL,  -- m along the road
+            departure_time REAL,  -- simulated s
+            departure_distance REAL,  -- m along the road
+            departure_x REAL,  -- m
+            departure_y REAL,  -- m
+            departure_side TEXT CHECK (departure_side IN ('left', 'right')),
+            seconds REAL NOT NULL,  -- wall time that the test took
+            finished_at TEXT NOT NULL  -- UTC, ISO 8601
+        ) {_STRICT}
+        """,
+        # Answers `counts` without touching the table.
+        "CREATE INDEX test_by_outcome ON test (outcome, moobd)",
+        f"""
+        CREATE TABLE trajectory (
+            candidate_id INTEGER PRIMARY KEY REFERENCES test (candidate_id),
+            data BLOB NOT NULL
+        ) {_STRICT}
+        """,
+        """
+        CREATE VIEW overview AS
+        SELECT told, candidate_id, outcome, round(moobd, 3) AS moobd, operator, parents, generation,
+            length(curvatures) / 8 * step AS metres, round(duration, 2) AS duration, departure_side,
+            reason
+        FROM test JOIN candidate ON candidate.id = candidate_id
+        ORDER BY told
+        """,
+    ),
+)
+"""Statements that bring a database from schema version k to k + 1; never edited, only appended."""
+
+_INSERT_CANDIDATE: Final = "INSERT INTO candidate VALUES (?, ?, ?, ?, ?, ?)"
+_INSERT_TEST: Final = f"INSERT INTO test VALUES ({', '.join('?' * 19)})"  # noqa: S608
+_INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?)"
+_SELECT_CANDIDATE: Final = (
+    "SELECT id, operator, parents, generation, step, curvatures FROM candidate WHERE id = ?"
+)
+_SELECT_TEST: Final = """
+    SELECT told, outcome, reason, budget_spent, x, y, heading, moobd, max_oob_share, duration,
+        moobd_distance, departure_time, departure_distance, departure_x, departure_y,
+        departure_side, seconds
+    FROM test WHERE candidate_id = ?
+"""
+_SELECT_TRAJECTORY: Final = "SELECT data FROM trajectory WHERE candidate_id = ?"
+_SELECT_IDS: Final[Mapping[str, str]] = {
+    "told": """
+        SELECT candidate_id FROM test
+        WHERE ? IS NULL OR outcome = ? ORDER BY told LIMIT ?
+    """,
+    "moobd": """
+        SELECT candidate_id FROM test
+        WHERE ? IS NULL OR outcome = ? ORDER BY moobd IS NULL, moobd, told LIMIT ?
+    """,
+}
+_CONFIG: Final = "config"
+_CREATED_AT: Final = "created_at"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TestRecord:
+    """What a campaign keeps of one road test: its candidate, what became of it, its trajectory."""
+
+    __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
+
+    candidate: Candidate
+    told: int
+    """Counts from 1 in the order in which results were told."""
+    outcome: Outcome
+    reason: str
+    """Why it ended so, for people."""
+    budget_spent: float
+    """Share of the campaign's budget spent when this was told, 0..1."""
+    pose: tuple[float, float, float] | None = None
+    """x (m), y (m), heading (rad) at which the fitted road starts; None if it fits nowhere."""
+    moobd: float | None = None
+    """Minimum oob distance in m; None unless PASS or FAIL."""
+    max_oob_share: float | None = None
+    """Largest oob share of the drive, 0..1."""
+    duration: float | None = None
+    """Simulated s."""
+    moobd_distance: float | None = None
+    """m along the road to where the oob distance was smallest."""
+    departure_time: float | None = None
+    """Simulated s at which the car left its lane; None if it did not, as for all of departure."""
+    departure_distance: float | None = None
+    """m along the road."""
+    departure_x: float | None = None
+    """m."""
+    departure_y: float | None = None
+    """m."""
+    departure_side: Side | None = None
+    """The side of the lane on which it left."""
+    seconds: float
+    """s of wall time that the test took."""
+    trajectory: Trajectory | None = None
+    """None if nothing was driven, or if the record was read without it."""
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How far a campaign has come."""
+
+    asked: int
+    """Candidates that were asked and recorded."""
+    told: int
+    """Tests whose result was told."""
+    by_outcome: Mapping[Outcome, int]
+    """Tests per outcome, each outcome present."""
+    lowest_moobd: float | None
+    """Smallest minimum oob distance of all tests in m; None before the first drive."""
+
+
+class CampaignStore:
+    """The database of one campaign, open for one writer or for reading.
+
+    Made by `create` or `open`; a context manager that closes it. One process writes at a time and
+    any number may read meanwhile. Methods are called from the thread that opened the store. Every
+    problem with the database is a `CampaignError` whose message names the file and what to do, and
+    after a failed `told` (a full disk, say) everything told before is still in the database and the
+    same record may be told again.
+    """
+
+    def __init__(
+        self, folder: Path, connection: sqlite3.Connection, lock: FileLock | None
+    ) -> None:  # used by `create` and `open` only
+        self._folder = folder
+        self._path = folder / DATABASE
+        self._connection = connection
+        self._lock = lock
+        self._asked: dict[int, tuple[object, ...]] = {}  # rows that the next `told` writes
+        self._last_asked = 0
+        with _translated(self._path):
+            if lock is not None:
+                (last,) = connection.execute("SELECT max(id) FROM candidate").fetchone()
+                self._last_asked = last or 0
+            self._config = self._read_config()
+
+    @classmethod
+    def create(cls, folder: Path, config: Mapping[str, JSONValue]) -> Self:
+        """Return a new campaign in `folder`, open for writing; the folder is made if need be.
+
+        Raises a `CampaignError` if `folder` holds a campaign already or cannot be written, and a
+        `ValueError` if `config` is not JSON (NaN and infinity are not).
+        """
+        folder = Path(folder)
+        facts = {_CONFIG: _to_json(dict(config)), _CREATED_AT: _to_json(_now())}
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError) as error:
+            raise CampaignError(
+                f"cannot make the folder {folder}: a file is in the way; choose another folder "
+                "with --out"
+            ) from error
+        except OSError as error:
+            raise CampaignError(
+                f"cannot make the folder {folder}: {error.strerror or error}; choose another "
+                "folder with --out"
+            ) from error
+        path = folder / DATABASE
+        _refuse_existing(path)
+        lock = FileLock(folder / _LOCK)
+        try:
+            _refuse_existing(path)  # again: someone may have been faster before we had the lock
+            # Made under another name, so that a campaign is either there completely or not at all.
+            unfinished = folder / f"{DATABASE}.new"
+            with _translated(path):
+                for leftover in ("", "-wal", "-shm", "-journal"):
+                    unfinished.with_name(unfinished.name + leftover).unlink(missing_ok=True)
+                _make_database(unfinished, facts)
+                unfinished.replace(path)
+            return cls._open_locked(folder, lock)
+        except BaseException:
+            lock.release()
+            raise
+
+    @classmethod
+    def open(cls, folder: Path, readonly: bool = True) -> Self:
+        """Return the campaign in `folder`; for writing, its schema is brought up to date first.
+
+        Raises a `CampaignError` if there is none, if its database is damaged, from a newer version
+        or no campaign at all (it is left as it is), or, for writing, if another process writes it.
+        """
+        folder = Path(folder)
+        path = folder / DATABASE
+        with _translated(path):
+            if not path.is_file():
+                what = "holds no campaign" if folder.is_dir() else "is not a folder"
+                if not os.path.lexists(folder):
+                    what = "does not exist"
+                raise CampaignError(
+                    f"{folder} {what}: the folder of a campaign is needed, one with {DATABASE}"
+                )
+        if readonly:
+            return cls._open_to_read(folder)
+        lock = FileLock(folder / _LOCK)
+        try:
+            return cls._open_locked(folder, lock)
+        except BaseException:
+            lock.release()
+            raise
+
+    @classmethod
+    def _open_to_read(cls, folder: Path) -> Self:
+        path = folder / DATABASE
+        with _translated(path):
+            connection = _connect_to_read(path)
+        try:
+            with _translated(path):
+                version = _check_identity(connection, path)
+            if version < len(MIGRATIONS):
+                raise CampaignError(
+                    f"{path} was written by an older version of frenetic (schema {version}, this "
+                    f"one reads {len(MIGRATIONS)}): resume the campaign once to bring it up to date"
+                )
+            return cls(folder, connection, None)
+        except BaseException:
+            connection.close()
+            raise
+
+    @classmethod
+    def _open_locked(cls, folder: Path, lock: FileLock) -> Self:
+        path = folder / DATABASE
+        with _translated(path):
+            connection = _connect(path, "mode=rw")
+        try:
+            with _translated(path):
+                version = _check_identity(connection, path)
+                connection.execute("PRAGMA journal_mode = WAL").fetchone()
+                connection.execute("PRAGMA synchronous = NORMAL")
+                # Waiting for the disk every 16 MiB instead of every 4 MiB.
+                connection.execute("PRAGMA wal_autocheckpoint = 4000").fetchone()
+                connection.execute("PRAGMA foreign_keys = ON")
+                _migrate(connection, version)
+            return cls(folder, connection, lock)
+        except BaseException:
+            connection.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if exc is None:
+            self.close()
+        else:
+            with suppress(CampaignError):  # the error under way says more
+                self.close()
+
+    @property
+    def folder(self) -> Path:
+        """The campaign's folder."""
+        return self._folder
+
+    @property
+    def config(self) -> Mapping[str, JSONValue]:
+        """What the campaign was created with."""
+        return self._config
+
+    @property
+    def facts(self) -> Mapping[str, JSONValue]:
+        """What else is known of the campaign: ``created_at`` and what `finish` added."""
+        with _translated(self._path):
+            rows = self._connection.execute("SELECT key, value FROM campaign ORDER BY key")
+            return MappingProxyType(
+                {
+                    key: self._from_json(value, f"fact {key}")
+                    for key, value in rows
+                    if key != _CONFIG
+                }
+            )
+
+    def asked(self, candidate: Candidate) -> None:
+        """Record `candidate`, to be written together with the next result (or on closing).
+
+        Raises a `CampaignError` if its id is not higher than that of every candidate before, and a
+        `ValueError` if a number is not finite.
+        """
+        self._require_writer()
+        if candidate.id <= self._last_asked:
+            raise CampaignError(
+                f"{self._path} already holds candidate {self._last_asked}: the next one needs a "
+                f"higher id, not {candidate.id}"
+            )
+        self._asked[candidate.id] = _candidate_row(candidate)
+        self._last_asked = candidate.id
+
+    def told(self, record: TestRecord) -> None:
+        """Store a result with its trajectory, durably (see this module's text): one transaction.
+
+        Raises a `CampaignError` if it cannot be written, if the candidate was not asked before or
+        has a result already, or if another result has the same `told`; a `ValueError` if a number
+        is not finite.
+        """
+        self._require_writer()
+        row = _test_row(record)
+        data = None if record.trajectory is None else encode(record.trajectory)
+        with self._transaction() as connection:
+            connection.execute(_INSERT_TEST, row)
+            if data is not None:
+                connection.execute(_INSERT_TRAJECTORY, (record.candidate.id, data))
+
+    def finish(self, **facts: JSONValue) -> None:
+        """Add facts about the whole campaign, such as its ``seconds``.
+
+        The time, ``finished_at``, is added unless it is given. A fact that is there already is
+        replaced, since a campaign can be resumed and finish again.
+
+        Raises a `ValueError` for a fact that is not JSON or is called ``config`` or ``created_at``.
+        """
+        self._require_writer()
+        if fixed := {_CONFIG, _CREATED_AT} & facts.keys():
+            raise ValueError(f"{', '.join(sorted(fixed))} cannot be changed: choose another name")
+        rows = [(key, _to_json(value)) for key, value in ({"finished_at": _now()} | facts).items()]
+        with self._transaction() as connection:
+            connection.executemany("INSERT OR REPLACE INTO campaign VALUES (?, ?)", rows)
+
+    def tests(
+        self,
+        outcome: Outcome | None = None,
+        order_by: Order = "told",
+        limit: int | None = None,
+        with_trajectory: bool = False,
+    ) -> Iterator[TestRecord]:
+        """Return the tests that are stored at this moment, one by one as they are taken.
+
+        Only those with `outcome`, if given; in the order of telling, or of `moobd`, lowest first
+        and those without one last; at most `limit` of them. Tests told while the iterator is being
+        used do not show up in it. Without `with_trajectory` their trajectory is None.
+
+        Raises a `ValueError` for an unknown order or a negative limit; taking a damaged test raises
+        a `CampaignError`.
+        """
+        if order_by not in get_args(Order):
+            raise ValueError(f"order_by is {order_by!r}: one of {get_args(Order)} is needed")
+        if limit is not None and limit < 0:
+            raise ValueError(f"limit is {limit}: a number from 0 is needed")
+        # A test never changes once it is there, so the ids are a snapshot, and no transaction stays
+        # open while the caller thinks.
+        only = None if outcome is None else str(outcome)
+        wanted = (only, only, -1 if limit is None else limit)
+        with _translated(self._path):
+            ids = self._connection.execute(_SELECT_IDS[order_by], wanted).fetchall()
+        return (self._read_test(candidate_id, with_trajectory) for (candidate_id,) in ids)
+
+    def test(self, id: int, with_trajectory: bool = True) -> TestRecord:  # noqa: A002
+        """Return the test of the candidate with this `id`.
+
+        Raises a `CampaignError` if there is none (naming the ids there are) or if it is damaged.
+        """
+        return self._read_test(id, with_trajectory)
+
+    def candidate(self, id: int) -> Candidate:  # noqa: A002
+        """Return the candidate with this `id`, whether it has a result or not.
+
+        Raises a `CampaignError` if there is none (naming the ids there are) or if it is damaged.
+        """
+        self._write_asked()
+        with _translated(self._path):
+            row = self._fetch(_SELECT_CANDIDATE, id)
+            if row is None:
+                raise self._unknown("candidate", id, "SELECT min(id), max(id) FROM candidate")
+        return self._to_candidate(row)
+
+    def candidates(self) -> Iterator[Candidate]:
+        """Return all candidates that were asked up to this moment, in the order of asking."""
+        self._write_asked()
+        with _translated(self._path):
+            ids = self._connection.execute("SELECT id FROM candidate ORDER BY id").fetchall()
+        return (self.candidate(candidate_id) for (candidate_id,) in ids)
+
+    def counts(self) -> Counts:
+        """Return how many tests there are of which outcome, and the lowest MOOBD."""
+        with _translated(self._path):
+            rows = self._connection.execute(
+                "SELECT outcome, count(*), min(moobd) FROM test GROUP BY outcome"
+            ).fetchall()
+            (asked,) = self._connection.execute("SELECT count(*) FROM candidate").fetchone()
+        by_outcome = dict.fromkeys(Outcome, 0)
+        by_outcome |= {self._outcome(outcome, "a test"): count for outcome, count, _ in rows}
+        moobds = [self._real(moobd, "moobd of a test") for *_, moobd in rows if moobd is not None]
+        return Counts(
+            asked=asked + len(self._asked),
+            told=sum(by_outcome.values()),
+            by_outcome=MappingProxyType(by_outcome),
+            lowest_moobd=min(moobds, default=None),
+        )
+
+    def close(self) -> None:
+        """Write what is left to write and let go of the database; closing twice does no harm."""
+        try:
+            self._write_asked()
+        finally:
+            self._asked.clear()
+            try:
+                with _translated(self._path):
+                    self._connection.close()
+            finally:
+                if self._lock is not None:
+                    self._lock.release()
+
+    # Writing
+
+    @contextmanager
+    def _transaction(self) -> Iterator[sqlite3.Connection]:
+        """Give the connection within a transaction that begins with the candidates asked so far.
+
+        They are kept when it fails, so that it can be tried again.
+        """
+        with _translated(self._path):
+            self._connection.execute("BEGIN IMMEDIATE")
+            try:
+                self._connection.executemany(_INSERT_CANDIDATE, self._asked.values())
+                yield self._connection
+                self._connection.execute("COMMIT")
+            except BaseException:
+                if self._connection.in_transaction:  # SQLite ends some by itself
+                    self._connection.execute("ROLLBACK")
+                raise
+        self._asked.clear()
+
+    def _write_asked(self) -> None:
+        if self._asked:
+            with self._transaction():
+                pass
+
+    def _require_writer(self) -> None:
+        if self._lock is None:
+            raise CampaignError(f"{self._path} was opened for reading: open it with readonly=False")
+
+    # Reading: nothing that comes from the disk is believed
+
+    def _fetch(self, select: str, candidate_id: int) -> tuple[Any, ...] | None:
+        """Return the row with this id, if there is one; SQLite knows no ids beyond 64 bits."""
+        if not 0 < candidate_id < 2**63:
+            return None
+        row: tuple[Any, ...] | None = self._connection.execute(select, (candidate_id,)).fetchone()
+        return row
+
+    def _unknown(self, what: str, candidate_id: int, select_range: str) -> CampaignError:
+        lowest, highest = self._connection.execute(select_range).fetchone()
+        there_are = f"ids run from {lowest} to {highest}" if lowest else "there are none so far"
+        return CampaignError(f"{self._folder} holds no {what} {candidate_id}: {there_are}")
+
+    def _damaged(self, what: str) -> CampaignError:
+        return CampaignError(
+            f"{self._path} is damaged: {what}; restore it from a copy, or run the campaign again"
+        )
+
+    def _read_test(self, candidate_id: int, with_trajectory: bool) -> TestRecord:
+        with _translated(self._path):
+            row = self._fetch(_SELECT_TEST, candidate_id)
+            if row is None:
+                raise self._unknown(
+                    "test of candidate",
+                    candidate_id,
+                    "SELECT min(candidate_id), max(candidate_id) FROM test",
+                )
+            candidate_row = self._fetch(_SELECT_CANDIDATE, candidate_id)
+            if candidate_row is None:
+                raise self._damaged(f"candidate {candidate_id} is missing")
+            blob = self._fetch(_SELECT_TRAJECTORY, candidate_id) if with_trajectory else None
+        name = f"of test {candidate_id}"
+        told, outcome, reason, budget_spent, x, y, heading, *optional, side, seconds = row
+        if not isinstance(told, int) or not isinstance(reason, str):
+            raise self._damaged(f"the order or reason {name} has the wrong type")
+        if side not in (None, *get_args(Side)):
+            raise self._damaged(f"the departure_side {name} is {side!r}")
+        pose = None
+        if x is not None or y is not None or heading is not None:
+            pose = (
+                self._real(x, f"x {name}"),
+                self._real(y, f"y {name}"),
+                self._real(heading, f"heading {name}"),
+            )
+        numbers: dict[str, Any] = {
+            column: None if value is None else self._real(value, f"{column} {name}")
+            for column, value in zip(_OPTIONAL, optional, strict=True)
+        }
+        return TestRecord(
+            candidate=self._to_candidate(candidate_row),
+            told=told,
+            outcome=self._outcome(outcome, name),
+            reason=reason,
+            budget_spent=self._real(budget_spent, f"budget_spent {name}"),
+            pose=pose,
+            **numbers,
+            departure_side=side,
+            seconds=self._real(seconds, f"seconds {name}"),
+            trajectory=self._to_trajectory(blob, name),
+        )
+
+    def _to_trajectory(self, row: tuple[Any, ...] | None, name: str) -> Trajectory | None:
+        if row is None:
+            return None
+        (data,) = row
+        if not isinstance(data, bytes):
+            raise self._damaged(f"the trajectory {name} has the wrong type")
+        try:
+            return decode(data)
+        except CampaignError as error:
+            raise CampaignError(f"{self._path}: the trajectory {name}: {error}") from error
+
+    def _to_candidate(self, row: tuple[Any, ...]) -> Candidate:
+        candidate_id, operator, parents_json, generation, step, blob = row
+        name = f"of candidate {candidate_id}"
+        if not isinstance(operator, str) or not isinstance(generation, int):
+            raise self._damaged(f"the operator or generation {name} has the wrong type")
+        parents = self._from_json(parents_json, f"parents {name}")
+        if not isinstance(parents, list) or not all(type(parent) is int for parent in parents):
+            raise self._damaged(f"the parents {name} are no list of ids")
+        step = self._real(step, f"step {name}")
+        if step <= 0.0:
+            raise self._damaged(f"the step {name} is {step}")
+        if not isinstance(blob, bytes) or len(blob) % 8:
+            raise self._damaged(f"the curvatures {name} are not whole numbers of float64")
+        curvatures = np.frombuffer(blob, dtype="<f8").astype(np.float64, copy=False)
+        if not np.isfinite(curvatures).all():
+            raise self._damaged(f"the curvatures {name} are not all finite")
+        return Candidate(
+            candidate_id, curvatures, step, Origin(operator, tuple(parents), generation)
+        )
+
+    def _outcome(self, value: object, name: str) -> Outcome:
+        try:
+            return Outcome(value)  # type: ignore[arg-type]
+        except ValueError:
+            raise self._damaged(f"the outcome {name} is {value!r}") from None
+
+    def _real(self, value: object, name: str) -> float:
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            raise self._damaged(f"the {name} is {value!r}, no finite number")
+        return float(value)
+
+    def _from_json(self, text: object, name: str) -> JSONValue:
+        try:
+            value: JSONValue = json.loads(text) if isinstance(text, str) else None
+        except (ValueError, RecursionError):
+            text = None
+        if not isinstance(text, str):
+            raise self._damaged(f"the {name} is not JSON")
+        return value
+
+    def _read_config(self) -> Mapping[str, JSONValue]:
+        row = self._connection.execute(
+            "SELECT value FROM campaign WHERE key = ?", (_CONFIG,)
+        ).fetchone()
+        config = self._from_json(row and row[0], _CONFIG)
+        if not isinstance(config, dict):
+            raise self._damaged("the config is no JSON object")
+        return MappingProxyType(config)
+
+
+_OPTIONAL: Final = (
+    "moobd",
+    "max_oob_share",
+    "duration",
+    "moobd_distance",
+    "departure_time",
+    "departure_distance",
+    "departure_x",
+    "departure_y",
+)
+"""Numbers that a test may lack, in the order of the table's columns and of the record's fields."""
+
+
+def _candidate_row(candidate: Candidate) -> tuple[object, ...]:
+    origin = candidate.origin
+    curvatures = candidate.curvatures
+    if curvatures.ndim != 1 or not np.isfinite(curvatures).all():
+        raise ValueError(f"the curvatures of candidate {candidate.id} are not all finite")
+    if not (math.isfinite(candidate.step) and candidate.step > 0.0):
+        raise ValueError(f"step is {candidate.step}: a positive number is needed")
+    return (
+        int(candidate.id),
+        origin.operator,
+        json.dumps([int(parent) for parent in origin.parents]),
+        int(origin.generation),
+        float(candidate.step),
+        curvatures.astype("<f8", copy=False).tobytes(),
+    )
+
+
+def _test_row(record: TestRecord) -> tuple[object, ...]:
+    pose = record.pose or (None, None, None)
+    optional = [getattr(record, name) for name in _OPTIONAL]
+    names = ("budget_spent", "x", "y", "heading", *_OPTIONAL, "seconds")
+    numbers = [record.budget_spent, *pose, *optional, record.seconds]
+    for k, value in enumerate(numbers):
+        if value is not None:
+            if not math.isfinite(value):
+                raise ValueError(f"{names[k]} is {value}: a finite number is needed")
+            numbers[k] = float(value)  # numpy's numbers would be stored as blobs
+    return (
+        int(record.candidate.id),
+        int(record.told),
+        str(record.outcome),
+        # A broken driver's message may hold file names that are no text: keep them readable.
+        record.reason.encode("utf-8", "backslashreplace").decode("utf-8"),
+        *numbers[:-1],
+        record.departure_side,
+        numbers[-1],
+        _now(),
+    )
+
+
+def _to_json(value: JSONValue) -> str:
+    def plain(other: object) -> object:
+        if isinstance(other, Mapping):
+            return dict(other)
+        if isinstance(other, Sequence):
+            return list(other)
+        raise ValueError(f"{other!r} is a {type(other).__name__}, which JSON does not know")
+
+    return json.dumps(value, allow_nan=False, default=plain)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _refuse_existing(path: Path) -> None:
+    if os.path.lexists(path):
+        raise CampaignError(
+            f"{path.parent} already holds a campaign; choose another folder with --out, or resume "
+            "that campaign"
+        )
+
+
+def _connect(path: Path, options: str) -> sqlite3.Connection:
+    """Return a connection that begins and ends transactions only when told to."""
+    uri = path.resolve().as_uri()
+    if not uri.startswith(
+        "file:///"
+    ):  # a network share on Windows: SQLite wants no host in the URI
+        uri = "file:////" + uri.removeprefix("file://")
+    return sqlite3.connect(
+        f"{uri}?{options}", uri=True, timeout=_BUSY_TIMEOUT, isolation_level=None
+    )
+
+
+def _connect_to_read(path: Path) -> sqlite3.Connection:
+    """Return a connection that changes nothing, not even if the folder would let it."""
+    connection = _connect(path, "mode=ro")
+    try:
+        connection.execute("PRAGMA user_version").fetchone()
+    except BaseException as error:
+        connection.close()
+        # Even a reader makes files beside the database, which fails in a folder that it may not
+        # write. If no writer's log is there, nobody is writing: this is what `immutable` promises.
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        is_written = path.with_name(f"{DATABASE}-wal").exists()
+        if code not in (sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY) or is_written:
+            raise
+        connection = _connect(path, "mode=ro&immutable=1")
+    return connection
+
+
+def _check_identity(connection: sqlite3.Connection, path: Path) -> int:
+    """Return the schema version of what is surely a campaign that we can read."""
+    (application_id,) = connection.execute("PRAGMA application_id").fetchone()
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if application_id != APPLICATION_ID or version < 1:
+        raise CampaignError(
+            f"{path} is not a campaign's database: choose the folder of a campaign; nothing was "
+            "changed"
+        )
+    if version > len(MIGRATIONS):
+        raise CampaignError(
+            f"{path} was written by a newer version of frenetic (schema {version}, this one reads "
+            f"up to {len(MIGRATIONS)}): upgrade frenetic; nothing was changed"
+        )
+    return int(version)
+
+
+def _make_database(path: Path, facts: Mapping[str, str]) -> None:
+    """Write a complete, empty campaign to the new file at `path`."""
+    connection = _connect(path, "mode=rwc")
+    try:
+        connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        _migrate(connection, 0)
+        connection.execute("BEGIN")
+        connection.executemany("INSERT INTO campaign VALUES (?, ?)", facts.items())
+        connection.execute("COMMIT")
+    finally:
+        connection.close()
+
+
+def _migrate(connection: sqlite3.Connection, version: int) -> None:
+    """Bring the schema from `version` to the newest, each step in a transaction of its own."""
+    for number, statements in enumerate(MIGRATIONS[version:], start=version + 1):
+        connection.execute("BEGIN IMMEDIATE")
+        try:
+            for statement in statements:
+                connection.execute(statement)
+            connection.execute(f"PRAGMA user_version = {number}")
+            connection.execute("COMMIT")
+        except BaseException:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise
+
+
+@contextmanager
+def _translated(path: Path) -> Iterator[None]:
+    """Turn what SQLite and the file system complain about into a `CampaignError` about `path`."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        # Extended codes carry the primary one in their lowest byte; Python's own errors have none.
+        code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+        text = " ".join(str(error).split())
+        raise CampaignError(f"{path} {_EXPLAINED.get(code, _UNEXPLAINED).format(text)}") from error
+    except UnicodeDecodeError as error:  # SQLite quotes what it found in its complaint
+        raise CampaignError(f"{path} {_EXPLAINED[sqlite3.SQLITE_CORRUPT].format(error)}") from error
+    except OSError as error:
+        raise CampaignError(
+            f"cannot use {path}: {error.strerror or error}; check its permissions, or choose "
+            "another folder"
+        ) from error
+
+
+_EXPLAINED: Final[Mapping[int, str]] = {
+    sqlite3.SQLITE_FULL: (
+        "cannot grow, the disk is full: free some space and resume the campaign; what was stored "
+        "is safe"
+    ),
+    sqlite3.SQLITE_READONLY: "cannot be written ({}): check the permissions of the file and folder",
+    sqlite3.SQLITE_PERM: "cannot be used ({}): check the permissions of the file and folder",
+    sqlite3.SQLITE_CANTOPEN: "cannot be opened ({}): check the permissions of the file and folder",
+    sqlite3.SQLITE_BUSY: "is in use by another program ({}): close it and try again",
+    sqlite3.SQLITE_LOCKED: "is in use by another program ({}): close it and try again",
+    sqlite3.SQLITE_IOERR: "cannot be read or written ({}): check the disk and try again",
+    sqlite3.SQLITE_CORRUPT: "is damaged ({}): restore it from a copy, or run the campaign again",
+    sqlite3.SQLITE_NOTADB: (
+        "is not a database, or is damaged ({}): restore it from a copy, or choose another folder"
+    ),
+    sqlite3.SQLITE_CONSTRAINT: (
+        "refuses what does not fit the rest ({}): a candidate is asked once, then told once"
+    ),
+}
+"""SQLite's primary result code -> what it means for the campaign and what to do."""
+_UNEXPLAINED: Final = "cannot be used ({}): restore it from a copy, or run the campaign again"
