@@ -108,9 +108,7 @@ def assess_record(
     end = RUNNING
     if share > tolerance:
         end = LEFT_LANE
-    elif (
-        math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal
-    ):
+    elif math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal:
         end = REACHED
     else:
         # Records come at a steady rate: guess where stuck_time ago was, then make sure.
@@ -157,7 +155,7 @@ def _assess(
 
 
 def rules_array(rules: Rules, road_length: float) -> FloatArray:
-    """The rules as `assess_record` wants them: tolerance, goal, stuck distance and time, timeout."""
+    """The rules for `assess_record`: tolerance, goal, stuck distance, stuck time, timeout."""
     return np.array(
         [
             rules.oob_tolerance,

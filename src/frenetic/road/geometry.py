@@ -35,8 +35,8 @@ SUB_STEP = 1.0
 SUB_TURN = 0.5
 """rad, the most that a table's sub-step may turn."""
 
-# Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which turns
-# by SUB_TURN at most, its error is below 1e-11 m.
+# Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which
+# turns by SUB_TURN at most, its error is below 1e-11 m.
 _GAUSS_X = 0.5 * (np.polynomial.legendre.leggauss(5)[0] + 1.0)
 _GAUSS_W = 0.5 * np.polynomial.legendre.leggauss(5)[1]
 _G0, _G1, _G2, _G3, _G4 = (float(v) for v in _GAUSS_X)

@@ -73,7 +73,7 @@ def share_outside(
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
         left, right: m, lateral offsets of the lane's edges, left > right.
-        s, d, road_heading: the centre of mass projected onto the road, and the road's heading there.
+        s, d, road_heading: the centre of mass projected onto the road, the road's heading there.
         x, y, heading: m, m, rad, centre of mass and heading of the car.
         length, width, centre_ahead: m, the car's box, see `CarBody`.
     """

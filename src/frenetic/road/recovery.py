@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy.interpolate import BSpline, splprep
+from scipy.interpolate import make_interp_spline
 from scipy.linalg import solve_banded
 
 from frenetic.road import geometry
@@ -26,16 +26,17 @@ Recovered: TypeAlias = tuple[FloatArray, float, tuple[float, float, float]]
 
 
 def curvature_from_points(points: FloatArray) -> Recovered:
-    """(curvatures (M,), step, pose) of the road through (N, 2) points, consecutive ones distinct."""
+    """(curvatures (M,), step, pose) of the road through (N, 2) points, neighbours distinct."""
     return _recognise(points) or _along_spline(points)
 
 
 def _along_spline(points: FloatArray) -> Recovered:
     """Road along the competition's spline through the points."""
     degree = min(len(points) - 1, 3)
-    (knots, coefficients, _), _ = splprep([points[:, 0], points[:, 1]], s=0, k=degree)
-    spline = BSpline(knots, np.column_stack(coefficients), degree)
-    polyline = float(np.hypot(*np.diff(points, axis=0).T).sum())
+    chords = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    polyline = float(chords[-1])
+    # The same spline as splprep's with s = 0: not-a-knot over the normalised chord length.
+    spline = make_interp_spline(chords / polyline, points, k=degree)
     # Dense enough that between two parameters the line is nearly an arc.
     parameters = np.linspace(0.0, 1.0, max(64, 10 * len(points), math.ceil(polyline / 0.1)) + 1)
     position = spline(parameters)
@@ -118,7 +119,17 @@ def _recognise(points: FloatArray) -> Recovered | None:
     step = float((lengths[1:-1] * (1.0 + turns[1:] * turns[:-1] / 24.0)).mean())
     found, worst = None, math.inf
     spread = 0.5 / step
-    for front, back in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+    for front, back in (
+        (0, 0),
+        (1, 0),
+        (-1, 0),
+        (0, 1),
+        (0, -1),
+        (1, 1),
+        (1, -1),
+        (-1, 1),
+        (-1, -1),
+    ):
         curvatures = _from_turns(turns / step, front * spread, back * spread)
         heading = directions[0] - step * (curvatures[0] / 3.0 + curvatures[1] / 6.0)
         start = np.concatenate([curvatures, [points[0, 0], points[0, 1], heading, step]])

@@ -24,6 +24,10 @@ MAX_LENGTH = 50_000.0
 """m, longest road."""
 MAX_CURVATURE = 10.0
 """1/m, sharpest curve that can be represented; valid roads stay below 0.07."""
+MAP_SIZE = 200.0
+"""m, side of the competition's square map."""
+MARGIN = 10.0
+"""m that a road's centre line keeps from the map's edge: half its width and some air."""
 POINT_SPACING = 2.0
 """m, spacing of the points in which a road leaves our hands (validity, files, other simulators)."""
 
@@ -122,7 +126,7 @@ class Road:
             lane_width: m, of each lane.
 
         Raises:
-            RoadError: not (N, 2) finite numbers, fewer than 2 points, or two consecutive equal ones.
+            RoadError: not (N, 2) finite numbers, fewer than 2, or two consecutive equal ones.
         """
         array = _numbers(points, "points")
         if array.ndim != 2 or array.shape[1] != 2:
@@ -156,7 +160,7 @@ class Road:
 
     @cached_property
     def table(self) -> FloatArray:
-        """The centre line cut into sub-steps, as the kernels of `frenetic.road.geometry` want it."""
+        """The centre line cut into sub-steps, for the kernels of `frenetic.road.geometry`."""
         table: FloatArray = geometry.build_table(
             self.curvatures, self.step, *self.pose, round(self.step / self.sub_step)
         )
@@ -192,7 +196,7 @@ class Road:
         return points
 
     def pose_at(self, distance: float) -> Pose:
-        """Place and direction of the centre line ``distance`` m along it, straight beyond the ends."""
+        """The centre line's pose ``distance`` m along it; it is straight beyond the ends."""
         x, y, heading, _ = geometry.pose_at(self.table, self.sub_step, float(distance))
         return Pose(x, y, heading)
 
@@ -240,8 +244,12 @@ class Road:
             right=self.sample(self.sub_step, right),
         )
 
-    def fitted(self, map_size: float = 200.0, margin: float = 10.0) -> Road | None:
-        """This road moved and, if needed, rotated into the map [0, map_size]^2, ``margin`` m inside.
+    def fitted(self, map_size: float = MAP_SIZE, margin: float = MARGIN) -> Road | None:
+        """This road moved and, if needed, rotated into the map [0, map_size]^2.
+
+        Args:
+            map_size: m, side of the map.
+            margin: m that the centre line keeps from the map's edge.
 
         Returns:
             The same road elsewhere, itself if it lies inside already, None if no pose fits.
@@ -254,7 +262,7 @@ class Road:
         ((x, y),) = motion.apply(np.array([[self.pose.x, self.pose.y]]))
         return replace(self, pose=Pose(float(x), float(y), self.pose.heading + motion.rotation))
 
-    def check_validity(self, map_size: float = 200.0) -> Verdict:
+    def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:
         """The competition's verdict on this road where it lies, from its `road_points`."""
         return check_validity(self.road_points, map_size)
 
