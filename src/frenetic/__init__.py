@@ -1,1 +1,123 @@
-"""Frenetic finds the roads on which an automated driver leaves its lane."""
+"""Frenetic finds the roads on which an automated driver leaves its lane.
+
+The names below are the whole public interface of the top package; they are imported when they are
+used, so that ``import frenetic`` takes no time.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord
+    from frenetic.drivers import (
+        BeamngAi,
+        Controls,
+        Delayed,
+        Driver,
+        DriveSetup,
+        LimitedView,
+        Noisy,
+        Observation,
+        Planner,
+        Stanley,
+    )
+    from frenetic.errors import FreneticError
+    from frenetic.oracle import Departure, Result, judge
+    from frenetic.outcome import Outcome
+    from frenetic.report import draw_drive, draw_road
+    from frenetic.road import Pose, Road, Verdict, check_validity
+    from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
+    from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator, Trajectory, Vehicle
+
+_HOMES = {
+    "frenetic.campaign": ("Budget", "Campaign", "CampaignStore", "Summary", "TestRecord"),
+    "frenetic.drivers": (
+        "BeamngAi",
+        "Controls",
+        "Delayed",
+        "DriveSetup",
+        "Driver",
+        "LimitedView",
+        "Noisy",
+        "Observation",
+        "Planner",
+        "Stanley",
+    ),
+    "frenetic.errors": ("FreneticError",),
+    "frenetic.oracle": ("Departure", "Result", "judge"),
+    "frenetic.outcome": ("Outcome",),
+    "frenetic.report": ("draw_drive", "draw_road"),
+    "frenetic.road": ("Pose", "Road", "Verdict", "check_validity"),
+    "frenetic.search": (
+        "Candidate",
+        "Evaluation",
+        "Frenetic",
+        "Origin",
+        "RandomSearch",
+        "Strategy",
+    ),
+    "frenetic.simulators": (
+        "Drive",
+        "EmbeddedSimulator",
+        "Rules",
+        "Simulator",
+        "Trajectory",
+        "Vehicle",
+    ),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "BeamngAi",
+    "Budget",
+    "Campaign",
+    "CampaignStore",
+    "Candidate",
+    "Controls",
+    "Delayed",
+    "Departure",
+    "Drive",
+    "DriveSetup",
+    "Driver",
+    "EmbeddedSimulator",
+    "Evaluation",
+    "Frenetic",
+    "FreneticError",
+    "LimitedView",
+    "Noisy",
+    "Observation",
+    "Origin",
+    "Outcome",
+    "Planner",
+    "Pose",
+    "RandomSearch",
+    "Result",
+    "Road",
+    "Rules",
+    "Simulator",
+    "Stanley",
+    "Strategy",
+    "Summary",
+    "TestRecord",
+    "Trajectory",
+    "Vehicle",
+    "Verdict",
+    "check_validity",
+    "draw_drive",
+    "draw_road",
+    "judge",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_HOME[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -184,6 +184,7 @@ class Campaign:
             "simulator": describe(self.tester.simulator),
             "driver": describe(self.tester.driver),
             "rules": asdict(self.tester.simulator.rules),
+            "car": asdict(self.tester.simulator.car),
             "budget": asdict(self.budget),
             "map_size": self.tester.map_size,
             "margin": self.tester.margin,

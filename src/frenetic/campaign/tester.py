@@ -16,6 +16,7 @@ from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Trajectory
 from frenetic.simulators.simulator import Simulator
 
+
 @dataclass(frozen=True)
 class Tested:
     """What became of one road."""

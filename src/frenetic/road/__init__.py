@@ -2,10 +2,12 @@
 
 from frenetic.road.fitting import RigidMotion, fit_to_map
 from frenetic.road.geometry import integrate
-from frenetic.road.road import Lane, Pose, Road
+from frenetic.road.road import MAP_SIZE, MARGIN, Lane, Pose, Road
 from frenetic.road.validity import Verdict, check_validity
 
 __all__ = [
+    "MAP_SIZE",
+    "MARGIN",
     "Lane",
     "Pose",
     "RigidMotion",

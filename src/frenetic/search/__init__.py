@@ -1,1 +1,10 @@
 """What to try next: the Strategy protocol, its operators and its implementations."""
+
+from __future__ import annotations
+
+from frenetic.search.frenetic import Frenetic
+from frenetic.search.random_search import RandomSearch
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Strategy
+
+__all__ = ["Candidate", "Evaluation", "Frenetic", "Origin", "RandomSearch", "Strategy"]

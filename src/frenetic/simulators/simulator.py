@@ -7,7 +7,7 @@ from typing import Protocol, Self, runtime_checkable
 
 from frenetic.drivers.driver import Driver
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive, Rules
+from frenetic.simulators.drive import CarBody, Drive, Rules
 
 
 @runtime_checkable
@@ -24,6 +24,8 @@ class Simulator(Protocol):
     """
 
     rules: Rules
+    car: CarBody
+    """The box that the car covers, the same in every drive."""
 
     def __enter__(self) -> Self:
         """Starts the simulator."""

@@ -57,8 +57,8 @@ class EmbeddedSimulator:
             raise ValueError(f"wall_limit is {wall_limit}: a positive number of seconds is needed")
         self.wall_limit = wall_limit
         self._vehicle = self.vehicle.to_array()
-        self._body = self.vehicle.body()
-        self._car = np.array([self._body.length, self._body.width, self._body.centre_ahead])
+        self.car = self.vehicle.body()
+        self._car = np.array([self.car.length, self.car.width, self.car.centre_ahead])
         self._room = np.empty((len(Trajectory.names()), 0))
 
     def __enter__(self) -> Self:
@@ -105,7 +105,7 @@ class EmbeddedSimulator:
         else:
             n, error = self._drive_python(road, driver, setup, rules, room)
         columns = room[:, :n].copy()
-        return Drive(Trajectory(*columns), self._body, self.rules, error)
+        return Drive(Trajectory(*columns), self.car, self.rules, error)
 
     def _drive_compiled(
         self,

@@ -1,0 +1,732 @@
+"""The command line: parses, calls the library, prints."""
+
+from __future__ import annotations
+
+import json
+import logging
+import secrets
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TypeVar
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from frenetic.durations import format_duration, parse_duration
+from frenetic.errors import FreneticError
+from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES, Registry
+
+if TYPE_CHECKING:
+    from frenetic.campaign import CampaignStore, Progress, Summary, TestRecord
+    from frenetic.drivers import Driver
+    from frenetic.simulators import Simulator
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+logger = logging.getLogger(__name__)
+
+DEFAULT_SIMULATIONS = 1000
+ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
+PLAIN_INTERVAL = 5.0  # s between two lines of progress where there is no terminal
+
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Runs the command line; every mistake of the user is one line on stderr and exit code 2."""
+    try:
+        code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
+    except click.exceptions.Exit as stop:
+        code = stop.exit_code
+    except click.ClickException as error:
+        _fail(error.format_message())
+    except FreneticError as error:
+        logger.debug("the error in full", exc_info=True)
+        _fail(str(error))
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("frenetic: interrupted", err=True)
+        code = 130
+    except BrokenPipeError:
+        # The reader of our output has gone; so may we, without another word.
+        sys.stderr.close()
+        code = 0
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+def _fail(message: str) -> NoReturn:
+    click.echo(f"frenetic: {' '.join(message.split())}", err=True)
+    sys.exit(2)
+
+
+class Duration(click.ParamType):
+    """A time such as 90, 90s, 10m or 1h30m."""
+
+    name = "time"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """Seconds."""
+        try:
+            return parse_duration(value)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+class Setting(click.ParamType):
+    """NAME=VALUE for an option of a part; the value is read as JSON if it is some."""
+
+    name = "name=value"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, Any]:
+        """(name, value)."""
+        name, equals, text = str(value).partition("=")
+        if not equals or not name.strip():
+            self.fail(f"{value!r} is not NAME=VALUE", param, ctx)
+        try:
+            return name.strip(), json.loads(text)
+        except ValueError:
+            return name.strip(), text
+
+
+def _driver_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options by which a driver, a simulator and the rules are chosen."""
+    options = [
+        click.option(
+            "--driver",
+            default="planner",
+            show_default=True,
+            metavar="D",
+            help="Who drives: a name (see 'frenetic drivers'), package.module:Class or file.py:Class.",
+        ),
+        click.option(
+            "--driver-option",
+            "driver_options",
+            type=Setting(),
+            multiple=True,
+            help="An option of the driver, such as aggression=1.2; may be repeated.",
+        ),
+        click.option(
+            "--noise",
+            type=float,
+            metavar="M",
+            help="Let the driver err about its lateral place, by this standard deviation in m.",
+        ),
+        click.option(
+            "--delay", type=float, metavar="S", help="Let the controls arrive this many s late."
+        ),
+        click.option(
+            "--view", type=float, metavar="M", help="Let the driver see only this many m ahead."
+        ),
+        click.option(
+            "--simulator",
+            default="embedded",
+            show_default=True,
+            metavar="S",
+            help="What moves the car (see 'frenetic simulators').",
+        ),
+        click.option("--speed-limit", type=float, default=70.0, show_default=True, help="km/h."),
+        click.option(
+            "--oob-tolerance",
+            type=float,
+            default=0.95,
+            show_default=True,
+            help="Share of the car that may be outside its lane, above 0 and up to 1.",
+        ),
+        click.option(
+            "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."
+        ),
+        click.option(
+            "--wall-limit",
+            type=float,
+            default=60.0,
+            show_default=True,
+            help="s of wall time that one drive may take.",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+_json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+
+
+@click.group(context_settings=CONTEXT)
+@click.version_option(None, "--version", package_name="frenetic-roads", prog_name="frenetic")
+@click.option("--debug", is_flag=True, help="Log what happens, with tracebacks, to stderr.")
+def cli(debug: bool) -> None:
+    """Finds the roads on which an automated driver leaves its lane."""
+    if debug:
+        logging.basicConfig(
+            level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s"
+        )
+        logging.getLogger("frenetic").setLevel(logging.DEBUG)
+
+
+@cli.command(short_help="Search for roads on which a driver fails.")
+@click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
+@click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
+@click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
+@click.option(
+    "--strategy",
+    default="frenetic",
+    show_default=True,
+    metavar="S",
+    help="How to search (see 'frenetic strategies').",
+)
+@click.option(
+    "--strategy-option",
+    "strategy_options",
+    type=Setting(),
+    multiple=True,
+    help="An option of the strategy, such as threshold=-0.2; may be repeated.",
+)
+@_driver_options
+@click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the results. [default: a new one under campaigns/]",
+)
+@_json_option
+def run(
+    simulations: int | None,
+    seconds: float | None,
+    failures: int | None,
+    strategy: str,
+    strategy_options: tuple[tuple[str, Any], ...],
+    driver: str,
+    driver_options: tuple[tuple[str, Any], ...],
+    noise: float | None,
+    delay: float | None,
+    view: float | None,
+    simulator: str,
+    speed_limit: float,
+    oob_tolerance: float,
+    map_size: float,
+    wall_limit: float,
+    seed: int | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Search for roads on which a driver leaves its lane.
+
+    With no option at all, 1000 drives of the built-in planner go into a new folder under
+    campaigns/. The first of --simulations, --time and --failures that is reached ends the search;
+    so does Ctrl-C, and nothing found is lost.
+    """
+    from frenetic.campaign import Budget, Campaign, CampaignStore, new_folder
+    from frenetic.report.failures import telling_failures, write_failures
+
+    if simulations is None and seconds is None and failures is None:
+        simulations = DEFAULT_SIMULATIONS
+    seed = secrets.randbelow(2**31) if seed is None else seed
+    with _as_usage_error():
+        budget = Budget(simulations=simulations, time=seconds, failures=failures)
+    the_driver = _make_driver(driver, driver_options, noise, delay, view)
+    the_simulator = _make_simulator(simulator, speed_limit, oob_tolerance, wall_limit)
+    available = {"seed": seed, "map_size": map_size}
+    takes = STRATEGIES.option_names(STRATEGIES.load(strategy))
+    settings = {k: v for k, v in available.items() if takes is None or k in takes}
+    the_strategy = STRATEGIES.make(strategy, **(settings | dict(strategy_options)))
+    folder = out if out is not None else new_folder()
+    with _as_usage_error():
+        campaign = Campaign(
+            strategy=the_strategy,
+            simulator=the_simulator,
+            driver=the_driver,
+            budget=budget,
+            folder=folder,
+            map_size=map_size,
+            seed=seed,
+            description={
+                "command": {
+                    "strategy": strategy,
+                    "strategy_options": dict(strategy_options),
+                    "driver": driver,
+                    "driver_options": dict(driver_options),
+                    "noise": noise,
+                    "delay": delay,
+                    "view": view,
+                    "simulator": simulator,
+                    "speed_limit": speed_limit,
+                    "oob_tolerance": oob_tolerance,
+                    "wall_limit": wall_limit,
+                }
+            },
+        )
+    log = Console(stderr=True, highlight=False, soft_wrap=True)
+    _compile(log)
+    log.print(
+        f"Searching with [bold]{strategy}[/] for roads on which [bold]{driver}[/] fails,"
+        f" seed {seed}, results in {folder}"
+    )
+    with _live_progress(log) as show:
+        summary = campaign.run(show)
+    with CampaignStore.open(folder) as store:
+        listed = telling_failures(store)
+        if listed:
+            with log.status(f"Drawing {len(listed)} failures"):
+                write_failures(store, listed)
+        if as_json:
+            click.echo(json.dumps(summary.as_json()))
+        else:
+            _print_summary(summary, listed)
+    if summary.interrupted:
+        raise click.exceptions.Exit(130)
+
+
+@cli.command(short_help="Drive one road from a file.")
+@click.argument("road", type=click.Path(path_type=Path))
+@_driver_options
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Draw the drive into this PNG, SVG or PDF file.",
+)
+@click.option("--anyway", is_flag=True, help="Drive the road even if it is invalid.")
+@_json_option
+def drive(
+    road: Path,
+    driver: str,
+    driver_options: tuple[tuple[str, Any], ...],
+    noise: float | None,
+    delay: float | None,
+    view: float | None,
+    simulator: str,
+    speed_limit: float,
+    oob_tolerance: float,
+    map_size: float,
+    wall_limit: float,
+    plot: Path | None,
+    anyway: bool,
+    as_json: bool,
+) -> None:
+    """Drive one road from a JSON file and say what happened.
+
+    ROAD holds curvatures (1/m) and optionally a step (m), or road_points, or is a test file of the
+    competition or of a campaign's failures. It is moved into the map if it lies elsewhere; a road
+    that is invalid is not driven.
+    """
+    from frenetic.oracle import Result, judge
+    from frenetic.outcome import Outcome
+    from frenetic.road.files import read_road
+
+    the_driver = _make_driver(driver, driver_options, noise, delay, view)
+    the_simulator = _make_simulator(simulator, speed_limit, oob_tolerance, wall_limit)
+    loaded = read_road(road).road()
+    _check_map_size(map_size)
+    fitted = loaded.fitted(map_size)
+    refusal = None
+    if fitted is None:
+        refusal = f"The road does not fit the map of {map_size:g} m in any direction"
+    elif not (verdict := fitted.check_validity(map_size)).valid:
+        refusal = verdict.message
+    the_road = fitted or loaded
+    if refusal is not None and not anyway:
+        result = Result(Outcome.INVALID, refusal, None, None, None, 0.0, None)
+        if plot is not None:
+            from frenetic.report.picture import draw_road
+
+            draw_road(the_road, plot, title=f"{road.name}: INVALID")
+    else:
+        _compile(Console(stderr=True, highlight=False, soft_wrap=True))
+        with the_simulator:
+            the_drive = the_simulator.drive(the_road, the_driver)
+        result = judge(the_road, the_drive)
+        if plot is not None:
+            from frenetic.report.picture import draw_drive
+
+            draw_drive(the_road, the_drive, plot, title=f"{road.name}: {result.outcome}")
+    if as_json:
+        document = {"road": str(road), "length": the_road.length, **asdict(result)}
+        if plot is not None:
+            document["plot"] = str(plot)
+        click.echo(json.dumps(document))
+        return
+    click.echo(f"{result.outcome}  {result.reason}")
+    facts: list[tuple[str, str]] = [("road", f"{the_road.length:.1f} m, {road}")]
+    if result.moobd is not None and result.moobd_distance is not None:
+        facts += [
+            ("MOOBD", f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m"),
+            ("oob share", f"{result.max_oob_share:.0%} at most"),
+            ("time", f"{result.duration:.2f} s"),
+        ]
+    if result.departure is not None:
+        place = result.departure
+        facts.append(
+            (
+                "left lane",
+                f"to the {place.side} after {place.distance:.1f} m and {place.time:.2f} s,"
+                f" at ({place.x:.1f}, {place.y:.1f})",
+            )
+        )
+    if plot is not None:
+        facts.append(("picture", str(plot)))
+    _print_facts(facts)
+
+
+@cli.command(short_help="Say whether roads are valid, as the competition does.")
+@click.argument(
+    "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
+)
+@click.option(
+    "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."
+)
+@_json_option
+def validate(files: tuple[Path, ...], map_size: float, as_json: bool) -> None:
+    """Say for each road file whether the competition calls it valid.
+
+    Points are judged where they lie, curvatures where they fit the map. The exit code is 1 if any
+    road is invalid, 2 if a file cannot be read; the other files are judged all the same.
+    """
+    from frenetic.road.files import read_road
+
+    _check_map_size(map_size)
+    verdicts: list[dict[str, Any]] = []
+    unreadable = []
+    for path in files:
+        try:
+            verdict = read_road(path).check_validity(map_size)
+        except FreneticError as error:
+            unreadable.append(str(error))
+            continue
+        verdicts.append({"file": str(path), "valid": verdict.valid, "message": verdict.message})
+        if not as_json:
+            click.echo(f"{path}: {'valid' if verdict.valid else 'INVALID  ' + verdict.message}")
+    if as_json:
+        click.echo(json.dumps(verdicts))
+    if unreadable:
+        for message in unreadable:
+            click.echo(f"frenetic: {' '.join(message.split())}", err=True)
+        raise click.exceptions.Exit(2)
+    if not all(verdict["valid"] for verdict in verdicts):
+        raise click.exceptions.Exit(1)
+
+
+@cli.command(short_help="Look at a campaign, or at one of its tests.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("test_id", type=int, required=False, metavar="[ID]")
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where to draw the test. [default: failures/test-ID.png in the campaign's folder]",
+)
+@_json_option
+def show(campaign: Path, test_id: int | None, plot: Path | None, as_json: bool) -> None:
+    """Say what a CAMPAIGN folder holds, or show one test in full, with its picture."""
+    from frenetic.campaign import CampaignStore
+
+    with CampaignStore.open(campaign) as store:
+        if test_id is None:
+            if plot is not None:
+                raise click.UsageError("--plot needs the ID of a test, too")
+            _show_campaign(store, as_json)
+        else:
+            _show_test(store, test_id, plot, as_json)
+
+
+def _show_campaign(store: CampaignStore, as_json: bool) -> None:
+    from frenetic.outcome import Outcome
+    from frenetic.report.failures import telling_failures
+
+    counts = store.counts()
+    config, facts = store.config, store.facts
+    number = counts.by_outcome
+    if as_json:
+        document = {
+            "folder": str(store.folder),
+            "tests": counts.told,
+            "invalid": number[Outcome.INVALID],
+            "passed": number[Outcome.PASS],
+            "failed": number[Outcome.FAIL],
+            "errors": number[Outcome.ERROR],
+            "min_moobd": counts.lowest_moobd,
+            "facts": dict(facts),
+            "config": dict(config),
+        }
+        click.echo(json.dumps(document))
+        return
+    command = config.get("command")
+    chosen = command if isinstance(command, Mapping) else {}
+    rules = config.get("rules")
+    limits = rules if isinstance(rules, Mapping) else {}
+    _print_facts(
+        [
+            ("campaign", str(store.folder)),
+            ("made", str(facts.get("created_at", "unknown"))),
+            ("strategy", f"{chosen.get('strategy', 'unknown')}, seed {config.get('seed')}"),
+            (
+                "driver",
+                f"{chosen.get('driver', 'unknown')} in {chosen.get('simulator', 'unknown')}",
+            ),
+            (
+                "rules",
+                f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
+                f" be out, map of {config.get('map_size')} m",
+            ),
+            (
+                "tests",
+                f"{counts.told}: {number[Outcome.PASS]} passed, {number[Outcome.FAIL]} failed,"
+                f" {number[Outcome.INVALID]} invalid, {number[Outcome.ERROR]} errors",
+            ),
+        ]
+    )
+    listed = telling_failures(store)
+    if listed:
+        _print_failures(listed)
+        click.echo(f"One in full: frenetic show {_shell(store.folder)} {listed[0].candidate.id}")
+
+
+def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: bool) -> None:
+    from frenetic.report.failures import FAILURES, file_stem, road_document, stored_test
+    from frenetic.report.picture import draw_drive, draw_road
+
+    record = store.test(test_id)
+    test = stored_test(store, record)
+    picture = plot if plot is not None else store.folder / FAILURES / f"{file_stem(test_id)}.png"
+    title = f"Test {test_id}: {record.outcome}"
+    try:
+        if plot is None:
+            picture.parent.mkdir(exist_ok=True)
+        if test.drive is not None:
+            draw_drive(test.road, test.drive, picture, title=title)
+        else:
+            draw_road(test.road, picture, title=title)
+        drawn = str(picture)
+    except (OSError, FreneticError) as error:
+        if plot is not None:
+            raise
+        drawn = f"not drawn, {error}; choose a place with --plot"
+    if as_json:
+        document = road_document(test, store.config) | {"picture": drawn, "told": record.told}
+        click.echo(json.dumps(document))
+        return
+    origin = record.candidate.origin
+    parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
+    facts = [
+        ("test", f"{test_id}, told as number {record.told}"),
+        ("outcome", f"{record.outcome}  {record.reason}"),
+        ("origin", f"{origin.operator}{parents}, generation {origin.generation}"),
+        ("road", f"{test.road.length:.1f} m, {len(test.road.curvatures)} curvatures"),
+    ]
+    if record.moobd is not None and record.moobd_distance is not None:
+        facts += [
+            ("MOOBD", f"{record.moobd:.3f} m, at {record.moobd_distance:.1f} m"),
+            ("oob share", f"{record.max_oob_share:.0%} at most"),
+        ]
+    if record.duration is not None:
+        facts.append(("time", f"{record.duration:.2f} s"))
+    if record.departure_side is not None:
+        facts.append(
+            (
+                "left lane",
+                f"to the {record.departure_side} after {record.departure_distance:.1f} m and"
+                f" {record.departure_time:.2f} s, at"
+                f" ({record.departure_x:.1f}, {record.departure_y:.1f})",
+            )
+        )
+    facts += [
+        ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
+        ("picture", drawn),
+    ]
+    _print_facts(facts)
+
+
+def _listing(name: str, registry: Registry, summary: str) -> None:
+    @cli.command(name, short_help=summary, help=f"{summary} Others are installed as packages.")
+    @_json_option
+    def listing(as_json: bool) -> None:
+        entries = registry.entries()
+        if as_json:
+            click.echo(json.dumps([asdict(entry) for entry in entries]))
+            return
+        table = Table(box=None, pad_edge=False)
+        for column in ("name", "from", "what it is"):
+            table.add_column(column, overflow="fold")
+        for entry in entries:
+            table.add_row(entry.name, entry.origin, entry.summary or entry.target)
+        _out().print(table)
+        click.echo(f"Your own: package.module:Class or path/to/file.py:Class as --{registry.kind}.")
+
+
+_listing("drivers", DRIVERS, "List the drivers, the systems under test.")
+_listing("strategies", STRATEGIES, "List the search strategies.")
+_listing("simulators", SIMULATORS, "List the simulators.")
+
+
+@contextmanager
+def _as_usage_error() -> Iterator[None]:
+    """Turns a `ValueError` of the library into a mistake of the user."""
+    try:
+        yield
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+
+
+def _check_map_size(map_size: float) -> None:
+    from frenetic.road import MARGIN
+
+    if not 2.0 * MARGIN < map_size < float("inf"):
+        raise click.UsageError(
+            f"--map-size is {map_size:g}: more than twice the margin of {MARGIN:g} m is needed"
+        )
+
+
+def _make_driver(
+    spec: str,
+    options: tuple[tuple[str, Any], ...],
+    noise: float | None,
+    delay: float | None,
+    view: float | None,
+) -> Driver:
+    from frenetic.drivers.loading import load_driver
+
+    return load_driver(spec, dict(options), noise=noise, delay=delay, view=view)
+
+
+def _make_simulator(
+    spec: str, speed_limit: float, oob_tolerance: float, wall_limit: float
+) -> Simulator:
+    from frenetic.simulators import Rules
+
+    with _as_usage_error():
+        rules = Rules(speed_limit=speed_limit, oob_tolerance=oob_tolerance)
+    available = {"rules": rules, "wall_limit": wall_limit}
+    takes = SIMULATORS.option_names(SIMULATORS.load(spec))
+    simulator: Simulator = SIMULATORS.make(
+        spec, **{k: v for k, v in available.items() if takes is None or k in takes}
+    )
+    return simulator
+
+
+def _compile(log: Console) -> None:
+    """Compiles what is compiled, and says so if it takes its time."""
+    from frenetic.compilation import compile_kernels
+
+    timer = threading.Timer(
+        ANNOUNCE_AFTER,
+        log.print,
+        ["Compiling the simulator; this happens once, takes about 20 s and is cached."],
+    )
+    timer.daemon = True
+    timer.start()
+    try:
+        compile_kernels()
+    finally:
+        timer.cancel()
+
+
+def _out() -> Console:
+    """The console for results; as wide as needed where they go into a file or a pipe."""
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=120)
+
+
+def _progress_text(progress: Progress) -> str:
+    least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
+    left = progress.seconds_left
+    return (
+        f"{progress.tests} tests, {progress.invalid} invalid, {progress.failed} failures,"
+        f" best MOOBD {least}, {progress.tests_per_second:.0f} tests/s,"
+        f" {'?' if left is None else format_duration(left)} left"
+    )
+
+
+@contextmanager
+def _live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
+    """Shows progress: a bar on a terminal, now and then a plain line elsewhere."""
+    if log.is_terminal:
+        from rich.progress import BarColumn, TaskProgressColumn, TextColumn
+        from rich.progress import Progress as Bar
+
+        columns = (BarColumn(bar_width=24), TaskProgressColumn(), TextColumn("{task.description}"))
+        with Bar(*columns, console=log, refresh_per_second=8) as bar:
+            task = bar.add_task("starting", total=1.0)
+
+            def update(progress: Progress) -> None:
+                bar.update(
+                    task,
+                    completed=progress.budget_spent,
+                    description=_progress_text(progress),
+                )
+
+            yield update
+        return
+    last = time.monotonic()
+
+    def line(progress: Progress) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= PLAIN_INTERVAL:
+            last = now
+            log.print(_progress_text(progress))
+
+    yield line
+
+
+def _print_summary(summary: Summary, listed: Sequence[TestRecord]) -> None:
+    least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
+    stopped = "Interrupted: " if summary.interrupted else ""
+    click.echo(
+        f"{stopped}{summary.simulations} simulations in {format_duration(summary.seconds)}"
+        f" ({summary.tests_per_second:.0f} tests/s): {summary.failed} failures,"
+        f" {summary.passed} passed, {summary.invalid} invalid, {summary.errors} errors{least}"
+    )
+    if listed:
+        _print_failures(listed)
+    click.echo(f"Results:     {summary.folder}")
+    if listed:
+        click.echo(f"Look closer: frenetic show {_shell(summary.folder)} {listed[0].candidate.id}")
+
+
+def _print_failures(listed: Sequence[TestRecord]) -> None:
+    table = Table(
+        title="The most severe and most different failures",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
+    )
+    for column in ("test", "MOOBD (m)", "left to", "after (m)", "of (m)", "origin"):
+        table.add_column(column, justify="left" if column in ("left to", "origin") else "right")
+    table.add_column("why", overflow="fold")
+    for record in listed:
+        candidate = record.candidate
+        place = record.departure_distance
+        table.add_row(
+            str(candidate.id),
+            "-" if record.moobd is None else f"{record.moobd:.2f}",
+            record.departure_side or "-",
+            "-" if place is None else f"{place:.0f}",
+            f"{(len(candidate.curvatures) - 1) * candidate.step:.0f}",
+            candidate.origin.operator,
+            record.reason,
+        )
+    _out().print(table)
+
+
+def _print_facts(facts: Sequence[tuple[str, str]]) -> None:
+    for name, value in facts:
+        click.echo(f"{name:<11}{value}")
+
+
+def _shell(path: Path) -> str:
+    """A path as it can be pasted into a shell."""
+    import shlex
+
+    text = str(path)
+    return f'"{text}"' if sys.platform == "win32" and " " in text else shlex.quote(text)

@@ -1,0 +1,170 @@
+"""The failing roads of a campaign: the most telling ones, and their files in its folder."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.analysis import most_different, segment_profile
+from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue, TestRecord
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.road import Pose, Road
+from frenetic.simulators.drive import CarBody, Drive, Rules
+
+FAILURES: Final = "failures"
+"""Folder in a campaign's folder that holds its failing roads."""
+LISTED: Final = 10
+"""Failures that are listed and drawn at the end of a run."""
+MOST_FILES: Final = 1000
+"""Failing roads that get a file of their own, the most severe first; all are in the database."""
+
+
+@dataclass(frozen=True)
+class StoredTest:
+    """A test of a campaign with its road and its drive made ready again."""
+
+    record: TestRecord
+    road: Road
+    """Where it lay on the map; at its default place if it fitted nowhere."""
+    drive: Drive | None
+    """None if nothing was driven or the record was read without its trajectory."""
+
+    @property
+    def id(self) -> int:
+        """The candidate's id."""
+        return self.record.candidate.id
+
+
+def stored_test(store: CampaignStore, record: TestRecord) -> StoredTest:
+    """The road and drive behind a record.
+
+    Raises:
+        CampaignError: the campaign's configuration does not say how it was driven.
+    """
+    config = store.config
+    path = store.folder / DATABASE
+    try:
+        lane_width = float(config["lane_width"])  # type: ignore[arg-type]
+        rules = Rules(**config["rules"])  # type: ignore[arg-type]
+        car = CarBody(**config["car"])  # type: ignore[arg-type]
+    except (KeyError, TypeError, ValueError) as error:
+        raise CampaignError(f"{path} is damaged: its configuration lacks {error}") from None
+    candidate = record.candidate
+    pose = Pose(*record.pose) if record.pose is not None else None
+    road = Road(
+        candidate.curvatures,
+        candidate.step,
+        **({} if pose is None else {"pose": pose}),
+        lane_width=lane_width,
+    )
+    drive = None
+    if record.trajectory is not None:
+        error = record.reason if record.outcome is Outcome.ERROR else None
+        drive = Drive(record.trajectory, car, rules, error)
+    return StoredTest(record, road, drive)
+
+
+def telling_failures(store: CampaignStore, number: int = LISTED) -> list[TestRecord]:
+    """The most severe failure and those that differ most from it and each other, worst first."""
+    failures = list(store.tests(Outcome.FAIL, order_by="moobd"))
+    profiles = []
+    for record in failures:
+        place = record.departure_distance
+        if place is None:
+            place = record.moobd_distance or 0.0
+        profiles.append(segment_profile(stored_test(store, record).road, place))
+    severities = [-(record.moobd or 0.0) for record in failures]
+    chosen = most_different(profiles, severities, number)
+    return [failures[i] for i in sorted(chosen)]
+
+
+def file_stem(candidate_id: int) -> str:
+    """Name, without suffix, of a test's files."""
+    return f"test-{candidate_id:05d}"
+
+
+def road_document(test: StoredTest, config: Mapping[str, JSONValue]) -> dict[str, Any]:
+    """A test as a JSON object that `frenetic drive` and the competition's tools can read."""
+    record = test.record
+    candidate, road = record.candidate, test.road
+    return {
+        "id": candidate.id,
+        "is_valid": record.outcome is not Outcome.INVALID,
+        "validation_message": record.reason if record.outcome is Outcome.INVALID else "",
+        "test_outcome": str(record.outcome),
+        "description": record.reason,
+        "moobd": record.moobd,
+        "max_oob_share": record.max_oob_share,
+        "duration": record.duration,
+        "departure": None
+        if record.departure_side is None
+        else {
+            "time": record.departure_time,
+            "distance": record.departure_distance,
+            "x": record.departure_x,
+            "y": record.departure_y,
+            "side": record.departure_side,
+        },
+        "origin": {
+            "operator": candidate.origin.operator,
+            "parents": list(candidate.origin.parents),
+            "generation": candidate.origin.generation,
+        },
+        "driver": config.get("driver"),
+        "rules": config.get("rules"),
+        "step": road.step,
+        "curvatures": road.curvatures.tolist(),
+        "pose": list(road.pose),
+        "lane_width": road.lane_width,
+        "road_points": road.road_points.round(6).tolist(),
+    }
+
+
+def write_failures(
+    store: CampaignStore,
+    listed: Sequence[TestRecord],
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Writes the failing roads as JSON files and pictures of the listed ones; returns the folder.
+
+    Args:
+        store: the campaign.
+        listed: the failures that get a picture, too.
+        on_progress: called with (pictures drawn, pictures in all).
+
+    Raises:
+        CampaignError: a file cannot be written.
+    """
+    from frenetic.report.picture import draw_drive  # matplotlib takes its time
+
+    folder = store.folder / FAILURES
+    try:
+        folder.mkdir(exist_ok=True)
+        for record in store.tests(Outcome.FAIL, order_by="moobd", limit=MOST_FILES):
+            document = road_document(stored_test(store, record), store.config)
+            path = folder / f"{file_stem(record.candidate.id)}.json"
+            partial = path.with_suffix(".json.part")
+            partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
+            os.replace(partial, path)
+    except OSError as error:
+        raise CampaignError(
+            f"{folder} cannot be written: {error.strerror or error}; all results are safe in"
+            f" {store.folder / DATABASE}"
+        ) from None
+    for number, record in enumerate(listed):
+        test = stored_test(store, store.test(record.candidate.id))
+        if test.drive is not None:
+            draw_drive(
+                test.road,
+                test.drive,
+                folder / f"{file_stem(test.id)}.png",
+                title=f"Test {test.id}: {record.outcome}",
+            )
+        if on_progress is not None:
+            on_progress(number + 1, len(listed))
+    return folder

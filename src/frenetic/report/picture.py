@@ -1,0 +1,990 @@
+"""Pictures of roads and drives, drawn with Matplotlib.
+
+A picture of a drive shows the road from above with the car's path coloured by oob distance, a
+close-up of the place that matters, and profiles along the road underneath. The file's suffix says
+what it becomes: PNG, SVG or PDF. The same road and drive give the same bytes (with the same version
+of Matplotlib), and a file is either written completely or not at all.
+
+Only Matplotlib's figure objects are used, never `pyplot`, so no window system is asked for and no
+backend of the surrounding program changes.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import textwrap
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import MaxNLocator
+
+from frenetic.errors import FreneticError
+from frenetic.oracle import Assessment, Result, assess, judge
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.simulators.drive import Drive, Trajectory
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+SUFFIXES: Final = (".png", ".svg", ".pdf")
+"""What a picture's file name may end with."""
+MAX_SHEET: Final = 400
+"""Most pictures on one contact sheet."""
+
+_DPI: Final = 110
+_POINT: Final = 72.0  # points per inch; lines and letters are measured in points
+_MAX_POINTS: Final = 4000  # more of a path or road than that is not seen
+
+# Sizes in inches.
+_WIDTH: Final = 11.0
+_MARGIN: Final = 0.45
+_INNER: Final = _WIDTH - 2.0 * _MARGIN
+_CLOSE_UP: Final = 3.2
+_GAP: Final = 0.14
+_LOWEST, _HIGHEST = 2.4, 5.7  # the road seen from above
+
+_INK: Final = "#1d2733"
+_QUIET: Final = "#6a7684"
+_FAINT: Final = "#c9d0d8"
+_PANEL: Final = "#f4f6f8"
+_CASING: Final = "#7f8b98"
+_OTHER_LANE: Final = "#d9dde3"
+_EGO_LANE: Final = "#c6d7ea"
+_ALARM: Final = "#d1232a"
+_COLOURS: Final[Mapping[Outcome, str]] = {
+    Outcome.PASS: "#1b8a6b",
+    Outcome.FAIL: _ALARM,
+    Outcome.INVALID: "#c98a00",
+    Outcome.ERROR: "#7a5aa6",
+}
+# Plasma without its yellow, which would vanish on white: blue in the lane, pink on its edge, orange
+# outside. Lightness rises evenly, so it reads in grey and with any kind of colour vision.
+_OOB_MAP: Final = LinearSegmentedColormap.from_list(
+    "oob", mpl.colormaps["plasma"](np.linspace(0.84, 0.0, 128))
+)
+
+_STYLE: Final[Mapping[str, object]] = {
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "text.usetex": False,
+    "text.color": _INK,
+    "axes.unicode_minus": True,
+    "axes.edgecolor": _FAINT,
+    "axes.labelcolor": _QUIET,
+    "axes.linewidth": 0.8,
+    "xtick.color": _FAINT,
+    "ytick.color": _FAINT,
+    "xtick.labelcolor": _QUIET,
+    "ytick.labelcolor": _QUIET,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "path.sketch": None,
+    "savefig.bbox": "standard",
+    "svg.fonttype": "none",  # text stays text: it can be searched and selected
+    "svg.hashsalt": "frenetic",
+    "pdf.fonttype": 42,
+}
+
+
+def draw_drive(
+    road: Road,
+    drive: Drive,
+    path: Path,
+    *,
+    title: str | None = None,
+    map_size: float | None = None,
+) -> None:
+    """Write a picture of one drive to ``path``: PNG, SVG or PDF by its suffix.
+
+    From above: the lanes, the car's path coloured by oob distance, start, end, and where it left
+    the lane, again in a close-up. Underneath, along the road: oob distance, curvature and speed. A
+    drive that broke (ERROR) is shown as far as it went.
+
+    Args:
+        road: the road that was driven.
+        drive: what the simulator recorded; it is judged with its own rules.
+        path: where the picture goes; an existing file is replaced.
+        title: headline; the outcome if None.
+        map_size: m, side of the map [0, map_size]^2, whose edge is drawn where it is in sight.
+
+    Raises:
+        FreneticError: another suffix, or a file that cannot be written.
+    """
+    form = _form(path)
+    with mpl.rc_context(_STYLE):
+        seen = _look(road, drive)
+        outcome = seen.result.outcome
+        figure = _page(
+            road,
+            seen,
+            title or f"Drive: {outcome}",
+            seen.result.reason,
+            _COLOURS[outcome],
+            _facts(road, seen),
+            map_size,
+        )
+        _write(figure, path, form)
+
+
+def draw_road(
+    road: Road,
+    path: Path,
+    *,
+    title: str | None = None,
+    reason: str | None = None,
+    map_size: float | None = None,
+) -> None:
+    """Write a picture of a road that was not driven to ``path``: PNG, SVG or PDF by its suffix.
+
+    Args:
+        road: any road, also one that is INVALID.
+        path: where the picture goes; an existing file is replaced.
+        title: headline; "Road" if None.
+        reason: a sentence below it, such as why the road was refused.
+        map_size: m, side of the map [0, map_size]^2, whose edge is drawn where it is in sight.
+
+    Raises:
+        FreneticError: another suffix, or a file that cannot be written.
+    """
+    form = _form(path)
+    with mpl.rc_context(_STYLE):
+        colour = _INK if reason is None else _COLOURS[Outcome.INVALID]
+        figure = _page(road, None, title or "Road", reason or "", colour, _road_facts(road), map_size)
+        _write(figure, path, form)
+
+
+def draw_gallery(
+    items: Sequence[tuple[str, Road, Drive]], path: Path, *, title: str | None = None
+) -> None:
+    """Write a contact sheet to ``path``: many drives from above, each at its own scale.
+
+    Args:
+        items: (caption, road, drive) in reading order, 1 to 400.
+        path: where the picture goes, PNG, SVG or PDF by its suffix; an existing file is replaced.
+        title: headline; none if None.
+
+    Raises:
+        FreneticError: no items or too many, another suffix, or a file that cannot be written.
+    """
+    form = _form(path)
+    if not 1 <= len(items) <= MAX_SHEET:
+        raise FreneticError(
+            f"a contact sheet of {len(items)} drives: 1 to {MAX_SHEET} are allowed"
+        )
+    with mpl.rc_context(_STYLE):
+        _write(_sheet(items, title), path, form)
+
+
+# --- What is drawn: a drive seen from its road -----------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A drive with its verdict, cut to the records that count."""
+
+    drive: Drive
+    result: Result
+    distance: FloatArray  # (n,) m along the road
+    oob_distance: FloatArray  # (n,) m
+    xy: FloatArray  # (n, 2) m
+    heading: FloatArray  # (n,) rad
+    speed: FloatArray  # (n,) km/h
+    time: FloatArray  # (n,) s
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def _look(road: Road, drive: Drive) -> _Seen:
+    rows = drive.trajectory.to_rows()
+    odd = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if len(odd):  # a simulator that broke may leave records without meaning at the end
+        drive = replace(drive, trajectory=Trajectory.from_rows(rows[: odd[0]]))
+    t = drive.trajectory
+    seen = (
+        assess(road, drive)
+        if len(t)
+        else Assessment(0, *(np.empty(0) for _ in range(4)))  # nothing was recorded
+    )
+    n = len(seen.distance)
+    return _Seen(
+        drive=drive,
+        result=judge(road, drive),
+        distance=seen.distance,
+        oob_distance=seen.oob_distance,
+        xy=np.column_stack([t.x[:n], t.y[:n]]),
+        heading=t.heading[:n],
+        speed=t.speed[:n] * 3.6,
+        time=t.time[:n],
+    )
+
+
+@dataclass(frozen=True)
+class _Focus:
+    """The record that a picture is about."""
+
+    record: int
+    what: str  # headline of the close-up
+    label: str  # beside the mark on the road
+    colour: str
+
+
+def _focus(seen: _Seen) -> _Focus | None:
+    """The departure, else where the drive ended without passing, else the car's worst moment."""
+    if not len(seen):
+        return None
+    result, last = seen.result, len(seen) - 1
+    colour = _COLOURS[result.outcome]
+    if result.departure is not None:
+        label = f"left the lane to the {result.departure.side}"
+        return _Focus(last, "Departure", f"{label}, {seen.distance[last]:.0f} m", colour)
+    if result.outcome is Outcome.PASS:
+        worst = int(np.argmin(seen.oob_distance))
+        return _Focus(worst, "Smallest oob distance", "", colour)
+    return _Focus(last, "Where it ended", f"ended at {seen.distance[last]:.0f} m", colour)
+
+
+_Fact: TypeAlias = tuple[str, str, str]  # name, value, detail
+
+
+def _facts(road: Road, seen: _Seen) -> list[_Fact]:
+    result = seen.result
+    moobd, share, where = result.moobd, result.max_oob_share, result.moobd_distance
+    left = result.departure
+    return [
+        (
+            "MOOBD",
+            "–" if moobd is None else f"{_signed(moobd, 2)} m",
+            "" if where is None else f"at {where:.0f} m",
+        ),
+        ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
+        (
+            "Departure",
+            "none" if left is None and result.outcome.is_driven else "–" if left is None else left.side,
+            "" if left is None else f"at {left.distance:.0f} m",
+        ),
+        ("Duration", f"{result.duration:.1f} s", ""),
+        ("Top speed", f"{seen.speed.max():.0f} km/h" if len(seen) else "–", ""),
+        ("Road length", f"{road.length:.0f} m", ""),
+    ]
+
+
+def _road_facts(road: Road) -> list[_Fact]:
+    sharpest = float(np.abs(road.curvatures).max())
+    return [
+        ("Road length", f"{road.length:.0f} m", ""),
+        ("Sharpest curvature", f"{sharpest:.3f} 1/m", ""),
+        ("Smallest radius", f"{1.0 / sharpest:.1f} m" if sharpest > 1e-4 else "straight", ""),
+        ("Samples", f"{len(road.curvatures)}", f"every {road.step:g} m"),
+    ]
+
+
+def _signed(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}".replace("-", "−")
+
+
+# --- The page --------------------------------------------------------------------------------
+
+
+def _page(
+    road: Road,
+    seen: _Seen | None,
+    title: str,
+    reason: str,
+    colour: str,
+    facts: Sequence[_Fact],
+    map_size: float | None,
+) -> Figure:
+    focus = None if seen is None else _focus(seen)
+    lines = _wrapped(reason, 118, 3)
+    profiles = ["oob", "curvature", "speed"] if focus is not None else ["curvature"]
+    heights = {"oob": 1.35, "curvature": 0.85, "speed": 0.85}
+
+    turn = _best_turn(road)
+    wide = _box(road, seen, turn)
+    close_up = focus is not None
+    main_width = _INNER - (_CLOSE_UP + _GAP if close_up else 0.0)
+    main_height = float(np.clip(main_width * wide.height / wide.width, _LOWEST, _HIGHEST))
+
+    top = 0.42 + 0.42 + 0.235 * len(lines) + 0.16
+    tiles = 0.74
+    strip = 0.62
+    below = sum(heights[name] + 0.2 for name in profiles) + 0.42
+    height = top + tiles + main_height + strip + below
+    page = _Paper(Figure(figsize=(_WIDTH, height), dpi=_DPI, facecolor="white"), _WIDTH, height)
+
+    # Headline.
+    page.bar(_MARGIN, 0.42, 0.07, 0.36 + 0.235 * len(lines), colour)
+    page.text(_MARGIN + 0.2, 0.42 + 0.29, _one_line(title, 58), size=19, weight="bold")
+    for i, line in enumerate(lines):
+        page.text(_MARGIN + 0.2, 0.42 + 0.56 + 0.235 * i, line, size=11, color=_QUIET)
+    for i, (name, value, detail) in enumerate(facts):
+        x = _MARGIN + i * _INNER / 6.0
+        page.text(x, top + 0.18, name, size=8.5, color=_QUIET)
+        text = page.text(x, top + 0.45, value, size=14, weight="bold")
+        if detail:
+            text.axes_note = detail
+            page.text(x + 0.137 * len(value) + 0.06, top + 0.45, detail, size=8.5, color=_QUIET)
+
+    # From above.
+    y = top + tiles
+    view = _View.showing(wide, turn, main_width, main_height)
+    main = page.panel(_MARGIN, y, view)
+    _draw_scene(main, view, road, seen, focus, map_size)
+    if focus is not None and seen is not None:
+        x = _MARGIN + main_width + _GAP
+        _draw_close_up(page, x, y, main_height, main, view, road, seen, focus)
+    _draw_key(page, y + main_height + 0.1, view, road, seen, map_size)
+
+    # Along the road.
+    y += main_height + strip
+    for name in profiles:
+        last = name == profiles[-1]
+        axes = page.axes(_MARGIN + 0.62, y, _INNER - 0.62, heights[name])
+        _style_profile(axes, road, labelled=last)
+        if name == "curvature":
+            _draw_curvature(axes, road)
+        elif seen is not None and focus is not None:
+            if name == "oob":
+                _draw_oob_distance(axes, road, seen)
+            else:
+                _draw_speed(axes, seen)
+        if seen is not None and seen.result.departure is not None:
+            axes.axvline(seen.result.departure.distance, color=_ALARM, lw=1.0, zorder=2)
+            if name == profiles[0]:
+                _mark_departure(axes, road, seen.result.departure.distance)
+        label = {"oob": "oob distance\n(m)", "curvature": "curvature\n(1/m)", "speed": "speed\n(km/h)"}
+        page.text(
+            _MARGIN, y + heights[name] / 2.0, label[name], size=8.5, color=_QUIET,
+            va="center", linespacing=1.35,
+        )  # fmt: skip
+        y += heights[name] + 0.2
+    return page.figure
+
+
+@dataclass(frozen=True)
+class _Paper:
+    """A figure on which things are placed in inches from the upper left corner."""
+
+    figure: Any
+    width: float
+    height: float
+
+    def text(self, x: float, y: float, text: str, *, size: float, **how: Any) -> Any:
+        how.setdefault("va", "baseline")
+        return self.figure.text(
+            x / self.width, 1.0 - y / self.height, text, size=size, parse_math=False, **how
+        )
+
+    def axes(self, x: float, y: float, width: float, height: float) -> Any:
+        return self.figure.add_axes(
+            (x / self.width, 1.0 - (y + height) / self.height, width / self.width, height / self.height)
+        )
+
+    def bar(self, x: float, y: float, width: float, height: float, colour: str) -> None:
+        self.figure.add_artist(
+            Rectangle(
+                (x / self.width, 1.0 - (y + height) / self.height),
+                width / self.width,
+                height / self.height,
+                facecolor=colour,
+                edgecolor="none",
+            )
+        )
+
+    def line(self, xs: Sequence[float], ys: Sequence[float], **how: Any) -> None:
+        self.figure.add_artist(
+            Line2D([x / self.width for x in xs], [1.0 - y / self.height for y in ys], **how)
+        )
+
+    def panel(self, x: float, y: float, view: _View) -> Any:
+        """Axes whose data are points (1/72 inch) from their centre, for what a view shows."""
+        axes = self.axes(x, y, view.width / _POINT, view.height / _POINT)
+        axes.set_facecolor(_PANEL)
+        axes.set_xlim(-view.width / 2.0, view.width / 2.0)
+        axes.set_ylim(-view.height / 2.0, view.height / 2.0)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        return axes
+
+
+def _printable(text: str) -> str:
+    """``text`` on one line, without what a picture file could not hold."""
+    return "".join(c for c in " ".join(text.split()) if c.isprintable())
+
+
+def _one_line(text: str, most: int) -> str:
+    text = _printable(text)
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
+def _wrapped(text: str, width: int, most: int) -> list[str]:
+    return textwrap.wrap(_printable(text), width, max_lines=most, placeholder=" …")
+
+
+# --- The view from above ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Box:
+    """A rectangle in the turned plane, in metres."""
+
+    x: float  # of its centre
+    y: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class _View:
+    """How metres become points on paper: turned, moved, scaled."""
+
+    turn: float  # rad counter-clockwise
+    x: float  # m, turned, in the middle of the view
+    y: float
+    scale: float  # points per metre
+    width: float  # points
+    height: float  # points
+
+    @classmethod
+    def showing(cls, box: _Box, turn: float, width: float, height: float) -> _View:
+        """The view of ``width`` x ``height`` inches in which ``box`` fits."""
+        scale = _POINT * min(width / box.width, height / box.height)
+        return cls(turn, box.x, box.y, scale, width * _POINT, height * _POINT)
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """(n, 2) points on paper of (n, 2) places in m."""
+        return self.scale * (_turned(points, self.turn) - (self.x, self.y))
+
+    def zoomed(self, place: FloatArray, across: float, width: float, height: float) -> _View:
+        """The view of ``width`` x ``height`` inches, ``across`` m wide, around (2,) ``place``."""
+        ((x, y),) = _turned(place[None], self.turn)
+        return _View(self.turn, x, y, _POINT * width / across, width * _POINT, height * _POINT)
+
+
+def _turned(points: FloatArray, turn: float) -> FloatArray:
+    c, s = math.cos(turn), math.sin(turn)
+    result: FloatArray = points @ np.array([[c, s], [-s, c]])
+    return result
+
+
+def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
+    """(n, 2) m, the road's outer edges."""
+    spacing = max(spacing, road.length / _MAX_POINTS)
+    return np.vstack(
+        [road.sample(spacing, road.lane_width), road.sample(spacing, -road.lane_width)]
+    )
+
+
+def _best_turn(road: Road, *, width: float = 7.0, height: float = _HIGHEST) -> float:
+    """Angle in rad by which the map is turned on paper: 0 unless that wastes the paper.
+
+    A road that is long and narrow, upright or aslant, is laid down, driven from left to right.
+    """
+    outline = _outline(road, 4.0)
+
+    def size(turn: float) -> tuple[float, float, float]:
+        w, h = np.ptp(_turned(outline, turn), axis=0)
+        return min(width / w, height / h), w, h
+
+    scale, w, h = size(0.0)
+    best = max(np.radians(np.arange(-90.0, 90.0, 3.0)), key=lambda turn: size(turn)[0])
+    if size(best)[0] < 1.3 * scale and h < 2.2 * w:
+        return 0.0
+    if h >= 2.2 * w and size(best)[0] < 1.05 * size(math.pi / 2.0)[0]:
+        best = math.pi / 2.0
+    start, end = _turned(np.array([road.pose_at(0.0)[:2], road.pose_at(road.length)[:2]]), best)
+    return float(best) if start[0] <= end[0] else float(best) + math.pi
+
+
+def _box(road: Road, seen: _Seen | None, turn: float) -> _Box:
+    """What has to be in sight: the road and the path, unless that goes far astray."""
+    outline = _turned(_outline(road), turn)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    if seen is not None and len(seen):
+        path = np.clip(_turned(seen.xy, turn), low - 15.0, high + 15.0)
+        low, high = np.minimum(low, path.min(axis=0)), np.maximum(high, path.max(axis=0))
+    around = 4.0 + 0.03 * float((high - low).max())
+    x, y = (low + high) / 2.0
+    width, height = high - low + 2.0 * around
+    return _Box(float(x), float(y), float(width), float(height))
+
+
+@dataclass
+class _Labels:
+    """Places labels in a panel where they hide nothing and do not touch each other."""
+
+    axes: Any
+    view: _View
+    obstacles: FloatArray  # (n, 2) points on paper
+    size: float = 9.0
+    taken: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def put(self, place: FloatArray, text: str, colour: str) -> None:
+        """Write ``text`` beside (2,) ``place`` (points on paper), with a leader if need be."""
+        half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])
+        best, cheapest = place, math.inf
+        for reach in (11.0, 18.0, 28.0, 42.0, 60.0, 84.0):
+            for angle in np.arange(16) * (math.pi / 8.0):
+                direction = np.array([math.cos(angle), math.sin(angle)])
+                # From the label's edge to the place it is reach.
+                to_edge = min(h / abs(d) for h, d in zip(half, direction, strict=True) if abs(d) > 1e-9)
+                centre = place + (reach + to_edge - 4.0) * direction
+                cost = self._cost(centre, half) + 0.25 * reach
+                if cost < cheapest:
+                    best, cheapest, chosen = centre, cost, reach
+        low, high = best - half, best + half
+        self.taken.append((*low, *high))
+        if chosen > 15.0:
+            near = np.clip(place, low + 1.0, high - 1.0)
+            away = (near - place) / max(float(np.hypot(*(near - place))), 1e-9)
+            tip = place + 6.0 * away
+            self.axes.plot(
+                [tip[0], near[0]], [tip[1], near[1]], color=colour, lw=0.7, alpha=0.7, zorder=8
+            )
+        self.axes.text(
+            *best, text, size=self.size, color=colour, ha="center", va="center", weight="bold",
+            parse_math=False, zorder=9,
+        )  # fmt: skip
+
+    def _cost(self, centre: FloatArray, half: FloatArray) -> float:
+        low, high = centre - half - 2.0, centre + half + 2.0
+        frame = np.array([self.view.width, self.view.height]) / 2.0
+        outside = np.maximum(high - frame, 0.0) + np.maximum(-frame - low, 0.0)
+        hidden = ((self.obstacles > low) & (self.obstacles < high)).all(axis=1).sum()
+        touching = sum(
+            low[0] < b[2] and b[0] < high[0] and low[1] < b[3] and b[1] < high[1]
+            for b in self.taken
+        )
+        return float(100.0 * outside.sum() + 20.0 * hidden + 500.0 * touching)
+
+    def keep_clear(self, centre: FloatArray, half: float) -> None:
+        """Let no label touch the square of 2 ``half`` points around (2,) ``centre``."""
+        self.taken.append((*(centre - half), *(centre + half)))
+
+
+def _draw_scene(
+    axes: Any,
+    view: _View,
+    road: Road,
+    seen: _Seen | None,
+    focus: _Focus | None,
+    map_size: float | None,
+    *,
+    labelled: bool = True,
+) -> None:
+    """The whole road from above with the drive on it."""
+    _draw_map_edge(axes, view, map_size)
+    _draw_surface(axes, view, road)
+    if seen is not None:
+        _draw_path(axes, view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
+        if labelled:
+            _draw_cars(axes, view, seen, _some_records(seen, focus), _INK)
+    ego = road.sample(max(1.0, road.length / _MAX_POINTS), -0.5 * road.lane_width)
+    start, end = view.at(ego[[0, -1]])
+    size = 7.0 if labelled else 4.5
+    for place, marker, fill in ((start, "o", "white"), (end, "s", _INK)):
+        axes.plot(
+            *place, marker, ms=size, mfc=fill, mec=_INK, mew=1.5 if labelled else 1.1, zorder=7
+        )
+    mark = None
+    if seen is not None and focus is not None and seen.result.outcome is not Outcome.PASS:
+        mark = view.at(seen.xy[[focus.record]])[0]
+        axes.plot(
+            *mark, "o", ms=15.0 if labelled else 9.0, mfc="none", mec=focus.colour,
+            mew=1.8 if labelled else 1.4, zorder=7,
+        )  # fmt: skip
+    if not labelled:
+        return
+    across = [road.sample(max(1.0, road.length / _MAX_POINTS), d * road.lane_width) for d in (-1, -0.5, 0, 0.5, 1)]
+    labels = _Labels(axes, view, view.at(np.vstack(across)))
+    for place in (start, end):
+        labels.keep_clear(place, 5.0)
+    if focus is not None and mark is not None:
+        labels.keep_clear(mark, 9.0)
+        labels.put(mark, focus.label, focus.colour)
+    labels.put(start, "start", _INK)
+    labels.put(end, "end", _INK)
+
+
+def _draw_surface(axes: Any, view: _View, road: Road) -> None:
+    """Both lanes. They are lines as wide as they are, which no bend and no crossing can upset."""
+    lane, scale = road.lane_width, view.scale
+    spacing = max(0.5, road.length / _MAX_POINTS)
+
+    def strip(offset: float, width: float, colour: str, zorder: float, **how: Any) -> None:
+        axes.plot(
+            *view.at(road.sample(spacing, offset)).T, color=colour, lw=width, zorder=zorder,
+            solid_capstyle="butt", dash_capstyle="butt", solid_joinstyle="round", **how,
+        )  # fmt: skip
+
+    strip(0.0, 2.0 * lane * scale + 1.8, _CASING, 1.0)
+    strip(0.0, 2.0 * lane * scale, _OTHER_LANE, 1.1)
+    strip(-0.5 * lane, lane * scale, _EGO_LANE, 1.2)
+    width = max(0.9, 0.15 * scale)
+    dash = max(3.0 * scale, 3.0) / width
+    strip(0.0, width, "white", 1.3, dashes=(dash, dash))
+    _draw_arrows(axes, view, road)
+
+
+def _draw_arrows(axes: Any, view: _View, road: Road) -> None:
+    """Arrows on the ego lane that point in driving direction."""
+    size = float(np.clip(1.3 * view.scale, 3.2, 11.0))
+    apart = max(130.0 / view.scale, road.length / 40.0)
+    count = max(1, int(road.length / apart))
+    distances = (np.arange(count) + 0.5) * road.length / count
+    shape = size * np.array([[1.0, 0.0], [-0.8, 0.9], [-0.35, 0.0], [-0.8, -0.9]])
+    polygons = []
+    for s in distances:
+        x, y, heading = road.pose_at(float(s))
+        half = 0.5 * road.lane_width
+        place = np.array([[x + half * math.sin(heading), y - half * math.cos(heading)]])
+        polygons.append(view.at(place) + _turned(shape, heading + view.turn))
+    axes.add_collection(
+        PolyCollection(polygons, facecolor="white", edgecolor="none", zorder=1.4), autolim=False
+    )
+
+
+def _draw_path(axes: Any, view: _View, seen: _Seen, half: float, width: float) -> None:
+    """The path of the car's centre of mass, coloured by oob distance."""
+    if len(seen) < 2:
+        return
+    some = np.unique(np.linspace(0, len(seen) - 1, min(len(seen), _MAX_POINTS)).astype(int))
+    places = view.at(np.clip(seen.xy[some], -1e7, 1e7))
+    _add_coloured(axes, places, seen.oob_distance[some], half, width)
+
+
+def _add_coloured(axes: Any, places: FloatArray, oob: FloatArray, half: float, width: float) -> None:
+    line = LineCollection(
+        np.stack([places[:-1], places[1:]], axis=1),
+        cmap=_OOB_MAP,
+        norm=Normalize(-half, half),
+        linewidths=width,
+        capstyle="round",
+        zorder=4,
+    )
+    line.set_array(0.5 * (oob[:-1] + oob[1:]))
+    axes.add_collection(line, autolim=False)
+
+
+def _some_records(seen: _Seen, focus: _Focus | None) -> list[int]:
+    """A few records at equal times, and the one that the picture is about."""
+    chosen = set(np.linspace(0, len(seen) - 1, 8).astype(int)[1:-1].tolist()) if len(seen) else set()
+    if focus is not None:
+        # None so near to it that the boxes would overlap.
+        away = np.hypot(*(seen.xy - seen.xy[focus.record]).T)
+        chosen = {i for i in chosen if away[i] > 8.0} | {focus.record}
+    return sorted(chosen)
+
+
+def _draw_cars(axes: Any, view: _View, seen: _Seen, records: Sequence[int], colour: str, **how: Any) -> None:
+    """The boxes of the car at some records, with a line where the windscreen is."""
+    car = seen.drive.car
+    x = car.centre_ahead + car.length * np.array([-0.5, 0.5, 0.5, -0.5])
+    y = car.width * np.array([0.5, 0.5, -0.5, -0.5])
+    screen = car.centre_ahead + car.length * np.array([0.2, 0.2])
+    boxes, screens = [], []
+    for i in records:
+        boxes.append(view.at(seen.xy[i] + _turned(np.column_stack([x, y]), seen.heading[i])))
+        across = np.column_stack([screen, car.width * np.array([0.5, -0.5])])
+        screens.append(view.at(seen.xy[i] + _turned(across, seen.heading[i])))
+    look = {"facecolor": (1.0, 1.0, 1.0, 0.35), "linewidth": 0.9, "zorder": 5} | how
+    axes.add_collection(PolyCollection(boxes, edgecolor=colour, **look), autolim=False)
+    axes.add_collection(
+        LineCollection(screens, colors=colour, linewidths=look["linewidth"], zorder=look["zorder"]),
+        autolim=False,
+    )
+
+
+def _draw_map_edge(axes: Any, view: _View, map_size: float | None) -> None:
+    if map_size is None:
+        return
+    corners = map_size * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
+    axes.plot(*view.at(corners).T, color=_QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+
+
+def _draw_close_up(
+    page: _Paper,
+    x: float,
+    y: float,
+    height: float,
+    main: Any,
+    view: _View,
+    road: Road,
+    seen: _Seen,
+    focus: _Focus,
+) -> None:
+    """The place that the picture is about, large enough to see the car on the lane."""
+    across = 26.0
+    near = view.zoomed(np.clip(seen.xy[focus.record], -1e6, 1e6), across, _CLOSE_UP, height)
+    panel = page.panel(x, y, near)
+    _draw_surface(panel, near, road)
+    _draw_path(panel, near, seen, 0.5 * road.lane_width, 4.0)
+    # Boxes one car apart, back and forth from the one that matters.
+    away = np.abs(seen.distance - seen.distance[focus.record])
+    step = 1.35 * seen.drive.car.length
+    chosen = []
+    for direction in (-1, 1):
+        i, due = focus.record, step
+        while 0 <= i < len(seen) and away[i] < 2.0 * across:
+            if away[i] >= due:
+                chosen.append(i)
+                due = away[i] + step
+            i += direction
+    _draw_cars(panel, near, seen, chosen, _INK)
+    _draw_cars(
+        panel, near, seen, [focus.record], focus.colour,
+        linewidth=1.8, zorder=6, facecolor=(*mpl.colors.to_rgb(focus.colour), 0.22),
+    )  # fmt: skip
+    panel.plot(*near.at(seen.xy[[focus.record]])[0], "o", ms=4.5, color=focus.colour, zorder=7)
+    page.text(
+        x + 0.12, y + 0.24, focus.what, size=9.5, weight="bold", color=focus.colour,
+        bbox={"facecolor": _PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
+    )  # fmt: skip
+    _draw_scale(page, x + 0.12, y + height - 0.14, near, 5.0, boxed=True)
+    if near.scale > 2.0 * view.scale:
+        ((cx, cy),) = view.at(np.clip(seen.xy[[focus.record]], -1e6, 1e6))
+        w, h = (length * view.scale / near.scale for length in (near.width, near.height))
+        main.add_patch(
+            Rectangle(
+                (cx - w / 2.0, cy - h / 2.0), w, h, fill=False, ec=_QUIET, lw=0.8, alpha=0.7, zorder=6
+            )
+        )
+
+
+def _draw_key(
+    page: _Paper, y: float, view: _View, road: Road, seen: _Seen | None, map_size: float | None
+) -> None:
+    """Below the view: scale, axes of the map, and what the colours mean."""
+    metres = 10.0 ** math.floor(math.log10(130.0 / view.scale))
+    metres *= max(k for k in (1, 2, 5) if k * metres * view.scale <= 130.0)
+    x = _MARGIN
+    _draw_scale(page, x, y + 0.18, view, metres)
+    x += metres * view.scale / _POINT + 0.85
+    for name, angle in (("x", view.turn), ("y", view.turn + math.pi / 2.0)):
+        dx, dy = 0.17 * math.cos(angle), -0.17 * math.sin(angle)
+        page.figure.patches.append
+        page.line([x, x + dx], [y + 0.14, y + 0.14 + dy], color=_QUIET, lw=1.1)
+        page.text(
+            x + 1.55 * dx, y + 0.14 + 1.55 * dy, name, size=8, color=_QUIET, ha="center", va="center"
+        )
+    if map_size is not None:
+        x += 0.65
+        page.line([x, x + 0.36], [y + 0.13, y + 0.13], color=_QUIET, lw=1.0, dashes=(5.0, 3.0))
+        page.text(x + 0.45, y + 0.17, "edge of the map", size=8.5, color=_QUIET)
+    if seen is not None and len(seen):
+        width = 3.2
+        bar = page.axes(_WIDTH - _MARGIN - width, y + 0.04, width, 0.11)
+        half = 0.5 * road.lane_width
+        _colour_bar(bar, half)
+        page.text(
+            _WIDTH - _MARGIN - width - 0.15, y + 0.14, "oob distance (m)", size=8.5, color=_QUIET, ha="right"
+        )
+
+
+def _colour_bar(axes: Any, half: float) -> None:
+    axes.figure.colorbar(
+        ScalarMappable(Normalize(-half, half), _OOB_MAP),
+        cax=axes,
+        orientation="horizontal",
+        extend="min",
+        extendfrac=0.04,
+        ticks=np.array([-1.0, -0.5, 0.0, 0.5, 1.0]) * half,
+    )
+    axes.tick_params(length=0.0, pad=3.0)
+    names = {-1.0: "outside", 0.0: "lane edge", 1.0: "lane centre"}
+    axes.set_xticklabels(
+        [
+            f"{_signed(k * half, 1).removesuffix('.0')}" + (f" {names[k]}" if k in names else "")
+            for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
+        ]
+    )
+    axes.figure.axes[-1].spines[:].set_visible(False)
+
+
+def _draw_scale(
+    page: _Paper, x: float, y: float, view: _View, metres: float, *, boxed: bool = False
+) -> None:
+    length = metres * view.scale / _POINT
+    page.line([x, x, x + length, x + length], [y - 0.06, y, y, y - 0.06], color=_QUIET, lw=1.2)
+    page.text(x + length + 0.08, y, f"{metres:g} m", size=8.5, color=_QUIET)
+
+
+# --- Along the road --------------------------------------------------------------------------
+
+
+def _style_profile(axes: Any, road: Road, *, labelled: bool) -> None:
+    axes.set_xlim(0.0, road.length)
+    for side in ("top", "right", "left"):
+        axes.spines[side].set_visible(False)
+    axes.tick_params(length=0.0, labelbottom=labelled)
+    axes.grid(True, color="#e8ebef", lw=0.7)
+    axes.set_axisbelow(True)
+    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 2.5, 5, 10]))
+    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+    if labelled:
+        axes.set_xlabel("distance along the road (m)", size=8.5)
+
+
+def _draw_oob_distance(axes: Any, road: Road, seen: _Seen) -> None:
+    half = 0.5 * road.lane_width
+    least = int(np.argmin(seen.oob_distance))
+    value = max(float(seen.oob_distance[least]), -3.0 * half)
+    low = min(-0.6 * half, value - 0.65 * half)
+    axes.set_ylim(low, 1.12 * half)
+    axes.axhspan(low, 0.0, color="#fbeeee", zorder=0.2, lw=0.0)
+    axes.axhline(0.0, color=_ALARM, lw=0.8, alpha=0.6, zorder=1.5)
+    axes.set_yticks([k * half for k in (-1.0, 0.0, 1.0) if k * half > low])
+    some = np.unique(np.linspace(0, len(seen) - 1, min(len(seen), _MAX_POINTS)).astype(int))
+    places = np.column_stack([seen.distance[some], seen.oob_distance[some]])
+    _add_coloured(axes, places, seen.oob_distance[some], half, 2.2)
+    if seen.result.moobd is None:
+        return
+    where = float(seen.distance[least])
+    axes.plot(where, value, "o", ms=6.0, mfc="white", mec=_INK, mew=1.4, zorder=6, clip_on=False)
+    share = where / road.length
+    axes.annotate(
+        f"MOOBD {_signed(float(seen.oob_distance[least]), 2)} m",
+        (where, value),
+        (0.0, -7.0),
+        textcoords="offset points",
+        ha="left" if share < 0.06 else "right" if share > 0.94 else "center",
+        va="top",
+        size=8.5,
+        weight="bold",
+        zorder=6,
+    )
+
+
+def _mark_departure(axes: Any, road: Road, distance: float) -> None:
+    right = distance > 0.85 * road.length
+    axes.annotate(
+        "departure",
+        (distance, 1.0),
+        (-5.0 if right else 5.0, -3.0),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        ha="right" if right else "left",
+        va="top",
+        size=8.5,
+        weight="bold",
+        color=_ALARM,
+        zorder=6,
+    )
+
+
+def _draw_curvature(axes: Any, road: Road) -> None:
+    places = np.arange(len(road.curvatures)) * road.step
+    reach = max(0.01, 1.25 * float(np.abs(road.curvatures).max()))
+    axes.set_ylim(-reach, reach)
+    axes.fill_between(places, road.curvatures, color=_EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
+    axes.axhline(0.0, color=_FAINT, lw=0.8, zorder=1.3)
+    axes.plot(places, road.curvatures, color="#48678a", lw=1.4, zorder=3)
+    for y, text, va in ((0.95, "left", "top"), (0.05, "right", "bottom")):
+        axes.text(
+            1.004, y, text, transform=axes.transAxes, size=7.5, color=_QUIET, va=va, ha="left"
+        )
+
+
+def _draw_speed(axes: Any, seen: _Seen) -> None:
+    limit = seen.drive.rules.speed_limit
+    axes.set_ylim(min(0.0, float(seen.speed.min())), 1.15 * max(limit, float(seen.speed.max())))
+    axes.axhline(limit, color=_QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
+    axes.annotate(
+        "limit", (1.004, limit), xycoords=("axes fraction", "data"), size=7.5, color=_QUIET, va="center"
+    )
+    axes.plot(seen.distance, seen.speed, color="#48678a", lw=1.4, zorder=3)
+
+
+# --- The contact sheet -----------------------------------------------------------------------
+
+
+def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figure:
+    columns = int(np.clip(math.ceil(math.sqrt(1.2 * len(items))), 1, 8))
+    columns = max(columns, min(len(items), 3))
+    rows = math.ceil(len(items) / columns)
+    cell = (_INNER - 0.2 * (columns - 1)) / columns if columns > 1 else 5.0
+    caption = 0.52
+    top = 1.1 if title else 0.65
+    height = top + rows * (cell * 0.9 + caption) + 0.25
+    page = _Paper(Figure(figsize=(_WIDTH, height), dpi=_DPI, facecolor="white"), _WIDTH, height)
+    if title:
+        page.text(_MARGIN, 0.68, _one_line(title, 60), size=19, weight="bold")
+    bar = page.axes(_WIDTH - _MARGIN - 3.2, top - 0.45, 3.2, 0.11)
+    _colour_bar(bar, 0.5 * items[0][1].lane_width)
+    page.text(
+        _WIDTH - _MARGIN - 3.35, top - 0.35, "oob distance (m)", size=8.5, color=_QUIET, ha="right"
+    )
+    letters = int(cell / 0.088)
+    for k, (text, road, drive) in enumerate(items):
+        row, column = divmod(k, columns)
+        x = _MARGIN + column * (cell + 0.2)
+        y = top + row * (cell * 0.9 + caption)
+        seen = _look(road, drive)
+        turn = _best_turn(road, width=1.0, height=0.9)
+        view = _View.showing(_box(road, seen, turn), turn, cell, cell * 0.9)
+        _draw_scene(page.panel(x, y, view), view, road, seen, _focus(seen), None, labelled=False)
+        page.text(x, y + cell * 0.9 + 0.17, _one_line(text, letters), size=9, weight="bold")
+        page.text(x, y + cell * 0.9 + 0.33, _sheet_line(road, seen), size=8, color=_QUIET)
+    return page.figure
+
+
+def _sheet_line(road: Road, seen: _Seen) -> str:
+    result = seen.result
+    if result.moobd is None:
+        return f"{result.outcome}, {road.length:.0f} m"
+    return f"{road.length:.0f} m, MOOBD {_signed(result.moobd, 2)} m"
+
+
+# --- The file --------------------------------------------------------------------------------
+
+
+def _form(path: Path) -> str:
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        allowed = ", ".join(SUFFIXES[:-1]) + f" or {SUFFIXES[-1]}"
+        raise FreneticError(f"cannot draw {path}: a picture's name must end with {allowed}")
+    return suffix[1:]
+
+
+def _write(figure: Any, path: Path, form: str) -> None:
+    """Draw first, then write beside ``path`` and rename, so that no half picture is ever seen."""
+    FigureCanvasAgg(figure)
+    undated = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    drawn = BytesIO()
+    with warnings.catch_warnings():
+        # A title may be in letters that the font lacks; a box in their place is good enough.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure.savefig(drawn, format=form, dpi=_DPI, metadata=undated[form])
+    path = Path(path)
+    unfinished = path.with_name(f".{path.stem[:80]}-{os.getpid()}.unfinished")
+    try:
+        unfinished.write_bytes(drawn.getvalue())
+        unfinished.replace(path)
+    except OSError as error:
+        raise FreneticError(
+            f"cannot write the picture {path}: {error.strerror or error}"
+        ) from error
+    finally:
+        with suppress(OSError):
+            unfinished.unlink(missing_ok=True)

@@ -1,0 +1,144 @@
+"""Roads in JSON files: curvatures, road points, or a test file of the competition."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.errors import RoadError
+from frenetic.road.road import MAP_SIZE, MAX_SAMPLES, START, Pose, Road
+from frenetic.road.validity import Verdict, check_validity
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+MAX_BYTES: Final = 64 * 2**20
+"""Largest road file that is read; test files of the competition carry long records."""
+
+
+@dataclass(frozen=True)
+class RoadFile:
+    """What a file says about a road: its curvatures, or its points, as they were given."""
+
+    path: Path
+    curvatures: object | None
+    step: object
+    pose: Pose | None
+    road_points: object | None
+    lane_width: object
+
+    def road(self) -> Road:
+        """The road; one given by points stays where they are.
+
+        Raises:
+            RoadError: the values are no road; the message names the file.
+        """
+        try:
+            if self.curvatures is not None:
+                return Road(
+                    self.curvatures,  # type: ignore[arg-type]
+                    self.step,  # type: ignore[arg-type]
+                    self.pose or START,
+                    lane_width=self.lane_width,  # type: ignore[arg-type]
+                )
+            return Road.from_points(
+                self.road_points,  # type: ignore[arg-type]
+                lane_width=self.lane_width,  # type: ignore[arg-type]
+            )
+        except RoadError as error:
+            raise RoadError(f"{self.path}: {error}") from None
+
+    def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:
+        """The competition's verdict: on points where they are, on curvatures fitted to the map.
+
+        Raises:
+            RoadError: the values are no road; the message names the file.
+        """
+        if self.curvatures is None:
+            try:
+                return check_validity(self.road_points, map_size)  # type: ignore[arg-type]
+            except RoadError as error:
+                raise RoadError(f"{self.path}: {error}") from None
+        fitted = self.road().fitted(map_size)
+        if fitted is None:
+            return Verdict(False, f"The road does not fit the map of {map_size:g} m")
+        return fitted.check_validity(map_size)
+
+
+def read_road(path: Path | str) -> RoadFile:
+    """Reads a road from a JSON file.
+
+    The file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
+    ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] in
+    m each), which a test file of the competition is; or just a list of points.
+
+    Raises:
+        RoadError: the file is missing, unreadable, too large, no JSON, or holds no road.
+    """
+    path = Path(path)
+    content = _load(path)
+    if isinstance(content, list):
+        content = {"road_points": content}
+    if not isinstance(content, Mapping):
+        raise RoadError(
+            f"{path} holds {type(content).__name__}: an object with curvatures or road_points,"
+            " or a list of points, is needed"
+        )
+    curvatures, points = content.get("curvatures"), content.get("road_points")
+    if curvatures is None and points is None:
+        keys = ", ".join(sorted(map(str, content))[:8]) or "nothing"
+        raise RoadError(f"{path} has neither 'curvatures' nor 'road_points', but {keys}")
+    if curvatures is not None and not _is_list_of_numbers(curvatures):
+        raise RoadError(f"{path}: 'curvatures' is not a list of numbers")
+    return RoadFile(
+        path,
+        curvatures,
+        content.get("step", 10.0),
+        _pose(path, content.get("pose")),
+        points,
+        content.get("lane_width", 4.0),
+    )
+
+
+def _load(path: Path) -> Any:
+    try:
+        if path.is_dir():
+            raise RoadError(f"{path} is a folder: a JSON file is needed")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise RoadError(f"{path} has {size} bytes: at most {MAX_BYTES} are read")
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise RoadError(f"there is no file {path}") from None
+    except OSError as error:
+        raise RoadError(f"{path} cannot be read: {error.strerror or error}") from None
+    except UnicodeDecodeError:
+        raise RoadError(f"{path} is not a text file: JSON in UTF-8 is needed") from None
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise RoadError(
+            f"{path} is not JSON: {error.msg} in line {error.lineno}, column {error.colno}"
+        ) from None
+    except (RecursionError, ValueError):
+        raise RoadError(f"{path} is not JSON that can be read: nested too deeply") from None
+
+
+def _is_list_of_numbers(values: object) -> bool:
+    """Whether it is a list of numbers; only as many are looked at as a road may have."""
+    return isinstance(values, list) and all(
+        isinstance(v, (int, float)) and not isinstance(v, bool) for v in values[: MAX_SAMPLES + 1]
+    )
+
+
+def _pose(path: Path, value: object) -> Pose | None:
+    if value is None:
+        return None
+    if not (isinstance(value, list) and len(value) == 3 and _is_list_of_numbers(value)):
+        raise RoadError(f"{path}: 'pose' has to be [x, y, heading] in m, m and rad")
+    return Pose(*(float(v) for v in value))

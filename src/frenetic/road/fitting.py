@@ -1,0 +1,209 @@
+"""Moving a road into the map: the smallest square that a turned road needs is found exactly.
+
+A road fits the map if some rotation makes its bounding box no wider and no higher than the room
+between the margins. Turned by theta, the box is as wide as the turned convex hull:
+
+    width(theta)  = x cos(theta) - y sin(theta)     (x, y) from the hull's leftmost corner
+                                                    to its rightmost one
+    height(theta) = x sin(theta) + y cos(theta)     (x, y) from its lowest to its highest
+
+These corners change only where an edge of the hull comes to lie along an axis. Between two such
+angles, width and height are one arc of a sinusoid each, and concave, for they are positive. So the
+larger of them is smallest at one of the ends, or where the two are equal. That leaves a few angles
+for every corner of the hull; a quarter turn exchanges width and height, and that is all there is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from frenetic.errors import RoadError
+from frenetic.road.validity import as_points
+
+__all__ = ["RigidMotion", "fit_to_map"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+_QUARTER: Final = math.pi / 2  # [rad]
+
+
+@dataclass(frozen=True)
+class RigidMotion:
+    """A rotation about the origin, then a translation: distances and curvatures stay."""
+
+    rotation: float
+    """rad, counter-clockwise, applied first."""
+    dx: float
+    """m"""
+    dy: float
+    """m"""
+
+    def apply(self, points: npt.ArrayLike) -> FloatArray:
+        """Return the moved points, (N, 2) in m."""
+        array = as_points(points)
+        c, s = math.cos(self.rotation), math.sin(self.rotation)
+        moved = np.empty_like(array)
+        moved[:, 0] = c * array[:, 0] - s * array[:, 1] + self.dx
+        moved[:, 1] = s * array[:, 0] + c * array[:, 1] + self.dy
+        return moved
+
+
+def fit_to_map(
+    points: npt.ArrayLike, map_size: float = 200.0, margin: float = 10.0
+) -> RigidMotion | None:
+    """Return how to move a road so that it lies in the map, None if it fits in no pose.
+
+    A road within the margins stays where it is. One that fits without turning is centred in the
+    map; so is one that must be turned, by the angle in (-45, 45] degrees at which its bounding box
+    needs the smallest square. Wherever the road came from, it thus ends up in the same place.
+    Turned or not, it is within the margins up to rounding.
+
+    Takes O(N log N) time.
+
+    Args:
+        points: (N, 2) the road's centre line in m, dense enough to stand for the curve (2 m).
+        map_size: The map is the square [0, map_size]^2, in m.
+        margin: Distance in m that the centre line keeps from the map's border: half the road's
+            width and some more.
+
+    Raises:
+        RoadError: There are no points, they are not finite pairs of numbers, the map has no size or
+            the margin is negative.
+    """
+    if not 0.0 < map_size < math.inf:
+        raise RoadError(f"map_size is {map_size!r}, but must be a positive number of metres")
+    if not 0.0 <= margin < math.inf:
+        raise RoadError(f"margin is {margin!r}, but must be a number of metres, at least 0")
+    line = as_points(points)
+    if len(line) == 0:
+        raise RoadError("there are no points to fit to the map; a road has at least one")
+    low_x, low_y, high_x, high_y = _box(line)
+    if not (high_x - low_x < math.inf and high_y - low_y < math.inf):
+        raise RoadError(
+            "road points must be finite numbers of metres, but some are NaN or infinite"
+        )
+
+    room = map_size - 2.0 * margin
+    if room <= 0.0:
+        return None
+    if margin <= min(low_x, low_y) and max(high_x, high_y) <= map_size - margin:
+        return RigidMotion(0.0, 0.0, 0.0)
+    rotation = 0.0
+    if max(high_x - low_x, high_y - low_y) > room:
+        hull = _convex_hull(line[np.lexsort((line[:, 1], line[:, 0]))])
+        rotation, size = _smallest_square(hull)
+        if size > room:
+            return None
+        low_x, low_y, high_x, high_y = _box(RigidMotion(rotation, 0.0, 0.0).apply(hull))
+    centre = map_size / 2.0
+    return RigidMotion(rotation, centre - (low_x + high_x) / 2.0, centre - (low_y + high_y) / 2.0)
+
+
+@njit(cache=True)
+def _box(points: FloatArray) -> tuple[float, float, float, float]:
+    """Return low x, low y, high x, high y; NaN if any coordinate is."""
+    low_x = high_x = points[0, 0]
+    low_y = high_y = points[0, 1]
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        if math.isnan(x) or math.isnan(y):
+            return math.nan, math.nan, math.nan, math.nan
+        low_x = min(low_x, x)
+        low_y = min(low_y, y)
+        high_x = max(high_x, x)
+        high_y = max(high_y, y)
+    return low_x, low_y, high_x, high_y
+
+
+@njit(cache=True)
+def _convex_hull(points: FloatArray) -> FloatArray:
+    """Return the corners of the convex hull, (H, 2), counter-clockwise (Andrew's chain).
+
+    Args:
+        points: (N, 2), ordered by x, then y. The hull of collinear points is the two ends.
+    """
+    n = len(points)
+    hull = np.empty((2 * n, 2))
+    size = 0
+    # The lower side from left to right, then the upper side back.
+    for side in range(2):
+        first = size
+        for k in range(n):
+            row = k if side == 0 else n - 1 - k
+            x, y = points[row, 0], points[row, 1]
+            while size >= first + 2 and not (
+                (hull[size - 1, 0] - hull[size - 2, 0]) * (y - hull[size - 2, 1])
+                > (hull[size - 1, 1] - hull[size - 2, 1]) * (x - hull[size - 2, 0])
+            ):
+                size -= 1
+            if size == first or x != hull[size - 1, 0] or y != hull[size - 1, 1]:
+                hull[size, 0] = x
+                hull[size, 1] = y
+                size += 1
+        size -= 1  # each side ends where the other begins
+    return hull[: max(size, 1)].copy()
+
+
+@njit(cache=True)
+def _smallest_square(hull: FloatArray) -> tuple[float, float]:
+    """Return the rotation in (-45, 45] degrees, in rad, that needs the smallest square; its side.
+
+    Args:
+        hull: (H, 2) corners of a convex polygon, counter-clockwise, in m.
+    """
+    n = len(hull)
+    bounds = np.empty(n + 1)  # [rad] rotations that lay an edge along an axis
+    for k in range(n):
+        dx = hull[(k + 1) % n, 0] - hull[k, 0]
+        dy = hull[(k + 1) % n, 1] - hull[k, 1]
+        bounds[k] = -math.atan2(dy, dx) % _QUARTER
+    bounds[:n].sort()
+    bounds[n] = bounds[0] + _QUARTER
+
+    best = 0.0
+    smallest = math.inf
+    right = top = left = bottom = 0
+    for k in range(n):
+        begin, end = bounds[k], bounds[k + 1]
+        # The extreme corners are the same on the whole interval; its middle tells them best.
+        c, s = math.cos((begin + end) / 2.0), math.sin((begin + end) / 2.0)
+        right = _farthest(hull, c, -s, right)
+        top = _farthest(hull, s, c, top)
+        left = _farthest(hull, -c, s, left)
+        bottom = _farthest(hull, -s, -c, bottom)
+        wx = hull[right, 0] - hull[left, 0]
+        wy = hull[right, 1] - hull[left, 1]
+        hx = hull[top, 0] - hull[bottom, 0]
+        hy = hull[top, 1] - hull[bottom, 1]
+        # width = height where (wx - hy) cos = (wy + hx) sin: once in every half turn.
+        equal = begin + (math.atan2(wx - hy, wy + hx) - begin) % math.pi
+        for angle in (begin, min(equal, end), end):
+            c, s = math.cos(angle), math.sin(angle)
+            size = max(wx * c - wy * s, hx * s + hy * c)
+            if size < smallest:
+                smallest = size
+                best = angle
+    best %= _QUARTER
+    return (best if best <= _QUARTER / 2.0 else best - _QUARTER), smallest
+
+
+@njit(cache=True)
+def _farthest(hull: FloatArray, x: float, y: float, start: int) -> int:
+    """Return the corner farthest in the direction (x, y), climbing along the hull from `start`."""
+    n = len(hull)
+    here = start
+    for step in (1, n - 1):
+        while True:
+            there = (here + step) % n
+            dx = hull[there, 0] - hull[here, 0]
+            dy = hull[there, 1] - hull[here, 1]
+            if dx * x + dy * y <= 0.0:
+                break
+            here = there
+    return here

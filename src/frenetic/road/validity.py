@@ -1,0 +1,632 @@
+"""Whether a list of road points is a road test, as the competition decides it.
+
+The rules are the competition's; the method is ours. Its road is a chain of quadrilaterals between
+the edges of consecutive interpolated points:
+
+    left[i]   o-----------o left[i + 1]
+              |           |                quad i
+    node[i]   +           +                = left[i], left[i + 1], right[i + 1], right[i]
+              |           |
+    right[i]  o-----------o right[i + 1]
+              line i      line i + 1       line i runs from left[i] to right[i]
+
+"Ahead" of line i is the side to which the road leads there. Where every quad lies ahead of its
+first line and behind its second, all quads are convex and neighbours meet in their common line
+only; and quad j, coming later, keeps clear of quad i when all of it lies ahead of line i + 1. These
+tests settle nearly every pair of an ordinary road. The few others are compared edge by edge, with
+orientations whose sign is certain, and pairs too far apart to meet are skipped by the stretch that
+the road needs to come back.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from frenetic.errors import RoadError
+
+__all__ = ["Verdict", "check_validity", "interpolate", "min_radius"]
+
+FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+_MAX_POINTS: Final = 500
+_NODE_DISTANCE: Final = 1.0  # [m] along the polyline of the road points
+_MIN_STEPS: Final = 20
+_HALF_WIDTH: Final = 4.0  # [m]
+_MIN_LENGTH: Final = 20.0  # [m]
+_MIN_RADIUS: Final = 47.0  # [ft]
+_FEET_PER_METRE: Final = 3.280839895
+_STRAIGHT: Final = 1e-6  # [m2] less than this, and three points count as collinear
+_CLEAR: Final = 1e-6  # [m2] more than what rounding can do to the product of two road widths
+_FINITE_ONLY: Final = "road points must be finite numbers of metres, but some are NaN or infinite"
+_LONGEST: Final = 1e6  # [m] what `interpolate` accepts, since it makes a node for every metre
+
+# What the kernels answer; also the index of the verdict in _VERDICTS.
+_VALID: Final = 0
+_TOO_FEW: Final = 1
+_TOO_MANY: Final = 2
+_REPEATED: Final = 3
+_OUTSIDE: Final = 4
+_SELF_INTERSECTING: Final = 5
+_TOO_SHORT: Final = 6
+_TOO_SHARP: Final = 7
+_NOT_FINITE: Final = 8
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a road is valid, and if not, why; true in a condition when it is."""
+
+    valid: bool
+    message: str
+    """The first rule that the road breaks, in the competition's words; empty when valid."""
+
+    def __bool__(self) -> bool:
+        return self.valid
+
+
+_VERDICTS: Final = (
+    Verdict(True, ""),
+    Verdict(False, "Not enough road points."),
+    Verdict(False, "The road definition contains too many points"),
+    Verdict(False, "Two consecutive road points are the same"),
+    Verdict(False, "Not entirely inside the map boundaries"),
+    Verdict(False, "The road is self-intersecting"),
+    Verdict(False, "The road is not long enough."),
+    Verdict(False, "The road is too sharp"),
+)
+
+
+def check_validity(points: npt.ArrayLike, map_size: float = 200.0) -> Verdict:
+    """Return the competition's verdict on a road; the message names the first rule it breaks.
+
+    In this order: 2 to 500 points, no two consecutive ones the same; the 8 m wide road around the
+    interpolated points (see `interpolate`) strictly inside the map; no quadrilateral of that road
+    twisted, meeting one that is not its neighbour, or sharing more than an edge with its
+    neighbour; more than 20 m long; nowhere sharper than a radius of 47 ft (see `min_radius`).
+
+    Two cases are ours, because the competition's code breaks on them: it crashes on consecutive
+    points that are the same (here: invalid, with a message of its own), and it takes a perfectly
+    straight road for infinitely sharp (here: it passes).
+
+    Args:
+        points: (N, 2) road points x, y in m.
+        map_size: The map is the square [0, map_size]^2, in m.
+
+    Raises:
+        RoadError: The points are not N finite pairs of numbers, or the map has no size.
+    """
+    if not 0.0 < map_size < math.inf:
+        raise RoadError(f"map_size is {map_size!r}, but must be a positive number of metres")
+    code = _check(as_points(points), float(map_size))
+    if code == _NOT_FINITE:
+        raise RoadError(_FINITE_ONLY)
+    return _VERDICTS[code]
+
+
+def interpolate(points: npt.ArrayLike) -> FloatArray:
+    """Return the nodes, (M, 2) in m, from which the competition builds the road.
+
+    An interpolating spline through the points (degree 1 for two points, 2 for three, otherwise 3,
+    not-a-knot), parametrised by the share u of the polyline's length, is evaluated at
+    n = max(20, floor(length / 1 m)) equal steps of u and rounded to the millimetre. M is n + 1.
+    For some n, M is n + 2: the competition's steps are ``numpy.arange(0, 1 + 1 / n, 1 / n)``, whose
+    rounding lets in another one, beyond the last road point.
+
+    Args:
+        points: (N, 2) road points x, y in m, at least two.
+
+    Raises:
+        RoadError: The points are not finite pairs of numbers, fewer than two, more than 1000 km of
+            road, or two consecutive ones are the same.
+    """
+    road_points = as_points(points)
+    if len(road_points) < 2:
+        raise RoadError(f"a road needs at least 2 points, but there are {len(road_points)}")
+    if not np.isfinite(road_points).all():
+        raise RoadError(_FINITE_ONLY)
+    parameters, length = _chord_parameters(road_points)
+    if not length <= _LONGEST:
+        raise RoadError(
+            f"the road is {length:.6g} m long, but at most {_LONGEST:.0f} m are allowed"
+        )
+    if not _increasing(parameters):
+        raise RoadError("two consecutive road points are the same; a road moves on at every point")
+    nodes: FloatArray = _nodes(road_points, parameters, length)
+    return nodes
+
+
+def min_radius(interpolated: npt.ArrayLike) -> float:
+    """Return the radius in m at the sharpest place of a road, infinity if it is straight.
+
+    That is the smallest circle through the points i, i + 2 and i + 4, for i = 0 .. M - 6 (the
+    competition leaves out the last such triple).
+
+    Args:
+        interpolated: (M, 2) points in m about 1 m apart, as `interpolate` returns them.
+
+    Raises:
+        RoadError: The points are not finite pairs of numbers.
+    """
+    nodes = as_points(interpolated)
+    if not np.isfinite(nodes).all():
+        raise RoadError(_FINITE_ONLY)
+    return float(_min_radius(nodes))
+
+
+def as_points(points: npt.ArrayLike) -> FloatArray:
+    """Return a fresh (N, 2) array in C order: the one type for which the kernels are compiled.
+
+    Raises:
+        RoadError: The points are not N pairs of numbers. (NaN is a number here.)
+    """
+    try:
+        array = np.asarray(points)
+    except ValueError:
+        raise RoadError("road points must be pairs x, y of numbers, all of them pairs") from None
+    if array.ndim != 2 or array.shape[1] != 2:
+        if array.shape == (0,):
+            return np.empty((0, 2))
+        raise RoadError(
+            f"road points must be an array with shape (N, 2), x and y in metres, "
+            f"but it has shape {array.shape}"
+        )
+    if array.dtype.kind not in "fiu":
+        raise RoadError(f"road points must be numbers, but they are of type {array.dtype}")
+    return array.astype(np.float64, order="C")
+
+
+# --- the rules ---------------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def _check(points: FloatArray, map_size: float) -> int:
+    """Return the code of the first rule that is broken, _VALID if none is."""
+    if not np.isfinite(points).all():
+        return _NOT_FINITE
+    if len(points) < 2:
+        return _TOO_FEW
+    if len(points) > _MAX_POINTS:
+        return _TOO_MANY
+    parameters, length = _chord_parameters(points)
+    if not _increasing(parameters):
+        # A length that overflows says nothing of the points, but that the road leaves any map.
+        return _REPEATED if length < math.inf else _OUTSIDE
+    # No polyline of so few points inside the map is longer than 499 diagonals of it.
+    if length > 1000.0 * map_size:
+        return _OUTSIDE
+
+    nodes = _nodes(points, parameters, length)
+    left, right, moves = _edges(nodes)
+    if not (_inside(nodes, map_size) and _inside(left, map_size) and _inside(right, map_size)):
+        return _OUTSIDE
+    if not moves or _overlaps_itself(left, right):
+        return _SELF_INTERSECTING
+    if _length(nodes) <= _MIN_LENGTH:
+        return _TOO_SHORT
+    if _min_radius(nodes) * _FEET_PER_METRE < _MIN_RADIUS:
+        return _TOO_SHARP
+    return _VALID
+
+
+@njit(cache=True)
+def _inside(points: FloatArray, map_size: float) -> bool:
+    for i in range(len(points)):
+        if not (0.0 < points[i, 0] < map_size and 0.0 < points[i, 1] < map_size):
+            return False
+    return True
+
+
+@njit(cache=True)
+def _length(points: FloatArray) -> float:
+    total = 0.0
+    for i in range(len(points) - 1):
+        dx = points[i + 1, 0] - points[i, 0]
+        dy = points[i + 1, 1] - points[i, 1]
+        total += math.sqrt(dx * dx + dy * dy)
+    return total
+
+
+@njit(cache=True)
+def _min_radius(points: FloatArray) -> float:
+    smallest = math.inf  # the square of the radius
+    for i in range(len(points) - 5):
+        ax = points[i + 2, 0] - points[i, 0]
+        ay = points[i + 2, 1] - points[i, 1]
+        bx = points[i + 4, 0] - points[i + 2, 0]
+        by = points[i + 4, 1] - points[i + 2, 1]
+        cross = ax * by - bx * ay  # [m2] twice the triangle's area
+        if abs(cross) < _STRAIGHT:
+            continue
+        # The circumradius is the product of the sides over four times the area.
+        sides = (ax * ax + ay * ay) * (bx * bx + by * by) * ((ax + bx) ** 2 + (ay + by) ** 2)
+        smallest = min(smallest, sides / (4.0 * cross * cross))
+    return math.sqrt(smallest)
+
+
+# --- interpolation -----------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def _chord_parameters(points: FloatArray) -> tuple[FloatArray, float]:
+    """Return each point's share of the polyline's length, (N,) in 0..1, and that length in m."""
+    parameters = np.zeros(len(points))
+    for i in range(len(points) - 1):
+        dx = points[i + 1, 0] - points[i, 0]
+        dy = points[i + 1, 1] - points[i, 1]
+        parameters[i + 1] = parameters[i] + math.sqrt(dx * dx + dy * dy)
+    length = parameters[-1]
+    if length > 0.0:
+        parameters /= length
+    return parameters, length
+
+
+@njit(cache=True)
+def _increasing(parameters: FloatArray) -> bool:
+    return bool((np.diff(parameters) > 0.0).all())
+
+
+@njit(cache=True)
+def _nodes(points: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
+    """Return the interpolated points, (M, 2) in m, rounded to the millimetre."""
+    step = 1.0 / max(_MIN_STEPS, int(length / _NODE_DISTANCE))
+    # numpy.arange(0, 1 + step, step) has this many values, and i * step is one of them.
+    nodes = np.empty((math.ceil((1.0 + step) / step), 2))
+
+    # On segment j: x(u) = x_j + t (m_j + t (c_j + t d_j)) with t = u - u_j. The first two segments
+    # have their polynomial in common, and so have the last two (not-a-knot): there the longer one
+    # is used. A tiny one has few digits of c and d, too few to go on beyond the last point.
+    gaps = np.diff(parameters)
+    last = len(gaps) - 1
+    first_choice = 1 if last > 0 and gaps[1] > gaps[0] else 0
+    last_choice = last - 1 if last > 0 and gaps[last - 1] > gaps[last] else last
+    for axis in range(2):
+        x = points[:, axis].copy()
+        secants = np.diff(x) / gaps
+        slopes = _slopes(gaps, secants)
+        segment = 0
+        for i in range(len(nodes)):
+            u = i * step
+            while segment < last and u > parameters[segment + 1]:
+                segment += 1
+            j = last_choice if segment >= last - 1 else first_choice if segment <= 1 else segment
+            t = u - parameters[j]
+            excess = slopes[j] + slopes[j + 1] - 2.0 * secants[j]
+            c = (secants[j] - slopes[j] - excess) / gaps[j]
+            d = excess / (gaps[j] * gaps[j])
+            nodes[i, axis] = _to_millimetre(x[j] + t * (slopes[j] + t * (c + t * d)))
+    return nodes
+
+
+@njit(cache=True)
+def _slopes(gaps: FloatArray, secants: FloatArray) -> FloatArray:
+    """Return the interpolating spline's derivative at its N points, (N,).
+
+    The degree follows from the number of points. The cubic's second derivative is continuous at
+    every inner point, its third at the second and the second-last (not-a-knot): N equations with a
+    tridiagonal matrix.
+
+    Args:
+        gaps: (N - 1,) between the parameters of consecutive points.
+        secants: (N - 1,) difference quotients.
+    """
+    last = len(gaps)
+    slopes = np.empty(last + 1)
+    if last == 1:
+        slopes[:] = secants[0]
+        return slopes
+    if last == 2:
+        bend = (secants[1] - secants[0]) / (gaps[0] + gaps[1])
+        slopes[0] = secants[0] - gaps[0] * bend
+        slopes[1] = secants[0] + gaps[0] * bend
+        slopes[2] = secants[1] + gaps[1] * bend
+        return slopes
+
+    # Row i, divided by its diagonal: slopes[i] + upper[i] slopes[i + 1] = slopes[i] as stored.
+    upper = np.empty(last)
+    g, h = gaps[0], gaps[1]
+    upper[0] = (g + h) / h
+    slopes[0] = ((3.0 * g + 2.0 * h) * h * secants[0] + g * g * secants[1]) / (h * (g + h))
+    for i in range(1, last):
+        g, h = gaps[i - 1], gaps[i]
+        pivot = 2.0 * (g + h) - h * upper[i - 1]
+        upper[i] = g / pivot
+        right_side = 3.0 * (h * secants[i - 1] + g * secants[i])
+        slopes[i] = (right_side - h * slopes[i - 1]) / pivot
+    g, h = gaps[last - 1], gaps[last - 2]
+    right_side = ((3.0 * g + 2.0 * h) * h * secants[last - 1] + g * g * secants[last - 2]) / (g + h)
+    slopes[last] = (right_side - (g + h) * slopes[last - 1]) / (h - (g + h) * upper[last - 1])
+    for i in range(last - 1, -1, -1):
+        slopes[i] -= upper[i] * slopes[i + 1]
+    return slopes
+
+
+@njit(cache=True)
+def _to_millimetre(value: float) -> float:
+    """Return what Python's ``round(value, 3)`` does: the nearest decimal to the exact value."""
+    scaled = value * 1000.0
+    below = math.floor(scaled)
+    if scaled - below != 0.5:
+        return float(np.rint(scaled) / 1000.0)
+    # The product looks like a tie. What its rounding lost tells on which side it is.
+    lost = _product_error(value, 1000.0, scaled)
+    if lost > 0.0:
+        return (below + 1.0) / 1000.0
+    if lost < 0.0:
+        return below / 1000.0
+    return float(np.rint(scaled) / 1000.0)
+
+
+# --- the road's edges --------------------------------------------------------------------------
+
+
+@njit(cache=True)
+def _edges(nodes: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+    """Return left and right edge, (M, 2) each, and whether every step has a direction.
+
+    The normal at a node is that of the step ahead, at the last node that of the step behind. Where
+    a step has no length, the edges are at the node itself.
+    """
+    left = np.empty_like(nodes)
+    right = np.empty_like(nodes)
+    moves = True
+    last = len(nodes) - 1
+    for i in range(last + 1):
+        j = min(i, last - 1)
+        dx = nodes[j + 1, 0] - nodes[j, 0]
+        dy = nodes[j + 1, 1] - nodes[j, 1]
+        distance = math.sqrt(dx * dx + dy * dy)
+        if distance > 0.0:
+            dx = dx / distance * _HALF_WIDTH
+            dy = dy / distance * _HALF_WIDTH
+        else:
+            moves = False
+        left[i, 0] = nodes[i, 0] - dy
+        left[i, 1] = nodes[i, 1] + dx
+        right[i, 0] = nodes[i, 0] + dy
+        right[i, 1] = nodes[i, 1] - dx
+    return left, right, moves
+
+
+@njit(cache=True)
+def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
+    """Return whether a quad is twisted or touches another beyond a neighbour's common line.
+
+    Linear time for a road that does not come near itself.
+    """
+    quads = len(left) - 1
+    # Whether line i + 1 lies ahead of line i, and line i behind line i + 1.
+    ahead = np.empty(quads, dtype=np.bool_)
+    behind = np.empty(quads, dtype=np.bool_)
+    for i in range(quads):
+        ahead[i] = _is_ahead(left, right, i, i + 1)
+        behind[i] = _is_behind(left, right, i + 1, i)
+        if not (ahead[i] and behind[i]) and not _is_simple(left, right, i):
+            return True
+    for i in range(quads - 1):
+        if not (behind[i] and ahead[i + 1]) and not _share_only_their_line(left, right, i):
+            return True
+
+    centres = np.empty((quads, 2))
+    reach = np.empty(quads)  # [m] from its centre, how far a quad extends
+    hop = 0.0  # [m] the largest distance between consecutive centres
+    for i in range(quads):
+        x = 0.25 * (left[i, 0] + left[i + 1, 0] + right[i, 0] + right[i + 1, 0])
+        y = 0.25 * (left[i, 1] + left[i + 1, 1] + right[i, 1] + right[i + 1, 1])
+        farthest = 0.0
+        for k in range(i, i + 2):
+            farthest = max(farthest, (left[k, 0] - x) ** 2 + (left[k, 1] - y) ** 2)
+            farthest = max(farthest, (right[k, 0] - x) ** 2 + (right[k, 1] - y) ** 2)
+        centres[i, 0] = x
+        centres[i, 1] = y
+        reach[i] = math.sqrt(farthest)
+        if i > 0:
+            hop = max(hop, math.hypot(x - centres[i - 1, 0], y - centres[i - 1, 1]))
+    longest_reach = reach.max() + 1e-6  # more than all rounding here
+
+    for i in range(quads - 2):
+        near = reach[i] + longest_reach
+        # The direction ahead of line i + 1, as long as the road is wide.
+        x, y = left[i + 1, 0], left[i + 1, 1]
+        ahead_x = y - right[i + 1, 1]
+        ahead_y = right[i + 1, 0] - x
+        j = i + 2
+        while j < quads:
+            dx = centres[j, 0] - centres[i, 0]
+            dy = centres[j, 1] - centres[i, 1]
+            squared = dx * dx + dy * dy
+            if squared > near * near:
+                # The road needs more than this many quads to come back within reach.
+                j += 1 + int((math.sqrt(squared) - near) / hop)
+                continue
+            apart = (
+                behind[i]
+                and ahead_x * (left[j, 0] - x) + ahead_y * (left[j, 1] - y) > _CLEAR
+                and ahead_x * (right[j, 0] - x) + ahead_y * (right[j, 1] - y) > _CLEAR
+                and ahead_x * (left[j + 1, 0] - x) + ahead_y * (left[j + 1, 1] - y) > _CLEAR
+                and ahead_x * (right[j + 1, 0] - x) + ahead_y * (right[j + 1, 1] - y) > _CLEAR
+            )
+            if not apart and _quads_touch(left, right, i, j):
+                return True
+            j += 1
+    return False
+
+
+@njit(cache=True)
+def _is_ahead(left: FloatArray, right: FloatArray, line: int, other: int) -> bool:
+    """Return whether all of line `other` lies ahead of line `line`, not touching it."""
+    lx, ly = left[line, 0], left[line, 1]
+    rx, ry = right[line, 0], right[line, 1]
+    return (
+        _orientation(lx, ly, rx, ry, left[other, 0], left[other, 1]) > 0
+        and _orientation(lx, ly, rx, ry, right[other, 0], right[other, 1]) > 0
+    )
+
+
+@njit(cache=True)
+def _is_behind(left: FloatArray, right: FloatArray, line: int, other: int) -> bool:
+    """Return whether all of line `other` lies behind line `line`, not touching it."""
+    lx, ly = left[line, 0], left[line, 1]
+    rx, ry = right[line, 0], right[line, 1]
+    return (
+        _orientation(lx, ly, rx, ry, left[other, 0], left[other, 1]) < 0
+        and _orientation(lx, ly, rx, ry, right[other, 0], right[other, 1]) < 0
+    )
+
+
+@njit(cache=True)
+def _is_simple(left: FloatArray, right: FloatArray, i: int) -> bool:
+    """Return whether quad i is a polygon: neither pair of opposite edges touches."""
+    return not (
+        _segments_touch(left[i], left[i + 1], right[i], right[i + 1])
+        or _segments_touch(left[i], right[i], left[i + 1], right[i + 1])
+    )
+
+
+@njit(cache=True)
+def _share_only_their_line(left: FloatArray, right: FloatArray, i: int) -> bool:
+    """Return whether the quads i and i + 1, both simple, have line i + 1 in common and no more.
+
+    They do when they lie on different sides of the line, which is when they turn the same way, and
+    their other edges meet nowhere but in the ends of the line. (Two edges that run along each other
+    from such an end need no test of their own: the edge after the shorter one touches the longer.)
+    """
+    if _turns_clockwise(left, right, i) != _turns_clockwise(left, right, i + 1):
+        return False
+    return not (
+        _segments_touch(left[i], left[i + 1], right[i + 1], right[i + 2])
+        or _segments_touch(left[i], left[i + 1], left[i + 2], right[i + 2])
+        or _segments_touch(right[i], right[i + 1], left[i + 1], left[i + 2])
+        or _segments_touch(right[i], right[i + 1], left[i + 2], right[i + 2])
+        or _segments_touch(left[i], right[i], left[i + 1], left[i + 2])
+        or _segments_touch(left[i], right[i], right[i + 1], right[i + 2])
+        or _segments_touch(left[i], right[i], left[i + 2], right[i + 2])
+    )
+
+
+@njit(cache=True)
+def _quads_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
+    """Return whether two simple quads have a point in common."""
+    a = _corners(left, right, i)
+    b = _corners(left, right, j)
+    for axis in range(2):
+        if a[:, axis].max() < b[:, axis].min() or b[:, axis].max() < a[:, axis].min():
+            return False
+    for k in range(4):
+        for m in range(4):
+            if _segments_touch(a[k - 1], a[k], b[m - 1], b[m]):
+                return True
+    # No edges meet: one lies in the other with all its corners, or they are apart.
+    return _contains(a, b[0]) or _contains(b, a[0])
+
+
+@njit(cache=True)
+def _corners(left: FloatArray, right: FloatArray, i: int) -> FloatArray:
+    corners = np.empty((4, 2))
+    corners[0] = left[i]
+    corners[1] = left[i + 1]
+    corners[2] = right[i + 1]
+    corners[3] = right[i]
+    return corners
+
+
+@njit(cache=True)
+def _contains(corners: FloatArray, point: FloatArray) -> bool:
+    """Return whether a point that is not on the quad's edges lies in the quad."""
+    inside = False
+    for k in range(4):
+        a, b = corners[k - 1], corners[k]
+        upward = b[1] > point[1]
+        if upward != (a[1] > point[1]):
+            side = _orientation(a[0], a[1], b[0], b[1], point[0], point[1])
+            if (side > 0) == upward:
+                inside = not inside
+    return inside
+
+
+@njit(cache=True)
+def _turns_clockwise(left: FloatArray, right: FloatArray, i: int) -> bool:
+    """Return whether left[i], left[i + 1], right[i + 1], right[i] is a clockwise turn."""
+    ax = right[i + 1, 0] - left[i, 0]
+    ay = right[i + 1, 1] - left[i, 1]
+    bx = right[i, 0] - left[i + 1, 0]
+    by = right[i, 1] - left[i + 1, 1]
+    return bool(ax * by - ay * bx < 0.0)
+
+
+@njit(cache=True)
+def _segments_touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> bool:
+    """Return whether the segments from a to b and from c to d have a point in common."""
+    if max(a[0], b[0]) < min(c[0], d[0]) or max(c[0], d[0]) < min(a[0], b[0]):
+        return False
+    if max(a[1], b[1]) < min(c[1], d[1]) or max(c[1], d[1]) < min(a[1], b[1]):
+        return False
+    # The boxes meet, so the segments do, unless one lies strictly on one side of the other.
+    c_side = _orientation(a[0], a[1], b[0], b[1], c[0], c[1])
+    d_side = _orientation(a[0], a[1], b[0], b[1], d[0], d[1])
+    if c_side * d_side > 0:
+        return False
+    a_side = _orientation(c[0], c[1], d[0], d[1], a[0], a[1])
+    b_side = _orientation(c[0], c[1], d[0], d[1], b[0], b[1])
+    return a_side * b_side <= 0
+
+
+# --- arithmetic whose sign is certain ----------------------------------------------------------
+
+
+@njit(cache=True)
+def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
+    """Return 1 if c lies left of the way from a to b, -1 if right of it, 0 if on its line."""
+    first = (ax - cx) * (by - cy)
+    second = (ay - cy) * (bx - cx)
+    difference = first - second
+    # Four half units of rounding in each product and one in their difference, with room to spare.
+    doubt = 1e-15 * (abs(first) + abs(second))
+    if difference > doubt:
+        return 1
+    if difference < -doubt:
+        return -1
+    return _certain_orientation(ax, ay, bx, by, cx, cy)
+
+
+@njit(cache=True)
+def _certain_orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
+    """Return the same with twice the digits: every number is a sum of a head and a small tail."""
+    ux, ux_tail = _difference(ax, cx)
+    uy, uy_tail = _difference(ay, cy)
+    vx, vx_tail = _difference(bx, cx)
+    vy, vy_tail = _difference(by, cy)
+    first = ux * vy
+    first_tail = _product_error(ux, vy, first) + (ux * vy_tail + ux_tail * vy)
+    second = uy * vx
+    second_tail = _product_error(uy, vx, second) + (uy * vx_tail + uy_tail * vx)
+    difference, tail = _difference(first, second)
+    tail += first_tail - second_tail
+    total = difference + tail
+    return 1 if total > 0.0 else -1 if total < 0.0 else 0
+
+
+@njit(cache=True)
+def _difference(a: float, b: float) -> tuple[float, float]:
+    """Return a - b as the rounded difference and what the rounding lost (Knuth's two-sum)."""
+    difference = a - b
+    b_part = a - difference
+    a_part = difference + b_part
+    return difference, (a - a_part) + (b_part - b)
+
+
+@njit(cache=True)
+def _product_error(a: float, b: float, product: float) -> float:
+    """Return exactly a * b - product, given the rounded product (Dekker's splitting)."""
+    a_scaled = 134217729.0 * a  # 2^27 + 1 splits 53 bits in two halves
+    a_head = a_scaled - (a_scaled - a)
+    a_tail = a - a_head
+    b_scaled = 134217729.0 * b
+    b_head = b_scaled - (b_scaled - b)
+    b_tail = b - b_head
+    return ((a_head * b_head - product) + a_head * b_tail + a_tail * b_head) + a_tail * b_tail

@@ -1,0 +1,174 @@
+"""Random roads: the first phase of Frenetic, and the baseline that a search has to beat."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TypeAlias, TypeVar
+
+import numpy as np
+
+from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
+from frenetic.search.records import Candidate, Evaluation, FloatArray, Origin
+from frenetic.search.strategy import Ledger, require, require_whole
+
+MAP_SIZE = 200.0  # m
+STEP = 10.0  # m
+LENGTH_JITTER = 5
+MAX_LENGTH = 30
+MAX_REDRAWS = 10
+
+RANDOM = "random"
+"""The operator that a random road's origin names."""
+
+RoadCheck: TypeAlias = Callable[[FloatArray, float], bool]
+"""Says whether a road is valid, from its curvatures, (N,) 1/m, and its step, m.
+
+It must depend on nothing else, or a campaign cannot be replayed.
+"""
+
+_Draw = TypeVar("_Draw", FloatArray, FloatArray | None)
+
+
+class RandomRoads:
+    """Draws roads as the random phase of Listing 1 does.
+
+    A road has min(map_size // step, max_length) + U{-length_jitter .. length_jitter} values, at
+    least 2, each drawn as `operators.next_curvature` says.
+
+    The paper sends every road to the simulator and so wastes more than a quarter of its tests on
+    invalid ones. Our deviation, off by default: with `is_valid`, a road that it refuses is drawn
+    again, up to `max_redraws` times; the last draw is handed out whatever it is.
+
+    Args:
+        map_size: m, side of the square map.
+        step: m between two curvature values.
+        length_jitter: Largest deviation from the usual number of values.
+        max_length: Largest usual number of values, before the jitter.
+        curvature_bound: 1/m, largest absolute value.
+        max_change: 1/m, largest difference of neighbouring values.
+        is_valid: Refuses roads that are not worth a test; None takes them all.
+        max_redraws: How often a refused road is drawn again.
+
+    Raises:
+        ValueError: An option is out of range; the message says which and what is allowed.
+
+    """
+
+    def __init__(
+        self,
+        *,
+        map_size: float = MAP_SIZE,
+        step: float = STEP,
+        length_jitter: int = LENGTH_JITTER,
+        max_length: int = MAX_LENGTH,
+        curvature_bound: float = CURVATURE_BOUND,
+        max_change: float = MAX_CHANGE,
+        is_valid: RoadCheck | None = None,
+        max_redraws: int = MAX_REDRAWS,
+    ) -> None:
+        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
+        require(0 < step < math.inf, "step", step, "positive (m)")
+        require(
+            0 < curvature_bound < math.inf, "curvature_bound", curvature_bound, "positive (1/m)"
+        )
+        require(0 < max_change < math.inf, "max_change", max_change, "positive (1/m)")
+        self.step = float(step)
+        self._length_jitter = require_whole("length_jitter", length_jitter, 0)
+        self._usual_length = min(
+            int(map_size // step), require_whole("max_length", max_length, MIN_VALUES)
+        )
+        self._curvature_bound = curvature_bound
+        self._max_change = max_change
+        self._is_valid = is_valid
+        self._max_redraws = require_whole("max_redraws", max_redraws, 0)
+
+    def draw(self, rng: np.random.Generator) -> FloatArray:
+        """Return the curvatures of a random road, (N,) 1/m."""
+        return self.redrawn(lambda: self._draw_once(rng))
+
+    def redrawn(self, draw: Callable[[], _Draw]) -> _Draw:
+        """Return what `draw` returns, drawn again while it is an invalid road and draws are left.
+
+        None, for an operator that does not apply, is returned as it is.
+        """
+        drawn = draw()
+        for _ in range(self._max_redraws if self._is_valid is not None else 0):
+            if drawn is None or self.accepts(drawn):
+                break
+            drawn = draw()
+        return drawn
+
+    def accepts(self, curvatures: FloatArray) -> bool:
+        """Return whether a road of these curvatures, (N,) 1/m, is worth a test."""
+        return self._is_valid is None or self._is_valid(curvatures, self.step)
+
+    def _draw_once(self, rng: np.random.Generator) -> FloatArray:
+        jitter = int(rng.integers(-self._length_jitter, self._length_jitter, endpoint=True))
+        return random_curvatures(
+            rng,
+            max(MIN_VALUES, self._usual_length + jitter),
+            bound=self._curvature_bound,
+            max_change=self._max_change,
+        )
+
+
+class RandomSearch:
+    """A `Strategy` that proposes random roads and learns nothing.
+
+    With the same seed and options, its roads are those of Frenetic's random phase.
+
+    Args:
+        seed: A whole number of at least 0.
+        map_size: m, side of the square map.
+        step: m between two curvature values.
+        length_jitter: Largest deviation from the usual number of values.
+        max_length: Largest usual number of values, before the jitter.
+        curvature_bound: 1/m, largest absolute value.
+        max_change: 1/m, largest difference of neighbouring values.
+        is_valid: Refuses roads that are not worth a test, see `RandomRoads`; None takes them all.
+        max_redraws: How often a refused road is drawn again.
+
+    Raises:
+        ValueError: An option is out of range; the message says which and what is allowed.
+
+    """
+
+    def __init__(
+        self,
+        *,
+        seed: int,
+        map_size: float = MAP_SIZE,
+        step: float = STEP,
+        length_jitter: int = LENGTH_JITTER,
+        max_length: int = MAX_LENGTH,
+        curvature_bound: float = CURVATURE_BOUND,
+        max_change: float = MAX_CHANGE,
+        is_valid: RoadCheck | None = None,
+        max_redraws: int = MAX_REDRAWS,
+    ) -> None:
+        self._rng = np.random.default_rng(require_whole("seed", seed, 0))
+        self._roads = RandomRoads(
+            map_size=map_size,
+            step=step,
+            length_jitter=length_jitter,
+            max_length=max_length,
+            curvature_bound=curvature_bound,
+            max_change=max_change,
+            is_valid=is_valid,
+            max_redraws=max_redraws,
+        )
+        self._ledger = Ledger()
+
+    def ask(self) -> Candidate:
+        """Return a random road."""
+        return self._ledger.issue(self._roads.draw(self._rng), self._roads.step, Origin(RANDOM))
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Strike the candidate off; nothing is learnt.
+
+        Raises:
+            ValueError: See `Ledger.settle`.
+
+        """
+        self._ledger.settle(evaluation)

@@ -1,0 +1,135 @@
+"""The seam between a campaign and a search algorithm."""
+
+from __future__ import annotations
+
+import math
+import operator
+from typing import Protocol, SupportsIndex, runtime_checkable
+
+from frenetic.search.records import Candidate, Evaluation, FloatArray, Origin
+
+
+@runtime_checkable
+class Strategy(Protocol):
+    """A search algorithm: says which road to try next, and learns what became of it.
+
+    The contract, which `frenetic.testing.strategy_contract.StrategyContract` tests:
+
+    - `ask` may be called any number of times before anything is told. It never blocks and always
+      returns a candidate, if need be a random one.
+    - Candidates have ids 1, 2, 3, .. in the order of asking. Their curvatures are read-only, finite
+      and at least two, and are never changed after they were handed out.
+    - Each candidate is told exactly once, in any order, whatever its outcome: INVALID and ERROR are
+      told as well, with ``moobd=None``.
+    - The same constructor arguments (the seed among them) and the same sequence of asks and tells
+      give the same candidates, bit for bit. This is how a campaign is resumed: what was asked and
+      told is replayed to a fresh strategy. So a strategy draws from a generator of its own and
+      looks at no clock.
+    - A strategy is used from one thread at a time.
+
+    A strategy of one's own keeps its books with a `Ledger`, which leaves it its two decisions: what
+    to propose, and what to remember.
+    """
+
+    def ask(self) -> Candidate:
+        """Return the next road to try."""
+        ...
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Take note of what became of a candidate.
+
+        Raises:
+            ValueError: The candidate was never asked, or was told already; nothing has changed.
+
+        """
+        ...
+
+
+class Ledger:
+    """Numbers the candidates of a strategy and knows which of them wait to be told.
+
+    Its memory is that of the candidates asked and not yet told.
+    """
+
+    def __init__(self) -> None:
+        self._last_id = 0
+        self._outstanding: dict[int, Candidate] = {}
+
+    def __len__(self) -> int:
+        """Return the number of candidates that were asked and not yet told."""
+        return len(self._outstanding)
+
+    def issue(self, curvatures: FloatArray, step: float, origin: Origin) -> Candidate:
+        """Return a new candidate that carries the next id.
+
+        Args:
+            curvatures: (N,) 1/m; copied.
+            step: m between two curvature samples.
+            origin: How the road was made.
+
+        """
+        candidate = Candidate(self._last_id + 1, curvatures, step, origin)
+        self._last_id = candidate.id
+        self._outstanding[candidate.id] = candidate
+        return candidate
+
+    def settle(self, evaluation: Evaluation) -> Candidate:
+        """Return the candidate as it was issued, and strike it off.
+
+        The evaluation's candidate serves only by its id, so it may have been rebuilt from a log.
+
+        Raises:
+            ValueError: The candidate was never issued or was settled already; a driven one has no
+                finite MOOBD; or the budget spent is not a finite number of at least 0. The
+                candidate, if there is one, still waits then.
+
+        """
+        candidate_id = evaluation.candidate.id
+        if candidate_id not in self._outstanding:
+            if 1 <= candidate_id <= self._last_id:
+                raise ValueError(
+                    f"candidate {candidate_id} was told already, each candidate is told once"
+                )
+            raise ValueError(
+                f"candidate {candidate_id} was never asked, the last one asked is {self._last_id}"
+            )
+        if evaluation.outcome.is_driven and (
+            evaluation.moobd is None or not math.isfinite(evaluation.moobd)
+        ):
+            raise ValueError(
+                f"candidate {candidate_id}: {evaluation.outcome} needs a finite MOOBD in m, "
+                f"got {evaluation.moobd}"
+            )
+        if not 0.0 <= evaluation.budget_spent < math.inf:
+            raise ValueError(
+                f"candidate {candidate_id}: the budget spent must be a finite number "
+                f"of at least 0, got {evaluation.budget_spent}"
+            )
+        return self._outstanding.pop(candidate_id)
+
+
+def require(holds: bool, name: str, value: object, allowed: str) -> None:
+    """Refuse an option's value unless `holds`.
+
+    Raises:
+        ValueError: "`name` must be `allowed`, got `value`".
+
+    """
+    if not holds:
+        raise ValueError(f"{name} must be {allowed}, got {value!r}")
+
+
+def require_whole(name: str, value: SupportsIndex, least: int) -> int:
+    """Return an option's value as an int.
+
+    Raises:
+        ValueError: It is not a whole number of at least `least`.
+
+    """
+    allowed = f"a whole number of at least {least}"
+    try:
+        number = operator.index(value)
+    except TypeError:
+        raise ValueError(f"{name} must be {allowed}, got {value!r}") from None
+    require(number >= least, name, value, allowed)
+    return number

@@ -1,0 +1,76 @@
+"""The conformance suite that every driver passes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from frenetic.drivers import Controls, Driver
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.simulators import EmbeddedSimulator
+
+
+class DriverContract:
+    """What any driver has to do; subclass it and override `make`.
+
+    ::
+
+        from frenetic.testing import DriverContract
+
+        class TestMine(DriverContract):
+            def make(self):
+                return MyDriver()
+    """
+
+    def make(self) -> Driver:
+        """A fresh driver."""
+        raise NotImplementedError
+
+    def test_is_a_driver(self) -> None:
+        """It has the protocol's methods."""
+        assert isinstance(self.make(), Driver)
+
+    def test_keeps_a_straight_lane(self) -> None:
+        """A straight road is no challenge."""
+        road = Road(np.zeros(11))
+        drive = EmbeddedSimulator().drive(road, self.make())
+        assert drive.error is None
+        result = judge(road, drive)
+        assert result.outcome is Outcome.PASS, result.reason
+
+    def test_behaves_the_same_after_reset(self) -> None:
+        """A drive does not depend on the drives before: failing roads can be reproduced."""
+        first = Road(np.array([0.0, 0.01, 0.02, 0.0, -0.02, 0.0]))
+        other = Road(np.array([0.0, -0.02, -0.02, 0.02, 0.02, 0.0]))
+        simulator = EmbeddedSimulator()
+        driver = self.make()
+        once = simulator.drive(first, driver).trajectory.to_rows()
+        simulator.drive(other, driver)
+        again = simulator.drive(first, driver).trajectory.to_rows()
+        fresh = simulator.drive(first, self.make()).trajectory.to_rows()
+        assert np.array_equal(once, again)
+        assert np.array_equal(once, fresh)
+
+    def test_controls_are_numbers(self) -> None:
+        """Every answer is `Controls` of finite numbers, the pedals within 0..1."""
+        driver = self.make()
+        answers: list[Controls] = []
+
+        class Watch:
+            reset = staticmethod(driver.reset)
+
+            @staticmethod
+            def act(observation):  # type: ignore[no-untyped-def]
+                answers.append(driver.act(observation))
+                return answers[-1]
+
+        EmbeddedSimulator().drive(Road(np.array([0.0, 0.03, 0.0, -0.03, 0.0])), Watch())
+        assert answers
+        for controls in answers:
+            assert isinstance(controls, Controls)
+            assert math.isfinite(controls.steering)
+            assert 0.0 <= controls.throttle <= 1.0
+            assert 0.0 <= controls.brake <= 1.0

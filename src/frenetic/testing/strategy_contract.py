@@ -1,0 +1,261 @@
+"""What every search strategy has to keep, as tests that a strategy's author runs."""
+
+from __future__ import annotations
+
+import itertools
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from frenetic.outcome import Outcome
+from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.strategy import Strategy
+
+_TESTS = 300
+"""Length of a scripted campaign: long enough for a phase that depends on the budget."""
+
+
+class StrategyContract:
+    """The contract of `Strategy` as a pytest class: derive, say how yours is made, run pytest.
+
+    ::
+
+        class TestMine(StrategyContract):
+            def make(self, seed: int) -> Strategy:
+                return Mine(seed=seed)
+
+    No simulator is involved: the outcomes are made up, and depend only on a candidate's id.
+    """
+
+    def make(self, seed: int) -> Strategy:
+        """Return a fresh strategy; to be overridden.
+
+        Args:
+            seed: Different seeds must give different searches.
+
+        """
+        raise NotImplementedError("override make(seed) to return your strategy")
+
+    def test_it_has_ask_and_tell(self) -> None:
+        """It satisfies the `Strategy` protocol."""
+        assert isinstance(self.make(1), Strategy)
+
+    def test_ids_count_from_one_in_the_order_of_asking(self) -> None:
+        """Ids are 1, 2, 3, .. whatever is told in between."""
+        asked = [step.asked for step in _campaign(self.make(1)) if step.asked is not None]
+
+        assert [candidate.id for candidate in asked] == list(range(1, _TESTS + 1))
+
+    def test_candidates_are_roads(self) -> None:
+        """Each has two or more finite curvatures, a positive step and an origin."""
+        for step in _campaign(self.make(1)):
+            if step.asked is not None:
+                _assert_is_road(step.asked)
+
+    def test_parents_were_asked_before(self) -> None:
+        """An origin's parents are earlier ids, and a road with parents is of a later generation."""
+        generations: dict[int, int] = {}
+        for step in _campaign(self.make(1)):
+            if step.asked is None:
+                continue
+            origin = step.asked.origin
+            assert all(1 <= parent < step.asked.id for parent in origin.parents)
+            expected = max((generations[parent] + 1 for parent in origin.parents), default=0)
+            assert origin.generation == expected
+            generations[step.asked.id] = origin.generation
+
+    def test_fifty_are_asked_before_any_is_told(self) -> None:
+        """Asking does not wait for telling."""
+        strategy = self.make(1)
+
+        asked = [strategy.ask() for _ in range(50)]
+
+        assert [candidate.id for candidate in asked] == list(range(1, 51))
+        for candidate in asked:
+            _assert_is_road(candidate)
+
+    @pytest.mark.parametrize("outstanding", [1, 7])
+    def test_the_same_seed_gives_the_same_candidates(self, outstanding: int) -> None:
+        """Two strategies of one seed that are told the same propose the same, bit for bit."""
+        first = list(_campaign(self.make(5), outstanding=outstanding))
+        second = list(_campaign(self.make(5), outstanding=outstanding))
+
+        _assert_same(first, second)
+
+    def test_another_seed_gives_other_candidates(self) -> None:
+        """The seed matters."""
+        first, second = self.make(1), self.make(2)
+
+        assert any(
+            not np.array_equal(first.ask().curvatures, second.ask().curvatures) for _ in range(10)
+        )
+
+    def test_two_strategies_do_not_disturb_each_other(self) -> None:
+        """A strategy's draws are its own, even while another one of the same kind is at work."""
+        alone = list(_campaign(self.make(5)))
+
+        together = []
+        for step, _ in zip(_campaign(self.make(5)), _campaign(self.make(6)), strict=True):
+            together.append(step)
+
+        _assert_same(alone, together)
+
+    def test_global_random_states_are_neither_read_nor_changed(self) -> None:
+        """Neither ``random`` nor ``numpy.random`` is touched, and neither has an influence."""
+        reference = list(_campaign(self.make(5)))
+        np.random.seed(99)  # noqa: NPY002 - it is the legacy state that is watched
+        random.seed(99)
+        before = repr(np.random.get_state()), random.getstate()  # noqa: NPY002
+
+        again = list(_campaign(self.make(5)))
+
+        assert (repr(np.random.get_state()), random.getstate()) == before  # noqa: NPY002
+        _assert_same(reference, again)
+
+    @pytest.mark.parametrize("outstanding", [1, 7])
+    def test_a_replayed_log_gives_the_same_continuation(self, outstanding: int) -> None:
+        """What a fresh strategy is asked and told again brings it to where the first one was."""
+        strategy = self.make(5)
+        log = list(_campaign(strategy, outstanding=outstanding))
+        resumed = self.make(5)
+        for step in log:
+            if step.asked is not None:
+                _assert_same_road(step.asked, resumed.ask())
+            if step.told is not None:
+                # As a log gives it back: equal values, other objects.
+                resumed.tell(replace(step.told, candidate=_copy(step.told.candidate)))
+
+        for _ in range(30):
+            candidate, counterpart = strategy.ask(), resumed.ask()
+            _assert_same_road(candidate, counterpart)
+            strategy.tell(_made_up(candidate, 1.0))
+            resumed.tell(_made_up(counterpart, 1.0))
+
+    def test_candidates_are_told_in_any_order(self) -> None:
+        """The one asked last may be told first."""
+        strategy = self.make(1)
+        asked = [strategy.ask() for _ in range(40)]
+
+        for count, candidate in enumerate(reversed(asked), start=1):
+            strategy.tell(_made_up(candidate, count / 100))
+
+        following = [strategy.ask() for _ in range(40)]
+        assert [candidate.id for candidate in following] == list(range(41, 81))
+        for candidate in following:
+            _assert_is_road(candidate)
+
+    @pytest.mark.parametrize("outcome", list(Outcome))
+    def test_it_goes_on_when_all_outcomes_are_alike(self, outcome: Outcome) -> None:
+        """It proposes roads even if each one is INVALID or an ERROR, or passes, or fails."""
+        strategy = self.make(1)
+        moobd = -1.0 if outcome.is_driven else None
+
+        for count in range(1, _TESTS + 1):
+            candidate = strategy.ask()
+            _assert_is_road(candidate)
+            strategy.tell(Evaluation(candidate, outcome, moobd, count / _TESTS))
+
+    @pytest.mark.parametrize("outcome", list(Outcome))
+    def test_telling_twice_is_refused_and_changes_nothing(self, outcome: Outcome) -> None:
+        """A second evaluation of a candidate raises ValueError and leaves no trace."""
+        strategy, untroubled = self.make(5), self.make(5)
+        moobd = -1.0 if outcome.is_driven else None
+        for count in range(1, 101):
+            candidate, counterpart = strategy.ask(), untroubled.ask()
+            _assert_same_road(candidate, counterpart)
+            strategy.tell(_made_up(candidate, count / 200))
+            untroubled.tell(_made_up(counterpart, count / 200))
+
+            with pytest.raises(ValueError):
+                strategy.tell(Evaluation(candidate, outcome, moobd, 0.5))
+
+    @pytest.mark.parametrize("unknown_id", [-1, 0, 4, 1000])
+    def test_an_unknown_candidate_is_refused_and_changes_nothing(self, unknown_id: int) -> None:
+        """An evaluation of a candidate that was never asked raises ValueError."""
+        strategy, untroubled = self.make(5), self.make(5)
+        for _ in range(3):
+            candidate = strategy.ask()
+            untroubled.ask()
+
+        with pytest.raises(ValueError):
+            strategy.tell(Evaluation(replace(candidate, id=unknown_id), Outcome.FAIL, -2.0, 0.9))
+
+        for _ in range(20):
+            _assert_same_road(strategy.ask(), untroubled.ask())
+
+    def test_curvatures_belong_to_one_candidate_and_stay_as_they_are(self) -> None:
+        """They are read-only, share memory with no other candidate's and never change."""
+        taken = [
+            (step.asked.curvatures, step.asked.curvatures.copy())
+            for step in _campaign(self.make(1))
+            if step.asked is not None
+        ]
+
+        for curvatures, values in taken:
+            assert not curvatures.flags.writeable
+            np.testing.assert_array_equal(curvatures, values)
+        for (one, _), (other, _) in itertools.combinations(taken, 2):
+            assert not np.may_share_memory(one, other)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One step of a campaign: exactly one of the two is not None."""
+
+    asked: Candidate | None = None
+    told: Evaluation | None = None
+
+
+def _campaign(strategy: Strategy, *, outstanding: int = 7) -> Iterator[_Step]:
+    """Ask `_TESTS` candidates and tell what is made up of them, in a random but fixed order."""
+    rng = np.random.default_rng(20210501)
+    waiting: list[Candidate] = []
+    asked = told = 0
+    while told < _TESTS:
+        if asked < _TESTS and len(waiting) < outstanding:
+            candidate = strategy.ask()
+            waiting.append(candidate)
+            asked += 1
+            yield _Step(asked=candidate)
+        else:
+            told += 1
+            evaluation = _made_up(waiting.pop(int(rng.integers(len(waiting)))), told / _TESTS)
+            strategy.tell(evaluation)
+            yield _Step(told=evaluation)
+
+
+def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
+    """Return an evaluation that depends only on the candidate's id: all outcomes, MOOBDs -3..2."""
+    rng = np.random.default_rng(candidate.id)
+    outcome = list(Outcome)[int(rng.choice(4, p=[0.5, 0.3, 0.15, 0.05]))]
+    moobd = float(rng.uniform(-3.0, 2.0)) if outcome.is_driven else None
+    return Evaluation(candidate, outcome, moobd, budget_spent)
+
+
+def _copy(candidate: Candidate) -> Candidate:
+    return replace(candidate, curvatures=candidate.curvatures.copy())
+
+
+def _assert_is_road(candidate: Candidate) -> None:
+    assert candidate.curvatures.dtype == np.float64
+    assert candidate.curvatures.ndim == 1
+    assert len(candidate.curvatures) >= 2
+    assert np.all(np.isfinite(candidate.curvatures))
+    assert 0 < candidate.step < np.inf
+    assert candidate.origin.operator
+
+
+def _assert_same_road(first: Candidate, second: Candidate) -> None:
+    assert (first.id, first.step, first.origin) == (second.id, second.step, second.origin)
+    assert first.curvatures.tobytes() == second.curvatures.tobytes()
+
+
+def _assert_same(first: list[_Step], second: list[_Step]) -> None:
+    for one, other in zip(first, second, strict=True):
+        if one.asked is None or other.asked is None:
+            assert one.asked is other.asked
+        else:
+            _assert_same_road(one.asked, other.asked)

@@ -1,0 +1,264 @@
+"""Our own strategies keep the contract, and the contract notices strategies that do not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from frenetic.outcome import Outcome
+from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
+from frenetic.search.records import FloatArray
+from frenetic.search.strategy import Ledger
+from frenetic.testing.strategy_contract import StrategyContract
+
+
+class TestRandomSearch(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return RandomSearch(seed=seed)
+
+
+class TestFrenetic(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return Frenetic(seed=seed)
+
+
+class TestFreneticWithoutRandomPhase(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return Frenetic(seed=seed, random_budget=0.0, cross_freq=3, cross_num=5)
+
+
+class TestFreneticThatRedraws(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return Frenetic(seed=seed, is_valid=lambda curvatures, step: bool(curvatures.sum() > 0))
+
+
+# What the contract is for: each of these breaks one promise.
+
+
+class _Straight:
+    """Keeps the contract but for what a derived class does."""
+
+    def __init__(self, seed: int) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.ledger = Ledger()
+
+    def draw(self) -> FloatArray:
+        return self.rng.random(10)
+
+    def ask(self) -> Candidate:
+        return self.ledger.issue(self.draw(), 10.0, Origin("random"))
+
+    def tell(self, evaluation: Evaluation) -> None:
+        self.ledger.settle(evaluation)
+
+
+class _GlobalState(_Straight):
+    def draw(self) -> FloatArray:
+        return np.random.random(10)  # noqa: NPY002 - the offence
+
+
+class _NoSeed(_Straight):
+    def __init__(self, seed: int) -> None:
+        super().__init__(1)
+
+
+class _Unseeded(_Straight):
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.rng = np.random.default_rng()
+
+
+class _TooShort(_Straight):
+    def draw(self) -> FloatArray:
+        return self.rng.random(1)
+
+
+class _NotFinite(_Straight):
+    def draw(self) -> FloatArray:
+        return np.append(self.rng.random(10), np.nan)
+
+
+class _CountsFromZero(_Straight):
+    def ask(self) -> Candidate:
+        candidate = super().ask()
+        return Candidate(candidate.id - 1, candidate.curvatures, 10.0, candidate.origin)
+
+
+class _BelievesAnything(_Straight):
+    def tell(self, evaluation: Evaluation) -> None:
+        pass
+
+
+class _ChokesOnErrors(_Straight):
+    def tell(self, evaluation: Evaluation) -> None:
+        assert evaluation.moobd is not None
+        super().tell(evaluation)
+
+
+class _Writeable(_Straight):
+    def ask(self) -> Candidate:
+        candidate = super().ask()
+        candidate.curvatures.setflags(write=True)
+        return candidate
+
+
+class _OneArrayForAll(_Straight):
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.shared = np.zeros(10)
+
+    def ask(self) -> Candidate:
+        candidate = super().ask()
+        self.shared[:] = candidate.curvatures
+        view = self.shared.view()
+        view.setflags(write=False)
+        object.__setattr__(candidate, "curvatures", view)
+        return candidate
+
+
+class _SharedGenerator(_Straight):
+    rngs: dict[str, np.random.Generator] = {}  # noqa: RUF012 - the offence
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.rngs["one for all"] = self.rng
+
+    def draw(self) -> FloatArray:
+        return self.rngs["one for all"].random(10)
+
+
+class _LooksAtTheObject(_Straight):
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.asked: dict[int, Candidate] = {}
+
+    def ask(self) -> Candidate:
+        candidate = super().ask()
+        self.asked[candidate.id] = candidate
+        return candidate
+
+    def tell(self, evaluation: Evaluation) -> None:
+        super().tell(evaluation)
+        if evaluation.candidate is not self.asked[evaluation.candidate.id]:
+            self.rng.random()  # what a log gives back is never the object that was asked
+
+
+def _make(strategy: Callable[[int], Strategy]) -> StrategyContract:
+    class Contract(StrategyContract):
+        def make(self, seed: int) -> Strategy:
+            return strategy(seed)
+
+    return Contract()
+
+
+def _broken_promises(strategy: Callable[[int], Strategy]) -> set[str]:
+    contract = _make(strategy)
+    broken = set()
+    for name in dir(contract):
+        if not name.startswith("test_"):
+            continue
+        test = getattr(contract, name)
+        try:
+            if "outstanding" in test.__annotations__:
+                test(outstanding=7)
+            elif "outcome" in test.__annotations__:
+                for outcome in Outcome:
+                    test(outcome=outcome)
+            elif "unknown_id" in test.__annotations__:
+                test(unknown_id=1000)
+            else:
+                test()
+        except (AssertionError, ValueError, pytest.fail.Exception):
+            broken.add(name)
+    return broken
+
+
+def test_a_strategy_of_ten_lines_keeps_the_contract() -> None:
+    assert _broken_promises(_Straight) == set()
+
+
+@pytest.mark.parametrize(
+    ("strategy", "promise"),
+    [
+        (_GlobalState, "test_global_random_states_are_neither_read_nor_changed"),
+        (_NoSeed, "test_another_seed_gives_other_candidates"),
+        (_Unseeded, "test_the_same_seed_gives_the_same_candidates"),
+        (_Unseeded, "test_a_replayed_log_gives_the_same_continuation"),
+        (_TooShort, "test_candidates_are_roads"),
+        (_NotFinite, "test_fifty_are_asked_before_any_is_told"),
+        (_CountsFromZero, "test_ids_count_from_one_in_the_order_of_asking"),
+        (_BelievesAnything, "test_telling_twice_is_refused_and_changes_nothing"),
+        (_BelievesAnything, "test_an_unknown_candidate_is_refused_and_changes_nothing"),
+        (_ChokesOnErrors, "test_it_goes_on_when_all_outcomes_are_alike"),
+        (_Writeable, "test_curvatures_belong_to_one_candidate_and_stay_as_they_are"),
+        (_OneArrayForAll, "test_curvatures_belong_to_one_candidate_and_stay_as_they_are"),
+        (_SharedGenerator, "test_two_strategies_do_not_disturb_each_other"),
+        (_LooksAtTheObject, "test_a_replayed_log_gives_the_same_continuation"),
+    ],
+)
+def test_the_contract_notices(strategy: Callable[[int], Strategy], promise: str) -> None:
+    assert promise in _broken_promises(strategy)
+
+
+def test_make_has_to_be_overridden() -> None:
+    with pytest.raises(NotImplementedError, match=r"override make\(seed\)"):
+        StrategyContract().make(1)
+
+
+# The ledger, with which strategies keep their books.
+
+
+def _evaluation(
+    candidate: Candidate,
+    outcome: Outcome = Outcome.PASS,
+    moobd: float | None = 1.0,
+    budget_spent: float = 0.0,
+) -> Evaluation:
+    return Evaluation(candidate, outcome, moobd, budget_spent)
+
+
+def test_ledger_says_what_was_wrong_with_an_id() -> None:
+    ledger = Ledger()
+    candidate = ledger.issue(np.zeros(3), 10.0, Origin("random"))
+    stranger = Candidate(7, np.zeros(3), 10.0, Origin("random"))
+
+    with pytest.raises(ValueError, match="candidate 7 was never asked, the last one asked is 1"):
+        ledger.settle(_evaluation(stranger))
+    assert ledger.settle(_evaluation(candidate)) is candidate
+    with pytest.raises(ValueError, match="candidate 1 was told already"):
+        ledger.settle(_evaluation(candidate))
+
+
+@pytest.mark.parametrize("outcome", [Outcome.PASS, Outcome.FAIL])
+@pytest.mark.parametrize("moobd", [None, float("nan"), float("inf")])
+def test_ledger_wants_a_finite_moobd_of_a_driven_candidate(
+    outcome: Outcome, moobd: float | None
+) -> None:
+    ledger = Ledger()
+    candidate = ledger.issue(np.zeros(3), 10.0, Origin("random"))
+
+    with pytest.raises(ValueError, match=f"{outcome} needs a finite MOOBD in m, got {moobd}"):
+        ledger.settle(_evaluation(candidate, outcome, moobd))
+
+    assert len(ledger) == 1  # it still waits
+    ledger.settle(_evaluation(candidate, outcome, -1.0))
+    assert len(ledger) == 0
+
+
+@pytest.mark.parametrize("budget_spent", [-0.1, float("nan"), float("inf")])
+def test_ledger_wants_a_share_of_the_budget(budget_spent: float) -> None:
+    ledger = Ledger()
+    candidate = ledger.issue(np.zeros(3), 10.0, Origin("random"))
+
+    with pytest.raises(ValueError, match="budget spent must be a finite number of at least 0"):
+        ledger.settle(_evaluation(candidate, budget_spent=budget_spent))
+
+
+def test_ledger_returns_what_it_issued_not_what_it_is_told() -> None:
+    ledger = Ledger()
+    candidate = ledger.issue(np.zeros(3), 10.0, Origin("random"))
+    rebuilt = Candidate(1, np.ones(3), 10.0, Origin("random"))
+
+    assert ledger.settle(_evaluation(rebuilt)) is candidate
