@@ -272,5 +272,5 @@ class Campaign:
             if refused >= MAX_INVALID_IN_A_ROW:
                 raise CampaignError(
                     f"the last {refused} roads were refused, so the campaign gives up:"
-                    f" {result.reason}; is a map of {self.map_size:g} m too small?"
+                    f" {result.reason}; is a map of {self.tester.map_size:g} m too small?"
                 )

@@ -1,0 +1,204 @@
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
+from frenetic.drivers import Planner
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.search import Candidate, Frenetic, Origin, RandomSearch
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+class Scripted:
+    """Asks for the given roads, over and over."""
+
+    def __init__(self, *roads: list[float]) -> None:
+        self.roads = roads
+        self.asked = 0
+        self.told: list[tuple[int, Outcome, float]] = []
+
+    def ask(self) -> Candidate:
+        self.asked += 1
+        values = self.roads[(self.asked - 1) % len(self.roads)]
+        return Candidate(self.asked, np.array(values), 10.0, Origin("scripted"))
+
+    def tell(self, evaluation):  # type: ignore[no-untyped-def]
+        self.told.append(
+            (evaluation.candidate.id, evaluation.outcome, round(evaluation.budget_spent, 6))
+        )
+
+
+STRAIGHT = [0.0] * 8
+BENT = [0.0, 0.02, 0.03, 0.02, 0.0, 0.0, 0.0, 0.0]
+LOOP = [0.07] * 14
+
+
+def fails_when_bent(road) -> float:  # type: ignore[no-untyped-def]
+    return 4.0 if abs(road.curvatures).max() > 0.01 else 0.0
+
+
+def campaign(folder: Path, strategy, budget: Budget, **options) -> Campaign:  # type: ignore[no-untyped-def]
+    return Campaign(
+        strategy=strategy,
+        simulator=options.pop("simulator", DummySimulator(fails_when_bent)),
+        driver=DummyDriver(),
+        budget=budget,
+        folder=folder,
+        **options,
+    )
+
+
+def test_tests_are_stored_told_and_counted_in_order(tmp_path: Path) -> None:
+    strategy = Scripted(STRAIGHT, LOOP, BENT)
+    seen: list[Progress] = []
+    summary = campaign(tmp_path / "c", strategy, Budget(simulations=4)).run(seen.append)
+
+    outcomes = [Outcome.PASS, Outcome.INVALID, Outcome.FAIL, Outcome.PASS, Outcome.INVALID]
+    outcomes += [Outcome.FAIL]
+    shares = [0.25, 0.25, 0.5, 0.75, 0.75, 1.0]
+    assert strategy.told == [
+        (i + 1, outcome, share)
+        for i, (outcome, share) in enumerate(zip(outcomes, shares, strict=True))
+    ]
+    assert (summary.simulations, summary.passed, summary.failed, summary.invalid) == (4, 2, 2, 2)
+    assert not summary.interrupted
+    assert [p.tests for p in seen] == [1, 2, 3, 4, 5, 6]
+    with CampaignStore.open(tmp_path / "c") as store:
+        records = list(store.tests(with_trajectory=True))
+    assert [r.outcome for r in records] == outcomes
+    assert [r.told for r in records] == [1, 2, 3, 4, 5, 6]
+    assert [r.trajectory is not None for r in records] == [True, False, True, True, False, True]
+    assert summary.min_moobd == min(r.moobd for r in records if r.moobd is not None)
+
+
+def test_budget_of_failures_ends_with_the_last_one_wanted(tmp_path: Path) -> None:
+    strategy = Scripted(STRAIGHT, BENT)
+    summary = campaign(tmp_path, strategy, Budget(failures=3, simulations=100)).run()
+    assert (summary.failed, summary.simulations) == (3, 6)
+
+
+def test_budget_of_time_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(range(1000))
+    monkeypatch.setattr("frenetic.campaign.campaign.time.perf_counter", lambda: next(clock))
+    summary = campaign(tmp_path, Scripted(STRAIGHT), Budget(time=20.0)).run()
+    assert 1 <= summary.simulations <= 20
+
+
+def test_campaign_of_errors_gives_up_and_keeps_what_it_has(tmp_path: Path) -> None:
+    class Broken(DummySimulator):
+        def drive(self, road, driver):  # type: ignore[no-untyped-def]
+            drive = super().drive(road, driver)
+            return type(drive)(drive.trajectory, drive.car, drive.rules, "no licence")
+
+    with pytest.raises(CampaignError, match="last 10 drives broke.*no licence"):
+        campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=99), simulator=Broken()).run()
+    with CampaignStore.open(tmp_path) as store:
+        assert store.counts().by_outcome[Outcome.ERROR] == 10
+
+
+def test_campaign_that_only_proposes_refused_roads_gives_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.campaign.campaign.MAX_INVALID_IN_A_ROW", 25)
+    with pytest.raises(CampaignError, match="last 25 roads were refused.*self-intersecting"):
+        campaign(tmp_path, Scripted(LOOP), Budget(simulations=1)).run()
+
+
+def test_interrupt_keeps_every_finished_test(tmp_path: Path) -> None:
+    class Interrupted(DummySimulator):
+        drives = 0
+
+        def drive(self, road, driver):  # type: ignore[no-untyped-def]
+            self.drives += 1
+            if self.drives == 4:
+                raise KeyboardInterrupt
+            return super().drive(road, driver)
+
+    summary = campaign(
+        tmp_path, Scripted(STRAIGHT), Budget(simulations=9), simulator=Interrupted()
+    ).run()
+    assert summary.interrupted
+    assert summary.simulations == 3
+    with CampaignStore.open(tmp_path) as store:
+        assert store.counts().told == 3
+        assert store.facts["interrupted"] is True
+
+
+def test_simulator_is_entered_and_left(tmp_path: Path) -> None:
+    calls: list[str] = []
+
+    class Watched(DummySimulator):
+        def __enter__(self):  # type: ignore[no-untyped-def]
+            calls.append("enter")
+            return self
+
+        def __exit__(self, *exc):  # type: ignore[no-untyped-def]
+            calls.append("exit")
+
+        def drive(self, road, driver):  # type: ignore[no-untyped-def]
+            calls.append("drive")
+            return super().drive(road, driver)
+
+    campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=1), simulator=Watched()).run()
+    assert calls == ["enter", "drive", "exit"]
+
+
+def test_existing_campaign_is_never_touched(tmp_path: Path) -> None:
+    campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=2)).run()
+    before = (tmp_path / "campaign.sqlite").read_bytes()
+    with pytest.raises(CampaignError, match="already holds a campaign"):
+        campaign(tmp_path, Scripted(BENT), Budget(simulations=2)).run()
+    assert (tmp_path / "campaign.sqlite").read_bytes() == before
+
+
+def contents(folder: Path) -> dict[str, list[tuple[object, ...]]]:
+    """Every row of a campaign's database, but for times."""
+    queries = {
+        "candidate": "SELECT * FROM candidate ORDER BY id",
+        "test": """
+            SELECT candidate_id, told, outcome, reason, budget_spent, x, y, heading, moobd,
+                max_oob_share, duration, moobd_distance, departure_time, departure_distance,
+                departure_x, departure_y, departure_side
+            FROM test ORDER BY candidate_id
+        """,
+        "trajectory": "SELECT * FROM trajectory ORDER BY candidate_id",
+        "campaign": "SELECT key, value FROM campaign WHERE key = 'config'",
+    }
+    connection = sqlite3.connect(folder / "campaign.sqlite")
+    try:
+        return {name: connection.execute(query).fetchall() for name, query in queries.items()}
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize("strategy", [Frenetic, RandomSearch])
+def test_same_seed_gives_the_same_database_but_for_times(
+    tmp_path: Path, strategy: Callable[..., Frenetic]
+) -> None:
+    folders = [tmp_path / "first", tmp_path / "second", tmp_path / "other"]
+    for folder, seed in zip(folders, (7, 7, 8), strict=True):
+        Campaign(
+            strategy=strategy(seed=seed),
+            simulator=EmbeddedSimulator(),
+            driver=Planner(),
+            budget=Budget(simulations=150),
+            folder=folder,
+            seed=seed,
+        ).run()
+    first, second, other = (contents(folder) for folder in folders)
+    assert len(first["test"]) >= 150
+    assert first == second
+    assert first["candidate"] != other["candidate"]
+
+
+def test_new_folder_is_new(tmp_path: Path) -> None:
+    first = new_folder(tmp_path)
+    first.mkdir()
+    assert new_folder(tmp_path) != first

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frenetic.campaign import RoadTester
+from frenetic.outcome import Outcome
+from frenetic.search import Candidate, Origin
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+def candidate(values: list[float], step: float = 10.0) -> Candidate:
+    return Candidate(1, np.array(values), step, Origin("random"))
+
+
+class Counting(DummySimulator):
+    drives = 0
+
+    def drive(self, road, driver):  # type: ignore[no-untyped-def]
+        self.drives += 1
+        return super().drive(road, driver)
+
+
+def make_tester(drift: float = 0.0, **options: float) -> tuple[RoadTester, Counting]:
+    simulator = Counting(lambda road: drift)
+    return RoadTester(simulator, DummyDriver(), **options), simulator
+
+
+def test_passing_road_is_driven_where_it_fits_the_map() -> None:
+    tests, simulator = make_tester()
+    tested = tests.test(candidate([0.0] * 10))
+    assert tested.result.outcome is Outcome.PASS
+    assert tested.result.moobd == pytest.approx(2.0, abs=1e-6)
+    assert simulator.drives == 1
+    assert tested.pose is not None
+    assert tested.trajectory is not None
+    assert 10.0 <= tested.pose.x <= 190.0
+
+
+@pytest.mark.parametrize(("drift", "side"), [(4.0, "left"), (-4.0, "right")])
+def test_failing_road_says_where_and_on_which_side(drift: float, side: str) -> None:
+    tested = make_tester(drift)[0].test(candidate([0.0] * 15))
+    record = tested.record(candidate([0.0] * 15), told=3, budget_spent=0.25, seconds=0.5)
+    assert record.outcome is Outcome.FAIL
+    assert record.departure_side == side
+    assert record.departure_distance is not None
+    assert 0.0 < record.departure_distance < 70.0
+    assert record.moobd is not None
+    assert record.moobd < 0.0
+    assert (record.told, record.budget_spent, record.seconds) == (3, 0.25, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "why", "placed"),
+    [
+        ([0.0] * 40, "does not fit the map of 200 m", False),
+        ([0.07] * 12, "self-intersecting", True),
+        ([0.0, 0.1, 0.1, 0.0], "too sharp", True),
+        ([0.0, 0.0], "not long enough", True),
+        ([0.0, float("nan")], "finite", False),
+        ([0.0], "2 to 10000", False),
+    ],
+)
+def test_refused_roads_cost_no_simulation(values: list[float], why: str, placed: bool) -> None:
+    tests, simulator = make_tester()
+    tested = tests.test(candidate(values))
+    assert tested.result.outcome is Outcome.INVALID
+    assert why in tested.result.reason
+    assert (tested.pose is not None) == placed
+    assert simulator.drives == 0
+    record = tested.record(candidate([0.0, 0.0]), told=1, budget_spent=0.0, seconds=0.0)
+    assert record.trajectory is None
+    assert record.duration is None
+
+
+def test_road_that_is_too_long_is_turned_to_fit() -> None:
+    tests, _ = make_tester()
+    tested = tests.test(candidate([0.0] * 24))  # 230 m, the map's diagonal has 254 m inside
+    assert tested.result.outcome is Outcome.PASS
+    assert tested.pose is not None
+    turned = np.degrees(tested.pose.heading) % 90.0
+    assert 35.0 < turned < 55.0
+
+
+def test_map_smaller_than_its_margins_is_refused() -> None:
+    with pytest.raises(ValueError, match="more than twice the margin"):
+        RoadTester(DummySimulator(), DummyDriver(), map_size=20.0)

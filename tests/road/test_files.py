@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frenetic.errors import RoadError
+from frenetic.road.files import MAX_BYTES, read_road
+
+
+def write(folder: Path, content: object) -> Path:
+    path = folder / "road.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_curvatures_with_defaults(tmp_path: Path) -> None:
+    road = read_road(write(tmp_path, {"curvatures": [0.0, 0.01, 0.0]})).road()
+    assert road.curvatures.tolist() == [0.0, 0.01, 0.0]
+    assert (road.step, road.lane_width) == (10.0, 4.0)
+
+
+def test_everything_given(tmp_path: Path) -> None:
+    content = {"curvatures": [0, 0.01, 0], "step": 5, "pose": [1, 2, 3], "lane_width": 5}
+    road = read_road(write(tmp_path, content)).road()
+    assert (road.step, tuple(road.pose), road.lane_width) == (5.0, (1.0, 2.0, 3.0), 5.0)
+
+
+@pytest.mark.parametrize("wrap", [True, False])
+def test_points_as_a_competition_file_or_a_bare_list(tmp_path: Path, wrap: bool) -> None:
+    points = [[40.0, 40.0], [90.0, 45.0], [120.0, 90.0], [120.0, 150.0]]
+    content = {"id": 3, "is_valid": True, "road_points": points} if wrap else points
+    loaded = read_road(write(tmp_path, content))
+    assert loaded.check_validity().valid
+    assert np.allclose(loaded.road().points[0], [40.0, 40.0])
+
+
+def test_points_are_judged_where_they_lie_and_curvatures_where_they_fit(tmp_path: Path) -> None:
+    points = [[-50.0, 10.0], [0.0, 10.0], [60.0, 10.0]]
+    verdict = read_road(write(tmp_path, points)).check_validity()
+    assert verdict.message == "Not entirely inside the map boundaries"
+    assert read_road(write(tmp_path, {"curvatures": [0.0] * 12})).check_validity().valid
+    verdict = read_road(write(tmp_path, {"curvatures": [0.0] * 50})).check_validity()
+    assert "does not fit" in verdict.message
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("no json at all", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
+        ({"a": 1}, "neither 'curvatures' nor 'road_points'"),
+        ("3", "an object with curvatures or road_points"),
+        ({"curvatures": "0 1 2"}, "is not a list of numbers"),
+        ({"curvatures": [0.0, "x"]}, "is not a list of numbers"),
+        ({"curvatures": [0.0, None]}, "is not a list of numbers"),
+        ('{"curvatures": [0.0, NaN]}', "curvature 1 is nan"),
+        ('{"curvatures": [0.0, Infinity, 0.0]}', "curvature 1 is inf"),
+        ({"curvatures": [0.1]}, "1 curvature samples: 2 to 10000"),
+        ({"curvatures": []}, "0 curvature samples"),
+        ({"curvatures": [0.0] * 1_000_000}, "1000000 curvature samples: 2 to 10000"),
+        ({"curvatures": [0.0, 0.0], "step": 0}, "step is 0"),
+        ({"curvatures": [0.0, 0.0], "step": "ten"}, "step is 'ten'"),
+        ({"curvatures": [0.0, 0.0], "pose": [1, 2]}, "'pose' has to be"),
+        ({"curvatures": [0.0, 0.0], "lane_width": -1}, "lane_width is -1"),
+        ({"road_points": [[0, 0]]}, "1 points"),
+        ({"road_points": [[0, 0], [1]]}, "not a list of numbers"),
+        ({"road_points": [[0, 0], [0, 0]]}, "are the same"),
+        ({"road_points": {"x": 1}}, "not a list of numbers|shape"),
+    ],
+)
+def test_every_bad_file_gets_one_line_that_names_it(
+    tmp_path: Path, content: object, complaint: str
+) -> None:
+    path = write(tmp_path, content)
+    with pytest.raises(RoadError, match=complaint) as caught:
+        read_road(path).road()
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(RoadError, match="there is no file"):
+        read_road(tmp_path / "missing.json")
+    with pytest.raises(RoadError, match="is a folder"):
+        read_road(tmp_path)
+    binary = tmp_path / "binary.json"
+    binary.write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(RoadError, match="not a text file"):
+        read_road(binary)
+
+
+def test_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.json"
+    with path.open("wb") as file:
+        file.truncate(MAX_BYTES + 1)
+    with pytest.raises(RoadError, match="bytes: at most"):
+        read_road(path)
