@@ -219,12 +219,15 @@ def _evaluation(
     return Evaluation(candidate, outcome, moobd, budget_spent)
 
 
-def test_ledger_says_what_was_wrong_with_an_id() -> None:
+@pytest.mark.parametrize("unknown_id", [-1, 0, 2, 7])
+def test_ledger_says_what_was_wrong_with_an_id(unknown_id: int) -> None:
     ledger = Ledger()
     candidate = ledger.issue(np.zeros(3), 10.0, Origin("random"))
-    stranger = Candidate(7, np.zeros(3), 10.0, Origin("random"))
+    stranger = Candidate(unknown_id, np.zeros(3), 10.0, Origin("random"))
 
-    with pytest.raises(ValueError, match="candidate 7 was never asked, the last one asked is 1"):
+    with pytest.raises(
+        ValueError, match=f"candidate {unknown_id} was never asked, the last one asked is 1"
+    ):
         ledger.settle(_evaluation(stranger))
     assert ledger.settle(_evaluation(candidate)) is candidate
     with pytest.raises(ValueError, match="candidate 1 was told already"):

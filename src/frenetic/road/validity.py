@@ -397,7 +397,7 @@ def _edges(nodes: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
 def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
     """Return whether a quad is twisted or touches another beyond a neighbour's common line.
 
-    Linear time for a road that does not come near itself.
+    Close to linear time for a road that seldom comes near itself.
     """
     quads = len(left) - 1
     # Whether line i + 1 lies ahead of line i, and line i behind line i + 1.

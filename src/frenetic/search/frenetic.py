@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from frenetic.outcome import Outcome
+from frenetic.road.road import MAP_SIZE
 from frenetic.search.operators import (
     CURVATURE_BOUND,
     FAIL_OPERATORS,
@@ -24,7 +25,6 @@ from frenetic.search.operators import (
 )
 from frenetic.search.random_search import (
     LENGTH_JITTER,
-    MAP_SIZE,
     MAX_LENGTH,
     MAX_REDRAWS,
     RANDOM,

@@ -8,11 +8,11 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
+from frenetic.road.road import MAP_SIZE
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, FloatArray, Origin
 from frenetic.search.strategy import Ledger, require, require_whole
 
-MAP_SIZE = 200.0  # m
 STEP = 10.0  # m
 LENGTH_JITTER = 5
 MAX_LENGTH = 30

@@ -1,0 +1,559 @@
+from __future__ import annotations
+
+import math
+import pickle
+import time
+from collections import Counter
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import reference_validity as reference
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from frenetic.errors import RoadError
+from frenetic.road.validity import (
+    Verdict,
+    _orientation,
+    _overlaps_itself,
+    _quads_touch,
+    _to_millimetre,
+    check_validity,
+    interpolate,
+    min_radius,
+)
+
+FloatArray = npt.NDArray[np.float64]
+
+LIMIT_RADIUS = 47 / 3.280839895  # [m]
+
+
+# --- roads to judge ----------------------------------------------------------------------------
+
+
+def drawn(curvatures: npt.ArrayLike, step: float, spacing: float) -> FloatArray:
+    """A road through linearly changing curvature, centred in the map, sampled every `spacing` m."""
+    kappa = np.asarray(curvatures, dtype=np.float64)
+    ds = 0.1
+    s = np.arange(0.0, (len(kappa) - 1) * step + ds / 2, ds)
+    fine = np.interp(s, np.arange(len(kappa)) * step, kappa)
+    heading = np.pi / 2 + np.concatenate([[0.0], np.cumsum((fine[1:] + fine[:-1]) * ds / 2)])
+    middle = (heading[1:] + heading[:-1]) / 2
+    moves = ds * np.column_stack([np.cos(middle), np.sin(middle)])
+    line = np.concatenate([np.zeros((1, 2)), np.cumsum(moves, axis=0)])
+    line = line[:: round(spacing / ds)]
+    return centred(line)
+
+
+def centred(line: FloatArray, map_size: float = 200.0) -> FloatArray:
+    return np.asarray(line - (line.min(axis=0) + line.max(axis=0)) / 2 + map_size / 2)
+
+
+def turned(line: FloatArray, angle: float) -> FloatArray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.asarray(line @ np.array([[c, s], [-s, c]]))
+
+
+def random_curvatures(rng: np.random.Generator, n: int, bound: float, jump: float) -> list[float]:
+    values, last = [], 0.0
+    for _ in range(n):
+        last = rng.uniform(max(-bound, last - jump), min(bound, last + jump))
+        values.append(last)
+    return values
+
+
+def searched(rng: np.random.Generator) -> FloatArray:
+    """What the random phase makes: often valid, at times outside or crossing itself."""
+    n = int(rng.integers(5, 26))
+    return drawn(random_curvatures(rng, n, 0.07, 0.05), 10.0, float(rng.choice([1.0, 2.0, 2.0])))
+
+
+def coarse(rng: np.random.Generator) -> FloatArray:
+    """The same, 10 m between the points: the spline is not quite the road."""
+    return drawn(random_curvatures(rng, int(rng.integers(3, 22)), 0.06, 0.05), 10.0, 10.0)
+
+
+def gentle(rng: np.random.Generator) -> FloatArray:
+    return drawn(random_curvatures(rng, int(rng.integers(8, 20)), 0.03, 0.02), 10.0, 2.0)
+
+
+def sharp(rng: np.random.Generator) -> FloatArray:
+    """An arc whose radius is swept closely around the limit, between two tangents."""
+    radius = LIMIT_RADIUS + rng.choice([3.0, 0.3, 0.03]) * rng.uniform(-1, 1)
+    arc = int(rng.integers(3, 8))
+    kappa = [0.0, 0.0, *[rng.choice([-1, 1]) / radius] * arc, 0.0, 0.0]
+    return centred(turned(drawn(kappa, 5.0, float(rng.choice([1.0, 2.0]))), rng.uniform(0, 7)))
+
+
+def at_the_border(rng: np.random.Generator) -> FloatArray:
+    """Shifted so that one extreme of the road's edge lies within 1 mm of the map's border."""
+    line = drawn(random_curvatures(rng, int(rng.integers(4, 12)), 0.03, 0.03), 10.0, 2.0)
+    if rng.random() < 0.2:
+        line = np.array([[0.0, 0.0], [0.0, rng.uniform(25, 80)]]) + 100  # edges exactly parallel
+    nodes = reference.interpolated(line)
+    left, right = reference.edges(nodes)
+    extent = np.array(left + right)
+    axis = int(rng.integers(2))
+    miss = rng.choice([0.0, *rng.uniform(-0.001, 0.001, 4)])
+    if rng.random() < 0.5:
+        line[:, axis] += miss - extent[:, axis].min()
+    else:
+        line[:, axis] += 200.0 + miss - extent[:, axis].max()
+    return line
+
+
+def scattered(rng: np.random.Generator) -> FloatArray:
+    """Somewhere, partly outside."""
+    line = drawn(random_curvatures(rng, int(rng.integers(4, 14)), 0.05, 0.05), 10.0, 5.0)
+    moved = turned(line - line.mean(axis=0), rng.uniform(0, 7)) + rng.uniform(0, 200, 2)
+    return np.asarray(moved)
+
+
+def few_points(rng: np.random.Generator) -> FloatArray:
+    return rng.uniform(20, 180, (int(rng.integers(0, 8)), 2))
+
+
+def short(rng: np.random.Generator) -> FloatArray:
+    """Around 20 m, on a grid of thousandths and off it."""
+    length = 20.0 + rng.choice([0.0, 0.001, 0.01, 1.0, 15.0]) * rng.uniform(-1, 1)
+    n = int(rng.integers(2, 9))
+    line = np.zeros((n, 2))
+    line[:, 0] = np.linspace(0, length, n)
+    if rng.random() < 0.5:
+        line[:, 1] = rng.uniform(0, 2) * np.sin(line[:, 0] / length * 3)
+        return centred(turned(line, rng.uniform(0, 7)))
+    return np.round(line, 3) + np.round(rng.uniform(10, 150, 2), 1)
+
+
+def repeated(rng: np.random.Generator) -> FloatArray:
+    """One point twice: at once (refused) or later (a crossing), or nearly the same."""
+    line = gentle(rng)[:: int(rng.integers(1, 6))]
+    i = int(rng.integers(len(line)))
+    j = int(rng.integers(len(line)))
+    kind = rng.integers(4)
+    if kind == 0:
+        return np.insert(line, j, line[i], axis=0)
+    noise = [0.0, 1e-9, 1e-4][kind - 1]
+    return np.insert(line, i, line[i] + noise * rng.uniform(0.5, 1, 2), axis=0)
+
+
+def crowded(rng: np.random.Generator) -> FloatArray:
+    """About 500 points."""
+    n = int(rng.integers(496, 505))
+    wave = np.column_stack([np.linspace(0, 60, n), np.sin(np.linspace(0, 3, n))])
+    return np.asarray(wave + rng.uniform(20, 130, 2))
+
+
+def hairpin(rng: np.random.Generator) -> FloatArray:
+    """There and back: the two legs keep 8 m between their centres, give or take little."""
+    gap = 8.0 + rng.choice([0.0, 0.002, 0.05, 1.0]) * rng.uniform(-1, 1)
+    radius = rng.uniform(14.5, 18)
+    # A loop wider than the gap, as in the letter omega.
+    flare = math.acos((radius + gap / 2) / (2 * radius))
+    # Circle of the loop at the origin, flares to the sides with the same radius.
+    x_flare = gap / 2 + radius
+    y_flare = -math.sqrt(4 * radius**2 - x_flare**2)
+    t = np.linspace(0, flare, 14)
+    side = np.column_stack([x_flare - radius * np.cos(t), y_flare + radius * np.sin(t)])
+    start = math.atan2(side[-1, 1], side[-1, 0])
+    loop = np.linspace(start, math.pi - start, 34)[1:-1]
+    top = radius * np.column_stack([np.cos(loop), np.sin(loop)])
+    leg = np.column_stack([np.full(12, gap / 2), np.linspace(y_flare - 30, y_flare - 2.5, 12)])
+    mirror = np.array([-1.0, 1.0])
+    line = np.concatenate([leg, side, top, side[::-1] * mirror, leg[::-1] * mirror])
+    return centred(turned(line, rng.choice([0.0, rng.uniform(0, 7)])))
+
+
+def grazing(rng: np.random.Generator) -> FloatArray:
+    """A spiral whose turns lie 8 m apart, give or take little, so that edges nearly touch."""
+    gap = 8.0 + rng.choice([0.003, 0.05, 0.5]) * rng.uniform(-1, 1)
+    angle = [0.0]
+    end = rng.uniform(6.5, 9)
+    while angle[-1] < end:
+        angle.append(angle[-1] + 2.0 / (15 + gap * angle[-1] / (2 * math.pi)))
+    t = np.array(angle)
+    r = rng.uniform(15, 17) + gap * t / (2 * math.pi)
+    line = np.column_stack([r * np.cos(t), r * np.sin(t)])
+    return centred(turned(line, rng.uniform(0, 7)))[:: int(rng.choice([-1, 1]))]
+
+
+def looped(rng: np.random.Generator) -> FloatArray:
+    """A curve that closes, or nearly."""
+    kappa = np.full(int(rng.integers(8, 14)), rng.uniform(0.05, 0.07)) * rng.choice([-1, 1])
+    return drawn(np.concatenate([[0.0], kappa, [0.0, 0.0]]), 10.0, 2.0)
+
+
+def folded(rng: np.random.Generator) -> FloatArray:
+    """So tight that the inner edge runs backwards, or just not: radii around half the width."""
+    radius = 4.0 + rng.choice([0.05, 0.5, 3.0]) * rng.uniform(-1, 1)
+    t = np.linspace(0, rng.uniform(0.3, 3.0), int(rng.integers(6, 20)))
+    arc = radius * np.column_stack([np.cos(t), np.sin(t)])
+    tangent = np.array([-math.sin(t[-1]), math.cos(t[-1])])
+    out = arc[-1] + np.outer(np.arange(1.0, 20.0, 2.0), tangent)
+    into = arc[0] - np.outer(np.arange(19.0, 0.0, -2.0), [0.0, 1.0])
+    return centred(turned(np.concatenate([into, arc, out]), rng.uniform(0, 7)))
+
+
+def swinging(rng: np.random.Generator) -> FloatArray:
+    """S curves of increasing swing: neighbouring bends come close to each other."""
+    curvature = rng.uniform(0.05, 0.07)
+    samples = int(rng.integers(3, 6))
+    kappa = [curvature * (-1) ** (i // samples) for i in range(26)]
+    kappa[:samples] = [v / 2 for v in kappa[:samples]]
+    return drawn(kappa, 10.0, 2.0)
+
+
+def jagged(rng: np.random.Generator) -> FloatArray:
+    """Noise on the points, in units of the spacing."""
+    line = gentle(rng)[:: int(rng.integers(1, 5))]
+    return np.asarray(line + rng.normal(0, rng.choice([0.01, 0.1, 1.0]), line.shape))
+
+
+def on_a_grid(rng: np.random.Generator) -> FloatArray:
+    """Integer coordinates: ties, exact touches and collinear points abound."""
+    steps = np.array([[1, 0], [0, 1], [-1, 0], [0, -1], [1, 1], [1, -1]])
+    n = int(rng.integers(2, 9))
+    size = int(rng.choice([4, 8, 12, 20]))
+    chosen = steps[rng.integers(0, len(steps), n)]
+    return np.cumsum(chosen, axis=0) * float(size) + 100.0
+
+
+Family = Callable[[np.random.Generator], FloatArray]
+
+# How many roads of each family, and how often at least each message is due: a family that no longer
+# makes the roads it is named after must not go unnoticed.
+FAMILIES: list[tuple[Family, int, dict[str, int]]] = [
+    (searched, 2500, {"": 2000, reference.SELF_INTERSECTING: 100, reference.TOO_SHARP: 1}),
+    (coarse, 1000, {"": 900, reference.TOO_SHORT: 10}),
+    (gentle, 800, {"": 750}),
+    (sharp, 900, {"": 200, reference.TOO_SHARP: 500}),
+    (at_the_border, 800, {"": 300, reference.OUTSIDE: 300}),
+    (scattered, 400, {"": 100, reference.OUTSIDE: 120}),
+    (few_points, 500, {"": 60, reference.TOO_FEW: 90, reference.OUTSIDE: 20}),
+    (short, 600, {"": 250, reference.TOO_SHORT: 200}),
+    (repeated, 500, {reference.REPEATED: 100, reference.SELF_INTERSECTING: 250}),
+    (crowded, 100, {"": 30, reference.TOO_MANY: 30}),
+    (hairpin, 500, {"": 60, reference.SELF_INTERSECTING: 300}),
+    (grazing, 400, {"": 80, reference.SELF_INTERSECTING: 200}),
+    (looped, 200, {"": 20, reference.SELF_INTERSECTING: 120}),
+    (folded, 400, {reference.TOO_SHARP: 120, reference.SELF_INTERSECTING: 150}),
+    (swinging, 300, {"": 100, reference.OUTSIDE: 80}),
+    (jagged, 400, {"": 150, reference.TOO_SHARP: 30, reference.SELF_INTERSECTING: 60}),
+    (on_a_grid, 400, {"": 10, reference.TOO_SHORT: 50, reference.SELF_INTERSECTING: 200}),
+]
+
+
+# --- agreement with the reference --------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("family", "count", "due"), FAMILIES, ids=[f[0].__name__ for f in FAMILIES]
+)
+def test_agrees_with_the_reference(family: Family, count: int, due: dict[str, int]) -> None:
+    rng = np.random.default_rng(20210517)
+    seen: Counter[str] = Counter()
+    for number in range(count):
+        points = family(rng)
+        expected = reference.verdict_message(points)
+        verdict = check_validity(points)
+        assert verdict.message == expected, f"{family.__name__} {number}: {points.tolist()}"
+        assert verdict.valid == (expected == "")
+        seen[expected] += 1
+    assert not {m: (seen[m], n) for m, n in due.items() if seen[m] < n}
+
+
+def test_ten_thousand_roads_with_every_message_are_compared() -> None:
+    assert sum(count for _, count, _ in FAMILIES) >= 10_000
+    due: Counter[str] = Counter()
+    for _, _, of_family in FAMILIES:
+        due.update(of_family)
+    assert due[""] >= 4000
+    assert due[reference.TOO_FEW] >= 50
+    assert due[reference.TOO_MANY] >= 30
+    assert due[reference.REPEATED] >= 50
+    assert due[reference.OUTSIDE] >= 500
+    assert due[reference.SELF_INTERSECTING] >= 1000
+    assert due[reference.TOO_SHORT] >= 250
+    assert due[reference.TOO_SHARP] >= 500
+
+
+@pytest.mark.parametrize("noise", [1, 2, 3])
+def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
+    # Not roads: corners on a coarse grid, where every kind of touching and overlap happens exactly.
+    rng = np.random.default_rng(noise)
+    seen: Counter[bool] = Counter()
+    while sum(seen.values()) < 1500:
+        n = int(rng.integers(3, 7))
+        along = np.cumsum(rng.integers(1, 4, n))
+        left = np.column_stack([along, np.full(n, 2)]) + rng.integers(-noise, noise + 1, (n, 2))
+        right = np.column_stack([along, np.full(n, -2)]) + rng.integers(-noise, noise + 1, (n, 2))
+        pairs = [(left[1:], left[:-1]), (right[1:], right[:-1]), (left, right)]
+        if any((a == b).all(axis=1).any() for a, b in pairs):
+            continue  # a triangle: valid for shapely, twisted for us, and no road has one
+        expected = reference.overlaps_itself(
+            [(x, y) for x, y in left.tolist()], [(x, y) for x, y in right.tolist()]
+        )
+        assert _overlaps_itself(left.astype(float), right.astype(float)) == expected, (left, right)
+        seen[expected] += 1
+    assert min(seen.values()) > 50, seen
+
+
+def test_a_quad_inside_another_touches_it() -> None:
+    left = np.array([[0.0, 9.0], [9.0, 9.0], [5.0, 4.0], [6.0, 4.0]])
+    right = np.array([[0.0, 0.0], [9.0, 0.0], [5.0, 3.0], [6.0, 3.0]])
+    assert _quads_touch(left, right, 0, 2)
+    assert _quads_touch(left, right, 2, 0)
+
+
+def test_the_side_of_nearly_collinear_points_is_certain() -> None:
+    rng = np.random.default_rng(8)
+    sides: Counter[int] = Counter()
+    for _ in range(3000):
+        a, b = rng.uniform(0, 200, (2, 2))
+        c = a + rng.choice([0.5, 2.0, rng.uniform(-1, 2)]) * (b - a)  # on the line but for rounding
+        (ax, ay), (bx, by), (cx, cy) = ([Fraction(v) for v in p.tolist()] for p in (a, b, c))
+        exact = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
+        assert _orientation(*a, *b, *c) == (exact > 0) - (exact < 0)
+        sides[_orientation(*a, *b, *c)] += 1
+    assert min(sides[-1], sides[0], sides[1]) > 20
+
+
+# --- the rules, one by one ---------------------------------------------------------------------
+
+
+def line(length: float, n: int = 2, start: tuple[float, float] = (50.0, 50.0)) -> FloatArray:
+    return np.column_stack([start[0] + np.linspace(0, length, n), np.full(n, start[1])])
+
+
+def arc(radius: float, angle: float = 1.5) -> FloatArray:
+    t = np.linspace(0, angle, max(4, int(radius * angle)))
+    return 100 + radius * np.column_stack([np.cos(t), np.sin(t)])
+
+
+CROSSING = np.array([[60.0, 60.0], [120.0, 120.0], [120.0, 60.0], [60.0, 120.0]])
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (line(100), ""),
+        (line(100, 3), ""),
+        (line(100, 50), ""),
+        (arc(20.0), ""),
+        ([], reference.TOO_FEW),
+        (np.empty((0, 2)), reference.TOO_FEW),
+        ([[50, 50]], reference.TOO_FEW),
+        (line(100, 500), ""),
+        (line(100, 501), reference.TOO_MANY),
+        (line(100, 1_000_000), reference.TOO_MANY),
+        ([[50, 50], [50, 50]], reference.REPEATED),
+        ([[50, 50], [90, 50], [90, 50], [130, 50]], reference.REPEATED),
+        (line(160, start=(50, 50)), reference.OUTSIDE),
+        (line(100, start=(50, 4.0)), reference.OUTSIDE),
+        (line(100, start=(50, 4.001)), ""),
+        (line(100, start=(50, 196.0)), reference.OUTSIDE),
+        (line(100, start=(50, 195.999)), ""),
+        (line(140, start=(60, 100)), reference.OUTSIDE),
+        (line(139.999, start=(60, 100)), ""),
+        (line(100, start=(-500, 50)), reference.OUTSIDE),
+        (line(1e12), reference.OUTSIDE),
+        (line(1e300), reference.OUTSIDE),
+        (CROSSING, reference.SELF_INTERSECTING),
+        ([[50, 50], [130, 50], [50, 50], [130, 51]], reference.SELF_INTERSECTING),
+        (arc(3.0), reference.SELF_INTERSECTING),
+        (line(20.0), reference.TOO_SHORT),
+        (line(20.001), ""),
+        (arc(14.0), reference.TOO_SHARP),
+        (arc(14.7), ""),
+    ],
+)
+def test_message(points: npt.ArrayLike, message: str) -> None:
+    assert check_validity(points) == Verdict(message == "", message)
+
+
+@pytest.mark.parametrize(
+    ("points", "first"),
+    [
+        ([[-50, 50]], reference.TOO_FEW),
+        (np.full((501, 2), -1.0), reference.TOO_MANY),
+        ([[-50, 50], [-50, 50]], reference.REPEATED),
+        (CROSSING - 70, reference.OUTSIDE),
+        (arc(3.0), reference.SELF_INTERSECTING),  # and too short, and too sharp
+        (arc(10.0), reference.TOO_SHORT),  # and too sharp
+    ],
+)
+def test_the_first_broken_rule_is_named(points: npt.ArrayLike, first: str) -> None:
+    assert check_validity(points).message == first
+
+
+def test_map_size() -> None:
+    assert check_validity(line(300), map_size=400.0)
+    assert check_validity(line(50, start=(20, 20)), map_size=75.0)
+    assert check_validity(line(50, start=(20, 20)), map_size=70.0).message == reference.OUTSIDE
+
+
+def test_points_that_coincide_once_rounded_twist_the_road() -> None:
+    assert check_validity(line(0.005)).message == reference.SELF_INTERSECTING
+
+
+def test_a_verdict_is_true_when_valid() -> None:
+    assert Verdict(True, "")
+    assert not Verdict(False, "The road is too sharp")
+    assert pickle.loads(pickle.dumps(check_validity(line(100)))) == Verdict(True, "")
+
+
+@pytest.mark.parametrize(
+    ("points", "told"),
+    [
+        ([[0.0, 0.0], [math.nan, 1.0]], "NaN"),
+        ([[0.0, math.inf], [1.0, 1.0]], "infinite"),
+        ([[1.0, 2.0, 3.0]], r"\(1, 3\)"),
+        ([1.0, 2.0, 3.0], r"\(3,\)"),
+        (3.0, r"shape \(\)"),
+        (np.zeros((2, 2, 2)), r"\(2, 2, 2\)"),
+        ([["1", "2"], ["3", "4"]], "numbers"),
+        ("road", r"shape \(\)"),
+        ([[True, False], [False, True]], "bool"),
+        ([[1j, 2.0], [3.0, 4.0]], "complex"),
+        ([[None, 2.0], [3.0, 4.0]], "object"),
+        ([[1.0, 2.0], [3.0]], "pairs"),
+    ],
+)
+@pytest.mark.parametrize("judge", [check_validity, interpolate, min_radius])
+def test_bad_points(judge: Callable[[Any], Any], points: Any, told: str) -> None:
+    with pytest.raises(RoadError, match=told) as caught:
+        judge(points)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("map_size", [0.0, -200.0, math.nan, math.inf])
+def test_bad_map_size(map_size: float) -> None:
+    with pytest.raises(RoadError, match="map_size"):
+        check_validity(line(100), map_size)
+
+
+def test_many_points_are_refused_quickly() -> None:
+    points = line(100, 1_000_000)
+    started = time.perf_counter()
+    check_validity(points)
+    assert time.perf_counter() - started < 1.0
+
+
+@pytest.mark.parametrize(
+    "alike",
+    [
+        lambda p: p.tolist(),
+        lambda p: [tuple(row) for row in p.tolist()],
+        np.asfortranarray,
+        lambda p: np.repeat(p, 2, axis=0)[::2],
+        lambda p: p.astype(np.int64),
+        lambda p: p.astype(np.float32),
+    ],
+)
+def test_any_array_of_points_is_taken_and_left_alone(alike: Callable[[FloatArray], Any]) -> None:
+    points = np.array([[30.0, 30.0], [70.0, 35.0], [110.0, 60.0], [130.0, 100.0]])
+    points.setflags(write=False)
+    assert check_validity(alike(points))
+    np.testing.assert_array_equal(interpolate(alike(points)), interpolate(points))
+
+
+# --- interpolation and radius ------------------------------------------------------------------
+
+
+def test_two_points_give_a_straight_line_of_equal_steps() -> None:
+    nodes = interpolate(line(40.4))
+    np.testing.assert_allclose(nodes, line(40.4, 41), rtol=0, atol=1e-12)
+
+
+def test_at_least_twenty_steps() -> None:
+    assert len(interpolate(line(0.5))) == 21
+
+
+def test_now_and_then_there_is_a_node_beyond_the_last_point() -> None:
+    assert len(np.arange(0, 1 + 1 / 21, 1 / 21)) == 23
+    nodes = interpolate(line(21.0))
+    assert len(nodes) == 23
+    assert nodes[-1, 0] == 72.0
+
+
+def test_the_number_of_nodes_is_that_of_numpys_arange() -> None:
+    for n in range(20, 3000):
+        assert len(interpolate(line(n + 0.5))) == len(np.arange(0, 1 + 1 / n, 1 / n))
+
+
+@pytest.mark.parametrize("family", [searched, coarse, few_points, jagged])
+def test_interpolation_is_that_of_scipy(family: Family) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        points = family(rng)
+        if len(points) >= 2:
+            np.testing.assert_array_equal(interpolate(points), reference.interpolated(points))
+
+
+def test_the_node_beyond_the_last_point_does_not_hang_on_a_tiny_last_step() -> None:
+    t = np.linspace(0, 87.5 / 30, 12)
+    points = 100 + 30 * np.column_stack([np.cos(t), np.sin(t)])
+    points = np.concatenate([points, points[-1:] + np.array([-1e-9, 1e-10])])
+    nodes = interpolate(points)
+    assert len(nodes) == 87 + 2
+    np.testing.assert_allclose(nodes, reference.interpolated(points), rtol=0, atol=0.0011)
+
+
+@given(st.floats(-1e6, 1e6) | st.integers(-(10**7), 10**7).map(lambda i: i / 2000))
+@settings(derandomize=True, max_examples=2000)
+def test_millimetres_are_those_of_round(value: float) -> None:
+    assert _to_millimetre(value) == round(value, 3)
+
+
+@pytest.mark.parametrize("points", [[], [[1.0, 2.0]], [[1.0, 2.0], [1.0, 2.0]], [[0, 0], [2e6, 0]]])
+def test_points_that_cannot_be_interpolated(points: Any) -> None:
+    with pytest.raises(RoadError):
+        interpolate(points)
+
+
+@pytest.mark.parametrize("radius", [5.0, LIMIT_RADIUS, 1000.0])
+def test_radius_of_a_circle(radius: float) -> None:
+    assert min_radius(arc(radius)) == pytest.approx(radius, rel=1e-9)
+
+
+def test_radius_of_a_straight_road_is_infinite() -> None:
+    assert min_radius(line(100, 101)) == math.inf
+    assert min_radius(arc(10.0)[:5]) == math.inf
+    assert min_radius([]) == math.inf
+
+
+# --- properties --------------------------------------------------------------------------------
+
+inner = st.integers(10, 190)
+some_points = st.lists(st.tuples(inner, inner), min_size=2, max_size=9).map(
+    lambda points: np.array(points, dtype=np.float64)
+)
+
+
+@given(some_points)
+@settings(derandomize=True, max_examples=300, deadline=None)
+def test_quarter_turns_and_mirrors_of_the_map_leave_the_verdict(points: FloatArray) -> None:
+    verdict = check_validity(points)
+    quarter = np.column_stack([200 - points[:, 1], points[:, 0]])
+    assert check_validity(quarter) == verdict
+    assert check_validity(200 - points) == verdict
+    assert check_validity(points[:, ::-1]) == verdict
+
+
+@given(st.integers(0, 2**32 - 1), st.tuples(st.integers(-20, 20), st.integers(-20, 20)))
+@settings(derandomize=True, max_examples=200, deadline=None)
+def test_a_move_within_the_map_leaves_the_verdict(seed: int, move: tuple[int, int]) -> None:
+    points = gentle(np.random.default_rng(seed))
+    moved = check_validity(points + np.array(move))
+    assert moved.message in (check_validity(points).message, reference.OUTSIDE)
+
+
+@given(st.lists(st.tuples(st.floats(-1e308, 1e308), st.floats(-1e308, 1e308)), max_size=12))
+@settings(derandomize=True, max_examples=300, deadline=None)
+def test_every_list_of_finite_points_gets_a_verdict(points: list[tuple[float, float]]) -> None:
+    verdict = check_validity(points)
+    assert verdict.valid == (verdict.message == "")
