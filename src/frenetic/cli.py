@@ -92,10 +92,12 @@ class Setting(click.ParamType):
         name, equals, text = str(value).partition("=")
         if not equals or not name.strip():
             self.fail(f"{value!r} is not NAME=VALUE", param, ctx)
-        try:
-            return name.strip(), json.loads(text)
-        except ValueError:
-            return name.strip(), text
+        for read in (json.loads, float):
+            try:
+                return name.strip(), read(text)
+            except ValueError:
+                continue
+        return name.strip(), text
 
 
 def _driver_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -272,8 +274,13 @@ def run(
         f"Searching with [bold]{strategy}[/] for roads on which [bold]{driver}[/] fails,"
         f" seed {seed}, results in {folder}"
     )
+
+
+    def announce_stop() -> None:
+        log.print("Stopping after this test; press Ctrl-C again to leave at once.")
+
     with _live_progress(log) as show:
-        summary = campaign.run(show)
+        summary = campaign.run(show, on_interrupt=announce_stop)
     with CampaignStore.open(folder) as store:
         listed = telling_failures(store)
         if listed:
@@ -694,6 +701,8 @@ def _print_summary(summary: Summary, listed: Sequence[TestRecord]) -> None:
 
 
 def _print_failures(listed: Sequence[TestRecord]) -> None:
+    from frenetic.report.failures import FAILURES, file_stem
+
     table = Table(
         title="The most severe and most different failures",
         title_justify="left",
@@ -703,7 +712,7 @@ def _print_failures(listed: Sequence[TestRecord]) -> None:
     )
     for column in ("test", "MOOBD (m)", "left to", "after (m)", "of (m)", "origin"):
         table.add_column(column, justify="left" if column in ("left to", "origin") else "right")
-    table.add_column("why", overflow="fold")
+    table.add_column("picture", overflow="fold")
     for record in listed:
         candidate = record.candidate
         place = record.departure_distance
@@ -714,7 +723,7 @@ def _print_failures(listed: Sequence[TestRecord]) -> None:
             "-" if place is None else f"{place:.0f}",
             f"{(len(candidate.curvatures) - 1) * candidate.step:.0f}",
             candidate.origin.operator,
-            record.reason,
+            f"{FAILURES}/{file_stem(candidate.id)}.png",
         )
     _out().print(table)
 

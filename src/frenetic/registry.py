@@ -98,7 +98,10 @@ class Registry:
         try:
             made = factory(**options)
         except (TypeError, ValueError, ArithmeticError) as error:
-            raise FreneticError(f"{self.kind} {spec!r}: {_line(error)}") from error
+            # A complaint about a type seldom says which option it is about.
+            given = ", ".join(f"{name}={value!r}" for name, value in options.items())
+            which = f" with {given}" if isinstance(error, TypeError) and given else ""
+            raise FreneticError(f"{self.kind} {spec!r}{which}: {_line(error)}") from error
         except FreneticError:
             raise
         except Exception as error:

@@ -31,7 +31,9 @@ class Script:
     """Asks and tells, with outcomes as the test has them."""
 
     def __init__(self, **options: Any) -> None:
-        self.search = Frenetic(**{"seed": 1, "random_budget": 0.0, **options})
+        # Without a check of its own, a script takes every road, as the paper does.
+        redraws = {} if "is_valid" in options else {"max_redraws": 0}
+        self.search = Frenetic(**{"seed": 1, "random_budget": 0.0, **redraws, **options})
         self.asked: dict[int, Candidate] = {}
         self.spent = 0.5
 

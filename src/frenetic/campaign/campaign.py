@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from frenetic.campaign.budget import Budget
+from frenetic.campaign.interrupt import catch_interrupt
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers.driver import Driver
@@ -22,8 +22,6 @@ from frenetic.road.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Evaluation
 from frenetic.search.strategy import Strategy
 from frenetic.simulators.simulator import Simulator
-
-logger = logging.getLogger(__name__)
 
 CAMPAIGNS: Final = Path("campaigns")
 """Where campaigns go that are given no folder."""
@@ -193,11 +191,19 @@ class Campaign:
             **self.description,
         }
 
-    def run(self, on_progress: Callable[[Progress], None] | None = None) -> Summary:
+    def run(
+        self,
+        on_progress: Callable[[Progress], None] | None = None,
+        *,
+        on_interrupt: Callable[[], None] | None = None,
+    ) -> Summary:
         """Searches until the budget is spent or Ctrl-C is pressed, and stores every test.
+
+        The first Ctrl-C ends the campaign after the test at hand, the second at once.
 
         Args:
             on_progress: called after every test.
+            on_interrupt: called at the first Ctrl-C.
 
         Raises:
             CampaignError: the folder cannot be used or written, it holds a campaign already, or
@@ -208,13 +214,18 @@ class Campaign:
             interrupted = False
             budget_spent = 0.0
             try:
-                with self.tester.simulator:
+                with catch_interrupt(on_interrupt) as interrupt, self.tester.simulator:
                     for progress in self._tests(store, start):
                         budget_spent = progress.budget_spent
                         if on_progress is not None:
                             on_progress(progress)
-            except KeyboardInterrupt:
-                logger.debug("interrupted")
+                        if interrupt.requested and budget_spent < 1.0:
+                            interrupted = True
+                            break
+            except (KeyboardInterrupt, SystemError) as error:
+                # Raised while compiled code returns, an interrupt arrives as its SystemError.
+                if not isinstance(error.__cause__ or error, KeyboardInterrupt):
+                    raise
                 interrupted = True
             # What is stored counts, also when an interrupt came between storing and counting.
             stored = store.counts()
@@ -263,8 +274,12 @@ class Campaign:
                 seconds=time.perf_counter() - start,
                 budget_spent=budget_spent,
             )
-            broken = broken + 1 if result.outcome is Outcome.ERROR else 0
-            refused = refused + 1 if result.outcome is Outcome.INVALID else 0
+            if result.outcome is Outcome.INVALID:
+                refused += 1
+            elif result.outcome is Outcome.ERROR:
+                broken, refused = broken + 1, 0
+            else:
+                broken = refused = 0
             if broken >= MAX_ERRORS_IN_A_ROW:
                 raise CampaignError(
                     f"the last {broken} drives broke, so the campaign gives up: {result.reason}"

@@ -140,3 +140,23 @@ class Stanley(BuiltIn):
                 self.yaw_damping,
             ]
         )
+
+
+@dataclass
+class BeamngAi(Planner):
+    """The planner, tuned to rank roads as BeamNG.AI fares on them in BeamNG.tech."""
+
+    law: ClassVar[int] = laws.PLANNER
+
+    lateral_acceleration: float = 5.86
+    """m/s^2 in curves, at aggression 1."""
+    braking: float = 5.6
+    """m/s^2 before curves, at aggression 1."""
+    smoothing: float = 4.0
+    """m of road on each side over which a curve's curvature is averaged."""
+    lookahead_time: float = 0.3
+    """s of driving to the point that is steered for."""
+    lookahead_min: float = 6.0
+    """m, lookahead distance at rest."""
+    speed_gain: float = 0.6
+    """1/s, acceleration per m/s of speed error."""

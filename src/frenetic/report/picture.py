@@ -6,7 +6,8 @@ what it becomes: PNG, SVG or PDF. The same road and drive give the same bytes (w
 of Matplotlib), and a file is either written completely or not at all.
 
 Only Matplotlib's figure objects are used, never `pyplot`, so no window system is asked for and no
-backend of the surrounding program changes.
+backend of the surrounding program changes. Matplotlib's settings are those of the whole process
+while a picture is drawn: draw from one thread at a time.
 """
 
 from __future__ import annotations
@@ -25,11 +26,10 @@ from typing import Any, Final, TypeAlias
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
@@ -58,6 +58,7 @@ _MARGIN: Final = 0.45
 _INNER: Final = _WIDTH - 2.0 * _MARGIN
 _CLOSE_UP: Final = 3.2
 _GAP: Final = 0.14
+_ACROSS: Final = 26.0  # m, width of what the close-up shows
 _LOWEST, _HIGHEST = 2.4, 5.7  # the road seen from above
 
 _INK: Final = "#1d2733"
@@ -80,9 +81,15 @@ _OOB_MAP: Final = LinearSegmentedColormap.from_list(
     "oob", mpl.colormaps["plasma"](np.linspace(0.84, 0.0, 128))
 )
 
-_STYLE: Final[Mapping[str, object]] = {
+_PROFILES: Final[Mapping[str, str]] = {
+    "oob": "oob distance (m)",
+    "curvature": "curvature (1/m)",
+    "speed": "speed (km/h)",
+}
+
+_STYLE: Final[dict[str, Any]] = {
     "font.family": ["sans-serif"],
-    "font.sans-serif": ["DejaVu Sans"],
+    "font.sans-serif": ["DejaVu Sans", "Verdana"],  # as wide: for SVGs shown elsewhere
     "font.size": 9.0,
     "text.usetex": False,
     "text.color": _INK,
@@ -167,7 +174,9 @@ def draw_road(
     form = _form(path)
     with mpl.rc_context(_STYLE):
         colour = _INK if reason is None else _COLOURS[Outcome.INVALID]
-        figure = _page(road, None, title or "Road", reason or "", colour, _road_facts(road), map_size)
+        figure = _page(
+            road, None, title or "Road", reason or "", colour, _road_facts(road), map_size
+        )
         _write(figure, path, form)
 
 
@@ -186,9 +195,7 @@ def draw_gallery(
     """
     form = _form(path)
     if not 1 <= len(items) <= MAX_SHEET:
-        raise FreneticError(
-            f"a contact sheet of {len(items)} drives: 1 to {MAX_SHEET} are allowed"
-        )
+        raise FreneticError(f"a contact sheet of {len(items)} drives: 1 to {MAX_SHEET} are allowed")
     with mpl.rc_context(_STYLE):
         _write(_sheet(items, title), path, form)
 
@@ -254,8 +261,7 @@ def _focus(seen: _Seen) -> _Focus | None:
     result, last = seen.result, len(seen) - 1
     colour = _COLOURS[result.outcome]
     if result.departure is not None:
-        label = f"left the lane to the {result.departure.side}"
-        return _Focus(last, "Departure", f"{label}, {seen.distance[last]:.0f} m", colour)
+        return _Focus(last, "Departure", f"departure to the {result.departure.side}", colour)
     if result.outcome is Outcome.PASS:
         worst = int(np.argmin(seen.oob_distance))
         return _Focus(worst, "Smallest oob distance", "", colour)
@@ -278,7 +284,11 @@ def _facts(road: Road, seen: _Seen) -> list[_Fact]:
         ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
         (
             "Departure",
-            "none" if left is None and result.outcome.is_driven else "–" if left is None else left.side,
+            "none"
+            if left is None and result.outcome.is_driven
+            else "–"
+            if left is None
+            else left.side,
             "" if left is None else f"at {left.distance:.0f} m",
         ),
         ("Duration", f"{result.duration:.1f} s", ""),
@@ -320,14 +330,17 @@ def _page(
 
     turn = _best_turn(road)
     wide = _box(road, seen, turn)
-    close_up = focus is not None
-    main_width = _INNER - (_CLOSE_UP + _GAP if close_up else 0.0)
+    # A road that is shown that large already needs no close-up.
+    shown = min(_INNER / wide.width, _HIGHEST / wide.height)
+    closer = focus is not None and shown < 0.6 * _CLOSE_UP / _ACROSS
+    main_width = _INNER - (_CLOSE_UP + _GAP if closer else 0.0)
     main_height = float(np.clip(main_width * wide.height / wide.width, _LOWEST, _HIGHEST))
 
     top = 0.42 + 0.42 + 0.235 * len(lines) + 0.16
     tiles = 0.74
-    strip = 0.62
-    below = sum(heights[name] + 0.2 for name in profiles) + 0.42
+    strip = 0.66
+    heading = 0.3
+    below = sum(heights[name] + heading for name in profiles) + 0.55
     height = top + tiles + main_height + strip + below
     page = _Paper(Figure(figsize=(_WIDTH, height), dpi=_DPI, facecolor="white"), _WIDTH, height)
 
@@ -338,27 +351,34 @@ def _page(
         page.text(_MARGIN + 0.2, 0.42 + 0.56 + 0.235 * i, line, size=11, color=_QUIET)
     for i, (name, value, detail) in enumerate(facts):
         x = _MARGIN + i * _INNER / 6.0
+        name = f"{name}, {detail}" if detail else name
         page.text(x, top + 0.18, name, size=8.5, color=_QUIET)
-        text = page.text(x, top + 0.45, value, size=14, weight="bold")
-        if detail:
-            text.axes_note = detail
-            page.text(x + 0.137 * len(value) + 0.06, top + 0.45, detail, size=8.5, color=_QUIET)
+        page.text(x, top + 0.45, value, size=14, weight="bold")
 
     # From above.
     y = top + tiles
     view = _View.showing(wide, turn, main_width, main_height)
     main = page.panel(_MARGIN, y, view)
-    _draw_scene(main, view, road, seen, focus, map_size)
-    if focus is not None and seen is not None:
+    near = None
+    if closer and seen is not None and focus is not None:
+        near = view.zoomed(_sane(seen.xy[focus.record]), _ACROSS, _CLOSE_UP, main_height)
         x = _MARGIN + main_width + _GAP
-        _draw_close_up(page, x, y, main_height, main, view, road, seen, focus)
+        _draw_close_up(page.panel(x, y, near), near, road, seen, focus)
+        page.text(
+            x + 0.12, y + 0.24, focus.what, size=9.5, weight="bold", color=focus.colour,
+            bbox={"facecolor": _PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
+        )  # fmt: skip
+        _draw_scale(page, x + 0.12, y + main_height - 0.14, near, 5.0)
+    _draw_scene(main, view, road, seen, focus, map_size, near=near)
     _draw_key(page, y + main_height + 0.1, view, road, seen, map_size)
 
     # Along the road.
     y += main_height + strip
     for name in profiles:
         last = name == profiles[-1]
-        axes = page.axes(_MARGIN + 0.62, y, _INNER - 0.62, heights[name])
+        page.text(_MARGIN, y + heading - 0.08, _PROFILES[name], size=8.5, color=_QUIET)
+        y += heading
+        axes = page.axes(_MARGIN + 0.45, y, _INNER - 0.45, heights[name])
         _style_profile(axes, road, labelled=last)
         if name == "curvature":
             _draw_curvature(axes, road)
@@ -371,12 +391,7 @@ def _page(
             axes.axvline(seen.result.departure.distance, color=_ALARM, lw=1.0, zorder=2)
             if name == profiles[0]:
                 _mark_departure(axes, road, seen.result.departure.distance)
-        label = {"oob": "oob distance\n(m)", "curvature": "curvature\n(1/m)", "speed": "speed\n(km/h)"}
-        page.text(
-            _MARGIN, y + heights[name] / 2.0, label[name], size=8.5, color=_QUIET,
-            va="center", linespacing=1.35,
-        )  # fmt: skip
-        y += heights[name] + 0.2
+        y += heights[name]
     return page.figure
 
 
@@ -384,7 +399,7 @@ def _page(
 class _Paper:
     """A figure on which things are placed in inches from the upper left corner."""
 
-    figure: Any
+    figure: Figure
     width: float
     height: float
 
@@ -396,7 +411,12 @@ class _Paper:
 
     def axes(self, x: float, y: float, width: float, height: float) -> Any:
         return self.figure.add_axes(
-            (x / self.width, 1.0 - (y + height) / self.height, width / self.width, height / self.height)
+            (
+                x / self.width,
+                1.0 - (y + height) / self.height,
+                width / self.width,
+                height / self.height,
+            )
         )
 
     def bar(self, x: float, y: float, width: float, height: float, colour: str) -> None:
@@ -476,6 +496,10 @@ class _View:
         """(n, 2) points on paper of (n, 2) places in m."""
         return self.scale * (_turned(points, self.turn) - (self.x, self.y))
 
+    def shows(self, place: FloatArray) -> bool:
+        """Whether (2,) ``place``, points on paper, is in sight."""
+        return bool(2.0 * abs(place[0]) < self.width and 2.0 * abs(place[1]) < self.height)
+
     def zoomed(self, place: FloatArray, across: float, width: float, height: float) -> _View:
         """The view of ``width`` x ``height`` inches, ``across`` m wide, around (2,) ``place``."""
         ((x, y),) = _turned(place[None], self.turn)
@@ -488,6 +512,11 @@ def _turned(points: FloatArray, turn: float) -> FloatArray:
     return result
 
 
+def _sane(places: FloatArray) -> FloatArray:
+    """(n, 2) m, with places that are out of any picture brought near enough to draw."""
+    return np.clip(places, -1e6, 1e6)
+
+
 def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
     """(n, 2) m, the road's outer edges."""
     spacing = max(spacing, road.length / _MAX_POINTS)
@@ -496,7 +525,7 @@ def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
     )
 
 
-def _best_turn(road: Road, *, width: float = 7.0, height: float = _HIGHEST) -> float:
+def _best_turn(road: Road) -> float:
     """Angle in rad by which the map is turned on paper: 0 unless that wastes the paper.
 
     A road that is long and narrow, upright or aslant, is laid down, driven from left to right.
@@ -505,14 +534,17 @@ def _best_turn(road: Road, *, width: float = 7.0, height: float = _HIGHEST) -> f
 
     def size(turn: float) -> tuple[float, float, float]:
         w, h = np.ptp(_turned(outline, turn), axis=0)
-        return min(width / w, height / h), w, h
+        return min((_INNER - _CLOSE_UP) / w, _HIGHEST / h), w, h
 
-    scale, w, h = size(0.0)
-    best = max(np.radians(np.arange(-90.0, 90.0, 3.0)), key=lambda turn: size(turn)[0])
-    if size(best)[0] < 1.3 * scale and h < 2.2 * w:
+    scale = size(0.0)[0]
+    turns = np.radians(np.arange(-90.0, 90.0, 3.0))
+    best = max(turns, key=lambda turn: size(turn)[0])
+    flat = min(turns, key=lambda turn: size(turn)[2])
+    _, long, narrow = size(flat)
+    if long > 4.0 * narrow:
+        best = flat
+    elif size(best)[0] < 1.4 * scale:
         return 0.0
-    if h >= 2.2 * w and size(best)[0] < 1.05 * size(math.pi / 2.0)[0]:
-        best = math.pi / 2.0
     start, end = _turned(np.array([road.pose_at(0.0)[:2], road.pose_at(road.length)[:2]]), best)
     return float(best) if start[0] <= end[0] else float(best) + math.pi
 
@@ -543,12 +575,14 @@ class _Labels:
     def put(self, place: FloatArray, text: str, colour: str) -> None:
         """Write ``text`` beside (2,) ``place`` (points on paper), with a leader if need be."""
         half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])
-        best, cheapest = place, math.inf
+        best, chosen, cheapest = place, 0.0, math.inf
         for reach in (11.0, 18.0, 28.0, 42.0, 60.0, 84.0):
             for angle in np.arange(16) * (math.pi / 8.0):
                 direction = np.array([math.cos(angle), math.sin(angle)])
                 # From the label's edge to the place it is reach.
-                to_edge = min(h / abs(d) for h, d in zip(half, direction, strict=True) if abs(d) > 1e-9)
+                to_edge = min(
+                    h / abs(d) for h, d in zip(half, direction, strict=True) if abs(d) > 1e-9
+                )
                 centre = place + (reach + to_edge - 4.0) * direction
                 cost = self._cost(centre, half) + 0.25 * reach
                 if cost < cheapest:
@@ -591,35 +625,51 @@ def _draw_scene(
     focus: _Focus | None,
     map_size: float | None,
     *,
+    near: _View | None = None,
     labelled: bool = True,
 ) -> None:
-    """The whole road from above with the drive on it."""
+    """The whole road from above with the drive on it, and a frame around what ``near`` shows."""
     _draw_map_edge(axes, view, map_size)
     _draw_surface(axes, view, road)
-    if seen is not None:
-        _draw_path(axes, view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
-        if labelled:
-            _draw_cars(axes, view, seen, _some_records(seen, focus), _INK)
-    ego = road.sample(max(1.0, road.length / _MAX_POINTS), -0.5 * road.lane_width)
-    start, end = view.at(ego[[0, -1]])
-    size = 7.0 if labelled else 4.5
+    spacing = max(1.0, road.length / _MAX_POINTS)
+    start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
+    size, width = (7.0, 1.5) if labelled else (4.5, 1.1)
     for place, marker, fill in ((start, "o", "white"), (end, "s", _INK)):
-        axes.plot(
-            *place, marker, ms=size, mfc=fill, mec=_INK, mew=1.5 if labelled else 1.1, zorder=7
-        )
+        axes.plot(*place, marker, ms=size, mfc=fill, mec=_INK, mew=width, zorder=7)
+
+    # What labels must not hide.
+    drawn = [view.at(road.sample(spacing, k * road.lane_width)) for k in (-1, -0.5, 0, 0.5, 1)]
     mark = None
-    if seen is not None and focus is not None and seen.result.outcome is not Outcome.PASS:
-        mark = view.at(seen.xy[[focus.record]])[0]
-        axes.plot(
-            *mark, "o", ms=15.0 if labelled else 9.0, mfc="none", mec=focus.colour,
-            mew=1.8 if labelled else 1.4, zorder=7,
-        )  # fmt: skip
+    if seen is not None and focus is not None:
+        _draw_path(axes, view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
+        drawn.append(view.at(_sane(seen.xy)))
+        if labelled:
+            some = _some_records(seen, focus)
+            _draw_cars(axes, view, seen, some, _INK)
+            _draw_cars(axes, view, seen, [focus.record], focus.colour, zorder=6.0)
+            drawn += _boxes(view, seen, [*some, focus.record])
+        mark = view.at(_sane(seen.xy[[focus.record]]))[0]
+        if near is not None and near.scale > 2.0 * view.scale:
+            half = 0.5 * np.array([near.width, near.height]) * view.scale / near.scale
+            axes.add_patch(
+                Rectangle(
+                    mark - half, *(2.0 * half), fill=False, ec=_QUIET, lw=0.8, alpha=0.7, zorder=6
+                )
+            )  # fmt: skip
+            sides = np.linspace(-1.0, 1.0, 41)[:, None]
+            for k in (-1.0, 1.0):
+                drawn.append(mark + half * np.hstack([sides, np.full_like(sides, k)]))
+                drawn.append(mark + half * np.hstack([np.full_like(sides, k), sides]))
+        if seen.result.outcome is Outcome.PASS or not view.shows(mark):
+            mark = None
+        else:
+            size, width = (15.0, 1.8) if labelled else (9.0, 1.4)
+            axes.plot(*mark, "o", ms=size, mfc="none", mec=focus.colour, mew=width, zorder=7)
     if not labelled:
         return
-    across = [road.sample(max(1.0, road.length / _MAX_POINTS), d * road.lane_width) for d in (-1, -0.5, 0, 0.5, 1)]
-    labels = _Labels(axes, view, view.at(np.vstack(across)))
+    labels = _Labels(axes, view, np.vstack(drawn))
     for place in (start, end):
-        labels.keep_clear(place, 5.0)
+        labels.keep_clear(place, 4.0)
     if focus is not None and mark is not None:
         labels.keep_clear(mark, 9.0)
         labels.put(mark, focus.label, focus.colour)
@@ -667,109 +717,116 @@ def _draw_arrows(axes: Any, view: _View, road: Road) -> None:
 
 def _draw_path(axes: Any, view: _View, seen: _Seen, half: float, width: float) -> None:
     """The path of the car's centre of mass, coloured by oob distance."""
-    if len(seen) < 2:
+    places = view.at(_sane(seen.xy))
+    _add_coloured(axes, places, places, seen.oob_distance, half, width)
+
+
+def _add_coloured(
+    axes: Any, places: FloatArray, on_paper: FloatArray, oob: FloatArray, half: float, width: float
+) -> None:
+    """A line through (n, 2) ``places``, which are (n, 2) ``on_paper`` in points."""
+    if len(places) < 2:
         return
-    some = np.unique(np.linspace(0, len(seen) - 1, min(len(seen), _MAX_POINTS)).astype(int))
-    places = view.at(np.clip(seen.xy[some], -1e7, 1e7))
-    _add_coloured(axes, places, seen.oob_distance[some], half, width)
-
-
-def _add_coloured(axes: Any, places: FloatArray, oob: FloatArray, half: float, width: float) -> None:
+    # Shorter pieces than 1.5 points are not seen.
+    walked = np.cumsum(np.hypot(*np.diff(on_paper, axis=0, prepend=on_paper[:1]).T))
+    some = np.unique(np.floor(walked / 1.5), return_index=True)[1]
+    some = np.union1d(some[:: math.ceil(len(some) / _MAX_POINTS)], [len(places) - 1])
+    if len(some) < 2:
+        return
+    # One stroke per run of (nearly) one colour: strokes that meet overlap, which shows.
+    places, oob = places[some], oob[some]
+    shades = np.round(24.0 * np.clip(0.5 * (oob[:-1] + oob[1:]) / half, -1.0, 1.0))
+    breaks = np.flatnonzero(np.diff(shades)) + 1
+    first, last = np.r_[0, breaks], np.r_[breaks, len(shades)]
     line = LineCollection(
-        np.stack([places[:-1], places[1:]], axis=1),
+        [places[a : b + 1] for a, b in zip(first, last, strict=True)],
         cmap=_OOB_MAP,
-        norm=Normalize(-half, half),
+        norm=Normalize(-1.0, 1.0),
         linewidths=width,
         capstyle="round",
+        joinstyle="round",
         zorder=4,
     )
-    line.set_array(0.5 * (oob[:-1] + oob[1:]))
+    line.set_array(shades[first] / 24.0)
     axes.add_collection(line, autolim=False)
 
 
-def _some_records(seen: _Seen, focus: _Focus | None) -> list[int]:
-    """A few records at equal times, and the one that the picture is about."""
-    chosen = set(np.linspace(0, len(seen) - 1, 8).astype(int)[1:-1].tolist()) if len(seen) else set()
-    if focus is not None:
-        # None so near to it that the boxes would overlap.
-        away = np.hypot(*(seen.xy - seen.xy[focus.record]).T)
-        chosen = {i for i in chosen if away[i] > 8.0} | {focus.record}
-    return sorted(chosen)
+def _some_records(seen: _Seen, focus: _Focus) -> list[int]:
+    """A few records at equal distances, none near to the one that the picture is about."""
+    driven = np.cumsum(np.hypot(*np.diff(_sane(seen.xy), axis=0, prepend=seen.xy[:1]).T))
+    count = int(np.clip(driven[-1] / 15.0, 0.0, 6.0))
+    some = np.searchsorted(driven, np.linspace(0.0, driven[-1], count + 2)[1:-1])
+    away = np.hypot(*(seen.xy - seen.xy[focus.record]).T)
+    return [int(i) for i in some if away[i] > 8.0]
 
 
-def _draw_cars(axes: Any, view: _View, seen: _Seen, records: Sequence[int], colour: str, **how: Any) -> None:
-    """The boxes of the car at some records, with a line where the windscreen is."""
+def _boxes(view: _View, seen: _Seen, records: Sequence[int]) -> list[FloatArray]:
+    """The car's box at some records: corners from the left rear clockwise, (4, 2) points each."""
     car = seen.drive.car
     x = car.centre_ahead + car.length * np.array([-0.5, 0.5, 0.5, -0.5])
-    y = car.width * np.array([0.5, 0.5, -0.5, -0.5])
-    screen = car.centre_ahead + car.length * np.array([0.2, 0.2])
-    boxes, screens = [], []
-    for i in records:
-        boxes.append(view.at(seen.xy[i] + _turned(np.column_stack([x, y]), seen.heading[i])))
-        across = np.column_stack([screen, car.width * np.array([0.5, -0.5])])
-        screens.append(view.at(seen.xy[i] + _turned(across, seen.heading[i])))
-    look = {"facecolor": (1.0, 1.0, 1.0, 0.35), "linewidth": 0.9, "zorder": 5} | how
-    axes.add_collection(PolyCollection(boxes, edgecolor=colour, **look), autolim=False)
+    corners = np.column_stack([x, car.width * np.array([0.5, 0.5, -0.5, -0.5])])
+    return [view.at(_sane(seen.xy[i]) + _turned(corners, seen.heading[i])) for i in records]
+
+
+def _draw_cars(
+    axes: Any,
+    view: _View,
+    seen: _Seen,
+    records: Sequence[int],
+    colour: str,
+    *,
+    width: float = 0.9,
+    zorder: float = 5.0,
+    fill: float = 0.0,
+) -> None:
+    """The boxes of the car at some records, with a line where the windscreen is."""
+    boxes = _boxes(view, seen, records)
+    screens = [np.array([0.3 * b[0] + 0.7 * b[1], 0.7 * b[2] + 0.3 * b[3]]) for b in boxes]
+    inside = (*to_rgb(colour), fill) if fill else (1.0, 1.0, 1.0, 0.35)
     axes.add_collection(
-        LineCollection(screens, colors=colour, linewidths=look["linewidth"], zorder=look["zorder"]),
+        PolyCollection(boxes, ec=colour, facecolor=inside, linewidths=width, zorder=zorder),
         autolim=False,
+    )
+    axes.add_collection(
+        LineCollection(screens, colors=colour, linewidths=width, zorder=zorder), autolim=False
     )
 
 
 def _draw_map_edge(axes: Any, view: _View, map_size: float | None) -> None:
-    if map_size is None:
-        return
-    corners = map_size * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])
-    axes.plot(*view.at(corners).T, color=_QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+    if map_size is not None:
+        edge = view.at(_map_edge(map_size))
+        axes.plot(*edge.T, color=_QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
 
 
-def _draw_close_up(
-    page: _Paper,
-    x: float,
-    y: float,
-    height: float,
-    main: Any,
-    view: _View,
-    road: Road,
-    seen: _Seen,
-    focus: _Focus,
-) -> None:
+def _map_edge(map_size: float) -> FloatArray:
+    """(n, 2) m, points all around the map."""
+    along = np.linspace(0.0, map_size, 201)
+    near, far = np.zeros_like(along), np.full_like(along, map_size)
+    x = np.concatenate([along, far, along[::-1], near])
+    y = np.concatenate([near, along, far, along[::-1]])
+    return np.column_stack([x, y])
+
+
+def _draw_close_up(axes: Any, view: _View, road: Road, seen: _Seen, focus: _Focus) -> None:
     """The place that the picture is about, large enough to see the car on the lane."""
-    across = 26.0
-    near = view.zoomed(np.clip(seen.xy[focus.record], -1e6, 1e6), across, _CLOSE_UP, height)
-    panel = page.panel(x, y, near)
-    _draw_surface(panel, near, road)
-    _draw_path(panel, near, seen, 0.5 * road.lane_width, 4.0)
-    # Boxes one car apart, back and forth from the one that matters.
+    _draw_surface(axes, view, road)
+    _draw_path(axes, view, seen, 0.5 * road.lane_width, 4.0)
+    # Boxes a little more than a car apart, back and forth from the one that matters.
     away = np.abs(seen.distance - seen.distance[focus.record])
     step = 1.35 * seen.drive.car.length
     chosen = []
     for direction in (-1, 1):
         i, due = focus.record, step
-        while 0 <= i < len(seen) and away[i] < 2.0 * across:
+        while 0 <= i < len(seen) and away[i] < 2.0 * _ACROSS:
             if away[i] >= due:
                 chosen.append(i)
                 due = away[i] + step
             i += direction
-    _draw_cars(panel, near, seen, chosen, _INK)
-    _draw_cars(
-        panel, near, seen, [focus.record], focus.colour,
-        linewidth=1.8, zorder=6, facecolor=(*mpl.colors.to_rgb(focus.colour), 0.22),
+    _draw_cars(axes, view, seen, chosen, _INK)
+    _draw_cars(axes, view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
+    axes.plot(
+        *view.at(_sane(seen.xy[[focus.record]]))[0], "o", ms=4.5, color=focus.colour, zorder=7
     )  # fmt: skip
-    panel.plot(*near.at(seen.xy[[focus.record]])[0], "o", ms=4.5, color=focus.colour, zorder=7)
-    page.text(
-        x + 0.12, y + 0.24, focus.what, size=9.5, weight="bold", color=focus.colour,
-        bbox={"facecolor": _PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
-    )  # fmt: skip
-    _draw_scale(page, x + 0.12, y + height - 0.14, near, 5.0, boxed=True)
-    if near.scale > 2.0 * view.scale:
-        ((cx, cy),) = view.at(np.clip(seen.xy[[focus.record]], -1e6, 1e6))
-        w, h = (length * view.scale / near.scale for length in (near.width, near.height))
-        main.add_patch(
-            Rectangle(
-                (cx - w / 2.0, cy - h / 2.0), w, h, fill=False, ec=_QUIET, lw=0.8, alpha=0.7, zorder=6
-            )
-        )
 
 
 def _draw_key(
@@ -779,26 +836,36 @@ def _draw_key(
     metres = 10.0 ** math.floor(math.log10(130.0 / view.scale))
     metres *= max(k for k in (1, 2, 5) if k * metres * view.scale <= 130.0)
     x = _MARGIN
-    _draw_scale(page, x, y + 0.18, view, metres)
+    _draw_scale(page, x, y + 0.24, view, metres)
     x += metres * view.scale / _POINT + 0.85
     for name, angle in (("x", view.turn), ("y", view.turn + math.pi / 2.0)):
-        dx, dy = 0.17 * math.cos(angle), -0.17 * math.sin(angle)
-        page.figure.patches.append
-        page.line([x, x + dx], [y + 0.14, y + 0.14 + dy], color=_QUIET, lw=1.1)
+        dx, dy = 0.15 * math.cos(angle), -0.15 * math.sin(angle)
+        page.line([x, x + dx], [y + 0.24, y + 0.24 + dy], color=_QUIET, lw=1.1)
         page.text(
-            x + 1.55 * dx, y + 0.14 + 1.55 * dy, name, size=8, color=_QUIET, ha="center", va="center"
+            x + 1.55 * dx,
+            y + 0.24 + 1.55 * dy,
+            name,
+            size=8,
+            color=_QUIET,
+            ha="center",
+            va="center",
         )
-    if map_size is not None:
+    if map_size is not None and any(view.shows(place) for place in view.at(_map_edge(map_size))):
         x += 0.65
-        page.line([x, x + 0.36], [y + 0.13, y + 0.13], color=_QUIET, lw=1.0, dashes=(5.0, 3.0))
-        page.text(x + 0.45, y + 0.17, "edge of the map", size=8.5, color=_QUIET)
+        page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=_QUIET, lw=1.0, dashes=(5.0, 3.0))
+        page.text(x + 0.45, y + 0.24, "edge of the map", size=8.5, color=_QUIET)
     if seen is not None and len(seen):
         width = 3.2
-        bar = page.axes(_WIDTH - _MARGIN - width, y + 0.04, width, 0.11)
+        bar = page.axes(_WIDTH - _MARGIN - width, y + 0.07, width, 0.11)
         half = 0.5 * road.lane_width
         _colour_bar(bar, half)
         page.text(
-            _WIDTH - _MARGIN - width - 0.15, y + 0.14, "oob distance (m)", size=8.5, color=_QUIET, ha="right"
+            _WIDTH - _MARGIN - width - 0.15,
+            y + 0.17,
+            "oob distance (m)",
+            size=8.5,
+            color=_QUIET,
+            ha="right",
         )
 
 
@@ -809,22 +876,14 @@ def _colour_bar(axes: Any, half: float) -> None:
         orientation="horizontal",
         extend="min",
         extendfrac=0.04,
-        ticks=np.array([-1.0, -0.5, 0.0, 0.5, 1.0]) * half,
-    )
+        ticks=[-half, 0.0, half],
+    ).outline.set_visible(False)
     axes.tick_params(length=0.0, pad=3.0)
-    names = {-1.0: "outside", 0.0: "lane edge", 1.0: "lane centre"}
-    axes.set_xticklabels(
-        [
-            f"{_signed(k * half, 1).removesuffix('.0')}" + (f" {names[k]}" if k in names else "")
-            for k in (-1.0, -0.5, 0.0, 0.5, 1.0)
-        ]
-    )
-    axes.figure.axes[-1].spines[:].set_visible(False)
+    labels = axes.set_xticklabels([f"−{half:g}", "0 lane edge", f"{half:g} lane centre"])
+    labels[-1].set_horizontalalignment("right")
 
 
-def _draw_scale(
-    page: _Paper, x: float, y: float, view: _View, metres: float, *, boxed: bool = False
-) -> None:
+def _draw_scale(page: _Paper, x: float, y: float, view: _View, metres: float) -> None:
     length = metres * view.scale / _POINT
     page.line([x, x, x + length, x + length], [y - 0.06, y, y, y - 0.06], color=_QUIET, lw=1.2)
     page.text(x + length + 0.08, y, f"{metres:g} m", size=8.5, color=_QUIET)
@@ -851,25 +910,31 @@ def _draw_oob_distance(axes: Any, road: Road, seen: _Seen) -> None:
     least = int(np.argmin(seen.oob_distance))
     value = max(float(seen.oob_distance[least]), -3.0 * half)
     low = min(-0.6 * half, value - 0.65 * half)
-    axes.set_ylim(low, 1.12 * half)
+    axes.set_ylim(low, 1.55 * half)  # the departure's label has its place on top
     axes.axhspan(low, 0.0, color="#fbeeee", zorder=0.2, lw=0.0)
     axes.axhline(0.0, color=_ALARM, lw=0.8, alpha=0.6, zorder=1.5)
     axes.set_yticks([k * half for k in (-1.0, 0.0, 1.0) if k * half > low])
-    some = np.unique(np.linspace(0, len(seen) - 1, min(len(seen), _MAX_POINTS)).astype(int))
-    places = np.column_stack([seen.distance[some], seen.oob_distance[some]])
-    _add_coloured(axes, places, seen.oob_distance[some], half, 2.2)
+    places = np.column_stack([seen.distance, seen.oob_distance])
+    on_paper = places * (_POINT * _INNER / road.length, _POINT * 1.35 / (1.55 * half - low))
+    _add_coloured(axes, places, on_paper, seen.oob_distance, half, 2.2)
     if seen.result.moobd is None:
         return
     where = float(seen.distance[least])
     axes.plot(where, value, "o", ms=6.0, mfc="white", mec=_INK, mew=1.4, zorder=6, clip_on=False)
+    text = f"MOOBD {_signed(float(seen.oob_distance[least]), 2)} m"
     share = where / road.length
+    if seen.result.departure is not None:  # beside the departure's line
+        side, dx, dy = ("left", 8.0, -8.0) if share < 0.2 else ("right", -8.0, -8.0)
+    else:
+        side, dx, dy = "center", 0.0, -13.0
+        side = "left" if share < 0.06 else "right" if share > 0.94 else side
     axes.annotate(
-        f"MOOBD {_signed(float(seen.oob_distance[least]), 2)} m",
+        text,
         (where, value),
-        (0.0, -7.0),
+        (dx, dy),
         textcoords="offset points",
-        ha="left" if share < 0.06 else "right" if share > 0.94 else "center",
-        va="top",
+        ha=side,
+        va="center",
         size=8.5,
         weight="bold",
         zorder=6,
@@ -895,7 +960,7 @@ def _mark_departure(axes: Any, road: Road, distance: float) -> None:
 
 def _draw_curvature(axes: Any, road: Road) -> None:
     places = np.arange(len(road.curvatures)) * road.step
-    reach = max(0.01, 1.25 * float(np.abs(road.curvatures).max()))
+    reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
     axes.set_ylim(-reach, reach)
     axes.fill_between(places, road.curvatures, color=_EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
     axes.axhline(0.0, color=_FAINT, lw=0.8, zorder=1.3)
@@ -911,7 +976,12 @@ def _draw_speed(axes: Any, seen: _Seen) -> None:
     axes.set_ylim(min(0.0, float(seen.speed.min())), 1.15 * max(limit, float(seen.speed.max())))
     axes.axhline(limit, color=_QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
     axes.annotate(
-        "limit", (1.004, limit), xycoords=("axes fraction", "data"), size=7.5, color=_QUIET, va="center"
+        "limit",
+        (1.004, limit),
+        xycoords=("axes fraction", "data"),
+        size=7.5,
+        color=_QUIET,
+        va="center",
     )
     axes.plot(seen.distance, seen.speed, color="#48678a", lw=1.4, zorder=3)
 
@@ -923,11 +993,11 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
     columns = int(np.clip(math.ceil(math.sqrt(1.2 * len(items))), 1, 8))
     columns = max(columns, min(len(items), 3))
     rows = math.ceil(len(items) / columns)
-    cell = (_INNER - 0.2 * (columns - 1)) / columns if columns > 1 else 5.0
-    caption = 0.52
-    top = 1.1 if title else 0.65
-    height = top + rows * (cell * 0.9 + caption) + 0.25
-    page = _Paper(Figure(figsize=(_WIDTH, height), dpi=_DPI, facecolor="white"), _WIDTH, height)
+    width = (_INNER - 0.2 * (columns - 1)) / columns
+    height = min(0.9 * width, _HIGHEST)
+    top, caption = 1.1 if title else 0.65, 0.52
+    total = top + rows * (height + caption) + 0.25
+    page = _Paper(Figure(figsize=(_WIDTH, total), dpi=_DPI, facecolor="white"), _WIDTH, total)
     if title:
         page.text(_MARGIN, 0.68, _one_line(title, 60), size=19, weight="bold")
     bar = page.axes(_WIDTH - _MARGIN - 3.2, top - 0.45, 3.2, 0.11)
@@ -935,17 +1005,17 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
     page.text(
         _WIDTH - _MARGIN - 3.35, top - 0.35, "oob distance (m)", size=8.5, color=_QUIET, ha="right"
     )
-    letters = int(cell / 0.088)
+    letters = int(width / 0.088)
     for k, (text, road, drive) in enumerate(items):
         row, column = divmod(k, columns)
-        x = _MARGIN + column * (cell + 0.2)
-        y = top + row * (cell * 0.9 + caption)
+        x = _MARGIN + column * (width + 0.2)
+        y = top + row * (height + caption)
         seen = _look(road, drive)
-        turn = _best_turn(road, width=1.0, height=0.9)
-        view = _View.showing(_box(road, seen, turn), turn, cell, cell * 0.9)
+        turn = _best_turn(road)  # as in the drive's own picture
+        view = _View.showing(_box(road, seen, turn), turn, width, height)
         _draw_scene(page.panel(x, y, view), view, road, seen, _focus(seen), None, labelled=False)
-        page.text(x, y + cell * 0.9 + 0.17, _one_line(text, letters), size=9, weight="bold")
-        page.text(x, y + cell * 0.9 + 0.33, _sheet_line(road, seen), size=8, color=_QUIET)
+        page.text(x, y + height + 0.17, _one_line(text, letters), size=9, weight="bold")
+        page.text(x, y + height + 0.33, _sheet_line(road, seen), size=8, color=_QUIET)
     return page.figure
 
 
@@ -967,10 +1037,14 @@ def _form(path: Path) -> str:
     return suffix[1:]
 
 
-def _write(figure: Any, path: Path, form: str) -> None:
+def _write(figure: Figure, path: Path, form: str) -> None:
     """Draw first, then write beside ``path`` and rename, so that no half picture is ever seen."""
     FigureCanvasAgg(figure)
-    undated = {"png": {}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}
+    undated: dict[str, dict[str, Any]] = {
+        "png": {},
+        "svg": {"Date": None},
+        "pdf": {"CreationDate": None},
+    }
     drawn = BytesIO()
     with warnings.catch_warnings():
         # A title may be in letters that the font lacks; a box in their place is good enough.

@@ -83,7 +83,7 @@ class Frenetic:
     a parent's next mutants may be asked before the earlier ones are told, and none is asked any
     more once a failing one is told. Asked and told one by one, it is exactly Listing 1.
 
-    Our deviation, off by default: see `is_valid`.
+    Our deviation, which ``max_redraws=0`` turns off: see `is_valid`.
 
     It remembers only roads below the threshold that can still become parents, and the `cross_num`
     best.
@@ -104,11 +104,12 @@ class Frenetic:
         max_changed: Largest number of values that P1 .. P5 add, remove or replace.
         min_scale: Least factor of P6.
         max_scale: Largest factor of P6.
-        is_valid: Refuses roads that are not worth a test; None, as in the paper, takes them all.
+        is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
+            or that the competition calls invalid.
             Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
             again (for a child: parents and operator, too). F1 .. F4 leave nothing to draw: their
             mutants are handed out whatever they are. So is the last draw when all were refused.
-        max_redraws: How often a refused road is drawn again.
+        max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.

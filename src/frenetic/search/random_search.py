@@ -8,7 +8,8 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from frenetic.road.road import MAP_SIZE
+from frenetic.errors import RoadError
+from frenetic.road.road import MAP_SIZE, Road
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, FloatArray, Origin
 from frenetic.search.strategy import Ledger, require, require_whole
@@ -30,6 +31,19 @@ It must depend on nothing else, or a campaign cannot be replayed.
 _Draw = TypeVar("_Draw", FloatArray, FloatArray | None)
 
 
+def competition_check(map_size: float) -> RoadCheck:
+    """A check for roads that fit the map somehow and that the competition calls valid there."""
+
+    def is_valid(curvatures: FloatArray, step: float) -> bool:
+        try:
+            fitted = Road(curvatures, step).fitted(map_size)
+        except RoadError:
+            return False
+        return fitted is not None and fitted.check_validity(map_size).valid
+
+    return is_valid
+
+
 class RandomRoads:
     """Draws roads as the random phase of Listing 1 does.
 
@@ -37,8 +51,8 @@ class RandomRoads:
     least 2, each drawn as `operators.next_curvature` says.
 
     The paper sends every road to the simulator and so wastes more than a quarter of its tests on
-    invalid ones. Our deviation, off by default: with `is_valid`, a road that it refuses is drawn
-    again, up to `max_redraws` times; the last draw is handed out whatever it is.
+    invalid ones. Our deviation, which ``max_redraws=0`` turns off: a road that `is_valid` refuses
+    is drawn again, up to `max_redraws` times; the last draw is handed out whatever it is.
 
     Args:
         map_size: m, side of the square map.
@@ -47,8 +61,9 @@ class RandomRoads:
         max_length: Largest usual number of values, before the jitter.
         curvature_bound: 1/m, largest absolute value.
         max_change: 1/m, largest difference of neighbouring values.
-        is_valid: Refuses roads that are not worth a test; None takes them all.
-        max_redraws: How often a refused road is drawn again.
+        is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
+            or that the competition calls invalid.
+        max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -80,7 +95,7 @@ class RandomRoads:
         )
         self._curvature_bound = curvature_bound
         self._max_change = max_change
-        self._is_valid = is_valid
+        self._is_valid = is_valid or competition_check(map_size)
         self._max_redraws = require_whole("max_redraws", max_redraws, 0)
 
     def draw(self, rng: np.random.Generator) -> FloatArray:
@@ -93,7 +108,7 @@ class RandomRoads:
         None, for an operator that does not apply, is returned as it is.
         """
         drawn = draw()
-        for _ in range(self._max_redraws if self._is_valid is not None else 0):
+        for _ in range(self._max_redraws):
             if drawn is None or self.accepts(drawn):
                 break
             drawn = draw()
@@ -101,7 +116,7 @@ class RandomRoads:
 
     def accepts(self, curvatures: FloatArray) -> bool:
         """Return whether a road of these curvatures, (N,) 1/m, is worth a test."""
-        return self._is_valid is None or self._is_valid(curvatures, self.step)
+        return self._max_redraws == 0 or self._is_valid(curvatures, self.step)
 
     def _draw_once(self, rng: np.random.Generator) -> FloatArray:
         jitter = int(rng.integers(-self._length_jitter, self._length_jitter, endpoint=True))
@@ -126,8 +141,8 @@ class RandomSearch:
         max_length: Largest usual number of values, before the jitter.
         curvature_bound: 1/m, largest absolute value.
         max_change: 1/m, largest difference of neighbouring values.
-        is_valid: Refuses roads that are not worth a test, see `RandomRoads`; None takes them all.
-        max_redraws: How often a refused road is drawn again.
+        is_valid: Refuses roads that are not worth a test, see `RandomRoads`.
+        max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.

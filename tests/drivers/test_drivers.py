@@ -1,0 +1,597 @@
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from frenetic.drivers import (
+    Controls,
+    Delayed,
+    Driver,
+    DriveSetup,
+    LimitedView,
+    Noisy,
+    Observation,
+    Planner,
+    Stanley,
+    laws,
+)
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, checked_controls
+from frenetic.drivers.layers import Compiled, compiled_form
+from frenetic.errors import DriverError
+
+FloatArray = npt.NDArray[np.float64]
+
+SETUP = DriveSetup(
+    speed_limit=20.0,
+    lane_width=4.0,
+    period=0.05,
+    front_axle=1.2,
+    rear_axle=1.4,
+    car_length=4.5,
+    car_width=1.6,
+    max_steering=1.0,
+    max_acceleration=4.5,
+    max_deceleration=9.0,
+)
+WHEELBASE = 2.6
+BUILT_IN: list[Callable[..., Planner | Stanley]] = [Planner, Stanley]
+
+
+def arc(kappa: float, start: float = 0.0, n: int = AHEAD_POINTS) -> FloatArray:
+    """Points every 2 m of a circle that starts at x = ``start`` along +x."""
+    s = AHEAD_SPACING * np.arange(n)
+    if kappa == 0.0:
+        return np.column_stack([start + s, np.zeros(n)])
+    return np.column_stack([start + np.sin(kappa * s) / kappa, (1.0 - np.cos(kappa * s)) / kappa])
+
+
+def observation(**changes: Any) -> Observation:
+    """A car at 10 m/s in the middle of a straight lane, but for the changes."""
+    return replace(
+        Observation(
+            time=0.0,
+            speed=10.0,
+            yaw_rate=0.0,
+            steering=0.0,
+            lateral_offset=0.0,
+            heading_error=0.0,
+            ahead=arc(0.0),
+            curvature_ahead=np.zeros(AHEAD_POINTS),
+        ),
+        **changes,
+    )
+
+
+def random_observation(seed: int) -> Observation:
+    rng = np.random.default_rng(seed)
+    kappa = np.convolve(rng.normal(0.0, 0.05, AHEAD_POINTS + 4), np.ones(5) / 5.0, "valid")
+    heading = rng.normal(0.0, 0.1) + np.cumsum(AHEAD_SPACING * kappa)
+    steps = AHEAD_SPACING * np.column_stack([np.cos(heading), np.sin(heading)])
+    start = rng.normal(0.0, 0.7, 2)
+    return observation(
+        speed=float(rng.uniform(0.0, 30.0)),
+        yaw_rate=float(rng.normal(0.0, 0.3)),
+        lateral_offset=float(rng.normal(0.0, 1.0)),
+        heading_error=float(rng.normal(0.0, 0.3)),
+        ahead=start + np.cumsum(steps, axis=0) - steps[0],
+        curvature_ahead=kappa,
+    )
+
+
+def controls_of(driver: Driver, *seen: Observation) -> Controls:
+    """The driver's last controls of a drive with these observations."""
+    driver.reset(SETUP)
+    answers = [driver.act(each) for each in seen]
+    return answers[-1]
+
+
+def speed_wanted(curvature_ahead: FloatArray, driver: Planner | Stanley) -> float:
+    lateral, braking, _, smoothing = driver.parameters()[:4]
+    wanted: float = laws.planned_speed(
+        curvature_ahead, len(curvature_ahead), SETUP.speed_limit, lateral, braking, int(smoothing)
+    )
+    return wanted
+
+
+class Recorder:
+    """Remembers what it saw and answers with its number of calls."""
+
+    def __init__(self) -> None:
+        self.seen: list[Observation] = []
+        self.resets: list[DriveSetup] = []
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.resets.append(setup)
+        self.seen = []
+
+    def act(self, observation: Observation) -> Controls:
+        self.seen.append(observation)
+        n = len(self.seen)
+        return Controls(0.01 * n, n / 1000.0, n / 2000.0)
+
+
+# --- Laws ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("driver", [Planner(), Stanley()])
+def test_built_in_drivers_and_layers_are_drivers(driver: Driver) -> None:
+    for each in (driver, Noisy(driver), Delayed(driver), LimitedView(driver)):
+        assert isinstance(each, Driver)
+
+
+@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
+@settings(max_examples=200, deadline=None)
+def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Driver]) -> None:
+    seen = random_observation(seed)
+    mirrored = replace(
+        seen,
+        yaw_rate=-seen.yaw_rate,
+        lateral_offset=-seen.lateral_offset,
+        heading_error=-seen.heading_error,
+        ahead=seen.ahead * [1.0, -1.0],
+        curvature_ahead=-seen.curvature_ahead,
+    )
+    one, other = controls_of(make(), seen), controls_of(make(), mirrored)
+    assert other.steering == -one.steering
+    assert (other.throttle, other.brake) == (one.throttle, one.brake)
+
+
+@given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
+@settings(max_examples=200, deadline=None)
+def test_controls_are_within_bounds_and_never_both_pedals(
+    seed: int, make: Callable[..., Driver]
+) -> None:
+    controls = controls_of(make(), random_observation(seed))
+    assert abs(controls.steering) <= SETUP.max_steering
+    assert 0.0 <= controls.throttle <= 1.0
+    assert 0.0 <= controls.brake <= 1.0
+    assert controls.throttle == 0.0 or controls.brake == 0.0
+
+
+@pytest.mark.parametrize("driver", [Planner(), Stanley()])
+@pytest.mark.parametrize("speed", [0.0, 5.0, 20.0, 35.0])
+def test_a_straight_road_is_followed_without_steering(driver: Driver, speed: float) -> None:
+    assert controls_of(driver, observation(speed=speed)).steering == 0.0
+
+
+@pytest.mark.parametrize("driver", [Planner(), Stanley()])
+def test_a_car_beside_its_lane_steers_back(driver: Driver) -> None:
+    for offset in (0.5, -0.5, 1.5):
+        seen = observation(lateral_offset=offset, ahead=arc(0.0) - [0.0, offset])
+        assert controls_of(driver, seen).steering * offset < 0.0
+
+
+@pytest.mark.parametrize("driver", [Planner(), Stanley()])
+def test_a_car_that_points_out_of_its_lane_steers_back(driver: Driver) -> None:
+    for error in (0.2, -0.2):
+        c, s = math.cos(error), math.sin(error)
+        ahead = arc(0.0) @ np.array([[c, -s], [s, c]])
+        seen = observation(heading_error=error, ahead=ahead)
+        assert controls_of(driver, seen).steering * error < 0.0
+
+
+@pytest.mark.parametrize("kappa", [0.05, -0.05, 0.01, 0.15])
+@pytest.mark.parametrize("row", [1, 3, 6])
+def test_pure_pursuit_takes_the_arc_through_the_lookahead_point(kappa: float, row: int) -> None:
+    """The rear axle on a circle: the front wheels take the angle that holds it there."""
+    driver = Planner(lookahead_time=0.0, lookahead_min=AHEAD_SPACING * row)
+    # Measured from the rear axle the circle starts there; row 0 is abreast of the centre of mass.
+    seen = observation(ahead=arc(kappa, start=-SETUP.rear_axle))
+    steering = controls_of(driver, seen).steering
+    assert steering == pytest.approx(math.atan(WHEELBASE * kappa), abs=1e-12)
+
+
+def test_pure_pursuit_looks_further_ahead_at_speed() -> None:
+    driver = Planner(lookahead_time=1.0, lookahead_min=4.0)
+    step_aside = arc(0.0)
+    step_aside[8:, 1] = 1.0  # from 16 m on
+    assert controls_of(driver, observation(speed=8.0, ahead=step_aside)).steering == 0.0
+    assert controls_of(driver, observation(speed=12.0, ahead=step_aside)).steering > 0.0
+
+
+def test_pure_pursuit_goes_for_a_point_between_two_of_the_view() -> None:
+    driver = Planner(lookahead_time=0.0, lookahead_min=5.0)
+    ahead = arc(0.0)
+    ahead[2] = [4.0, 1.0]
+    ahead[3] = [6.0, 2.0]
+    x, y = 5.0 + SETUP.rear_axle, 1.5
+    expected = math.atan(2.0 * WHEELBASE * y / (x * x + y * y))
+    assert controls_of(driver, observation(ahead=ahead)).steering == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("kappa", [0.05, -0.05, 0.01])
+def test_stanley_on_its_line_holds_the_curve(kappa: float) -> None:
+    seen = observation(yaw_rate=10.0 * kappa, curvature_ahead=np.full(AHEAD_POINTS, kappa))
+    expected = math.atan(WHEELBASE * kappa)
+    assert controls_of(Stanley(), seen).steering == pytest.approx(expected, abs=1e-12)
+
+
+def test_stanleys_law_term_by_term() -> None:
+    driver = Stanley(offset_gain=2.0, softening=1.0, yaw_damping=0.1)
+    offset = -math.atan(2.0 * 0.3 / (1.0 + 10.0))
+    assert controls_of(driver, observation(lateral_offset=0.3)).steering == pytest.approx(offset)
+    error = -0.1 - math.atan(2.0 * SETUP.front_axle * math.sin(0.1) / 11.0)
+    assert controls_of(driver, observation(heading_error=0.1)).steering == pytest.approx(error)
+    assert controls_of(driver, observation(yaw_rate=0.5)).steering == pytest.approx(-0.05)
+
+
+# --- Speed plan ----------------------------------------------------------------------------------
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    make=st.sampled_from(BUILT_IN),
+    aggression=st.floats(0.3, 3.0),
+    smoothing=st.sampled_from([0.0, 2.0, 4.0, 10.0, 200.0]),
+    n=st.integers(2, AHEAD_POINTS),
+)
+@settings(max_examples=200, deadline=None)
+def test_the_plan_keeps_every_budget_and_gives_nothing_away(
+    seed: int, make: Callable[..., Planner], aggression: float, smoothing: float, n: int
+) -> None:
+    """The largest speed that, braking steadily from here on, keeps every budget."""
+    driver = make(aggression=aggression, smoothing=smoothing)
+    rng = np.random.default_rng(seed)
+    curvature = rng.normal(0.0, 0.04, n)
+    lateral, braking = aggression * driver.lateral_acceleration, aggression * driver.braking
+    reach = round(smoothing / AHEAD_SPACING)
+    bounds = [SETUP.speed_limit**2]
+    for i in range(n):
+        kappa = abs(curvature[max(i - reach, 0) : i + reach + 1].mean())
+        bounds.append(lateral / kappa + 2.0 * braking * AHEAD_SPACING * i)
+    assert speed_wanted(curvature, driver) == pytest.approx(math.sqrt(min(bounds)), rel=1e-9)
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+@pytest.mark.parametrize("kappa", [0.0, 1e-4, 0.01, -0.03, 0.07, -1.0])
+def test_a_steady_curve_is_driven_within_its_budget_and_the_limit(
+    make: Callable[..., Planner], kappa: float
+) -> None:
+    driver = make(aggression=0.8)
+    speed = speed_wanted(np.full(AHEAD_POINTS, kappa), driver)
+    budget = 0.8 * driver.lateral_acceleration
+    assert speed <= SETUP.speed_limit * (1.0 + 1e-12)
+    assert speed**2 * abs(kappa) <= budget * (1.0 + 1e-12)
+    assert speed == pytest.approx(SETUP.speed_limit) or speed**2 * abs(kappa) == pytest.approx(
+        budget
+    )
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+@pytest.mark.parametrize("row", [0, 1, 10, 30])
+def test_a_curve_ahead_is_braked_for_in_advance(make: Callable[..., Planner], row: int) -> None:
+    driver = make(smoothing=0.0)
+    kappa = 0.07
+    curvature = np.where(np.arange(AHEAD_POINTS) >= row, kappa, 0.0)
+    in_curve = driver.lateral_acceleration / kappa
+    expected = math.sqrt(in_curve + 2.0 * driver.braking * AHEAD_SPACING * row)
+    assert speed_wanted(curvature, driver) == pytest.approx(min(expected, SETUP.speed_limit))
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+def test_smoothing_makes_light_of_a_short_bend_only(make: Callable[..., Planner]) -> None:
+    kappa = 0.05
+    short, long = np.zeros(AHEAD_POINTS), np.full(AHEAD_POINTS, kappa)
+    short[5] = kappa
+    assert speed_wanted(short, make(smoothing=4.0)) > speed_wanted(short, make(smoothing=0.0))
+    assert speed_wanted(long, make(smoothing=4.0)) == pytest.approx(
+        speed_wanted(long, make(smoothing=0.0))
+    )
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+def test_pedals_bring_the_speed_to_the_limit(make: Callable[..., Planner]) -> None:
+    driver = make(speed_gain=1.5)
+    limit = SETUP.speed_limit
+    slow = controls_of(driver, observation(speed=limit - 1.0))
+    assert (slow.throttle, slow.brake) == pytest.approx((1.5 / 4.5, 0.0))
+    fast = controls_of(driver, observation(speed=limit + 2.0))
+    assert (fast.throttle, fast.brake) == pytest.approx((0.0, 3.0 / 9.0))
+    even = controls_of(driver, observation(speed=limit))
+    assert (even.throttle, even.brake) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert controls_of(driver, observation(speed=0.0)).throttle == 1.0
+    assert controls_of(driver, observation(speed=3.0 * limit)).brake == 1.0
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+def test_aggression_scales_the_speed_in_curves(make: Callable[..., Planner]) -> None:
+    curvature = np.full(AHEAD_POINTS, 0.06)
+    calm, bold = speed_wanted(curvature, make()), speed_wanted(curvature, make(aggression=1.44))
+    assert bold == pytest.approx(1.2 * calm)
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+def test_bad_parameters_are_refused_by_name(make: Callable[..., Planner]) -> None:
+    may_be_zero = {"smoothing", "lookahead_time", "yaw_damping"}
+    for item in fields(make()):
+        for value in (-1.0, math.nan, math.inf):
+            with pytest.raises(ValueError, match=f"{item.name} is {value}: a .*number.* is needed"):
+                make(**{item.name: value})
+        if item.name in may_be_zero:
+            assert getattr(make(**{item.name: 0.0}), item.name) == 0.0
+        else:
+            with pytest.raises(ValueError, match=f"{item.name} is 0.0: a positive number"):
+                make(**{item.name: 0.0})
+
+
+# --- Noise ---------------------------------------------------------------------------------------
+
+
+def errors_seen(driver: Noisy, recorder: Recorder, n: int) -> FloatArray:
+    """(n, 2) errors in offset and heading that a recorder under the layer sees."""
+    driver.reset(SETUP)
+    for _ in range(n):
+        driver.act(observation(lateral_offset=0.7, heading_error=-0.2))
+    return np.array([(o.lateral_offset - 0.7, o.heading_error + 0.2) for o in recorder.seen])
+
+
+def test_noise_is_the_same_in_every_drive_and_another_for_another_seed() -> None:
+    recorder = Recorder()
+    driver = Noisy(recorder, seed=3)
+    first = errors_seen(driver, recorder, 600)
+    np.testing.assert_array_equal(errors_seen(driver, recorder, 600), first)
+    np.testing.assert_array_equal(errors_seen(Noisy(recorder, seed=3), recorder, 600), first)
+    # A shorter drive sees the beginning of the same errors.
+    np.testing.assert_array_equal(errors_seen(driver, recorder, 10), first[:10])
+    assert np.abs(errors_seen(Noisy(recorder, seed=4), recorder, 600) - first).max() > 0.01
+
+
+def test_errors_do_not_depend_on_how_far_they_were_drawn_before() -> None:
+    driver = Noisy(Planner(), seed=5)
+    at_once = driver.errors(0.05).upto(1000)[:1000]
+    bit_by_bit = driver.errors(0.05)
+    for n in (1, 7, 256, 257, 700, 1000):
+        np.testing.assert_array_equal(bit_by_bit.upto(n)[:n], at_once[:n])
+
+
+@pytest.mark.parametrize(("offset", "heading"), [(0.3, 0.02), (0.0, 0.05), (0.1, 0.0)])
+@pytest.mark.parametrize("correlation_time", [0.2, 1.0])
+def test_errors_have_their_standard_deviations_and_correlation(
+    offset: float, heading: float, correlation_time: float
+) -> None:
+    driver = Noisy(
+        Planner(), offset=offset, heading=heading, correlation_time=correlation_time, seed=1
+    )
+    errors = driver.errors(0.05).upto(200_000)
+    lag = round(correlation_time / 0.05)
+    for column, deviation in zip(errors.T, (offset, heading), strict=True):
+        assert column.std() == pytest.approx(deviation, rel=0.05)
+        assert column.mean() == pytest.approx(0.0, abs=0.05 * deviation)
+        if deviation:
+            correlation = float(np.corrcoef(column[lag:], column[:-lag])[0, 1])
+            assert correlation == pytest.approx(math.exp(-1.0), abs=0.03)
+    if offset and heading:
+        assert abs(float(np.corrcoef(errors[:, 0], errors[:, 1])[0, 1])) < 0.05
+
+
+def test_the_first_error_of_a_drive_is_no_larger_than_the_others() -> None:
+    first = np.array(
+        [Noisy(Planner(), offset=1.0, seed=seed).errors(0.05).upto(1)[0, 0] for seed in range(3000)]
+    )
+    assert first.std() == pytest.approx(1.0, rel=0.06)
+
+
+def test_the_view_ahead_errs_as_the_place_does() -> None:
+    """Seen from where the car believes to be, every point lies where it really is."""
+    recorder = Recorder()
+    driver = Noisy(recorder, offset=0.5, heading=0.1, seed=2)
+    driver.reset(SETUP)
+    real = random_observation(8)
+    before = real.ahead.copy()
+    for _ in range(20):
+        driver.act(real)
+    np.testing.assert_array_equal(real.ahead, before)
+    for seen in recorder.seen:
+        offset = seen.lateral_offset - real.lateral_offset
+        turn = seen.heading_error - real.heading_error
+        c, s = math.cos(turn), math.sin(turn)
+        x = c * seen.ahead[:, 0] - s * seen.ahead[:, 1]
+        y = s * seen.ahead[:, 0] + c * seen.ahead[:, 1] + offset
+        np.testing.assert_allclose(np.column_stack([x, y]), real.ahead, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(seen.curvature_ahead, real.curvature_ahead)
+        assert (seen.speed, seen.yaw_rate) == (real.speed, real.yaw_rate)
+
+
+def test_no_noise_changes_nothing() -> None:
+    recorder = Recorder()
+    driver = Noisy(recorder, offset=0.0, heading=0.0)
+    driver.reset(SETUP)
+    real = random_observation(9)
+    driver.act(real)
+    (seen,) = recorder.seen
+    assert (seen.lateral_offset, seen.heading_error) == (real.lateral_offset, real.heading_error)
+    np.testing.assert_array_equal(seen.ahead, real.ahead)
+
+
+# --- Delay and view ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("seconds", "periods"), [(0.0, 0), (0.01, 0), (0.05, 1), (0.1, 2), (0.12, 2), (1.0, 20)]
+)
+def test_delayed_controls_arrive_whole_periods_later(seconds: float, periods: int) -> None:
+    recorder = Recorder()
+    driver = Delayed(recorder, seconds=seconds)
+    for _ in range(2):  # what was on its way in one drive does not arrive in the next
+        driver.reset(SETUP)
+        arrived = [driver.act(observation()) for _ in range(40)]
+        fresh = [Controls(0.01 * n, n / 1000.0, n / 2000.0) for n in range(1, 41)]
+        assert arrived == [Controls(0.0, 0.0, 0.0)] * periods + fresh[: 40 - periods]
+    assert recorder.resets == [SETUP, SETUP]
+
+
+@pytest.mark.parametrize(
+    ("distance", "rows"),
+    [(0.1, 2), (2.0, 2), (3.9, 2), (4.0, 3), (30.0, 16), (78.0, 40), (1e6, 40)],
+)
+def test_a_limited_view_has_the_next_points_only(distance: float, rows: int) -> None:
+    recorder = Recorder()
+    driver = LimitedView(recorder, distance=distance)
+    driver.reset(SETUP)
+    real = random_observation(10)
+    driver.act(real)
+    (seen,) = recorder.seen
+    np.testing.assert_array_equal(seen.ahead, real.ahead[:rows])
+    np.testing.assert_array_equal(seen.curvature_ahead, real.curvature_ahead[:rows])
+    assert (seen.speed, seen.lateral_offset) == (real.speed, real.lateral_offset)
+
+
+def test_what_lies_beyond_the_view_is_not_braked_for() -> None:
+    curvature = np.where(np.arange(AHEAD_POINTS) >= 15, 0.5, 0.0)
+    seen = observation(speed=19.0, curvature_ahead=curvature)
+    assert controls_of(Planner(), seen).brake > 0.0
+    assert controls_of(LimitedView(Planner(), distance=20.0), seen).throttle > 0.0
+
+
+@pytest.mark.parametrize("make", BUILT_IN)
+def test_layers_commute(make: Callable[..., Driver]) -> None:
+    layers: list[Callable[[Driver], Driver]] = [
+        lambda driver: Noisy(driver, offset=0.3, heading=0.05, seed=6),
+        lambda driver: Delayed(driver, seconds=0.15),
+        lambda driver: LimitedView(driver, distance=14.0),
+    ]
+    seen = [random_observation(seed) for seed in range(20)]
+    answers = []
+    for order in itertools.permutations(layers):
+        driver: Driver = make()
+        for layer in order:
+            driver = layer(driver)
+        driver.reset(SETUP)
+        answers.append([driver.act(each) for each in seen])
+    assert all(answer == answers[0] for answer in answers)
+    assert len(set(answers[0])) > 10
+
+
+def test_layers_reset_the_driver_underneath() -> None:
+    recorder = Recorder()
+    driver = Noisy(Delayed(LimitedView(recorder)))
+    driver.reset(SETUP)
+    assert recorder.resets == [SETUP]
+
+
+@pytest.mark.parametrize(
+    ("layer", "options", "message"),
+    [
+        (Noisy, {"offset": -0.1}, "offset is -0.1: 0 or more m are needed"),
+        (Noisy, {"offset": math.nan}, "offset is nan: 0 or more m are needed"),
+        (Noisy, {"heading": -0.1}, "heading is -0.1: 0 or more rad are needed"),
+        (Noisy, {"heading": math.inf}, "heading is inf: 0 or more rad are needed"),
+        (Noisy, {"correlation_time": 0.0}, "correlation_time is 0.0: more than 0 s are needed"),
+        (Delayed, {"seconds": -0.1}, "seconds is -0.1: 0 or more s are needed"),
+        (Delayed, {"seconds": math.nan}, "seconds is nan: 0 or more s are needed"),
+        (Delayed, {"seconds": 11.0}, "seconds is 11.0: a delay of at most 10 s is allowed"),
+        (LimitedView, {"distance": 0.0}, "distance is 0.0: more than 0 m are needed"),
+        (LimitedView, {"distance": -5.0}, "distance is -5.0: more than 0 m are needed"),
+        (LimitedView, {"distance": math.nan}, "distance is nan: more than 0 m are needed"),
+    ],
+)
+def test_bad_amounts_are_refused_by_name(
+    layer: Callable[..., Driver], options: dict[str, float], message: str
+) -> None:
+    with pytest.raises(ValueError) as caught:
+        layer(Planner(), **options)
+    assert str(caught.value) == message
+
+
+# --- What may be compiled ------------------------------------------------------------------------
+
+
+class MyPlanner(Planner):
+    pass
+
+
+class MyLayer(Delayed):
+    pass
+
+
+def compiled(driver: Driver) -> Compiled:
+    form = compiled_form(driver, 0.05)
+    assert form is not None
+    return form
+
+
+@pytest.mark.parametrize("driver", [Planner(aggression=1.3), Stanley(aggression=1.3)])
+def test_built_in_drivers_are_compiled_with_their_parameters(driver: Planner) -> None:
+    form = compiled(driver)
+    assert form.law == driver.law
+    np.testing.assert_array_equal(form.parameters, driver.parameters())
+    assert (form.rows, form.delay, form.errors) == (AHEAD_POINTS, 0, None)
+
+
+def test_the_laws_differ() -> None:
+    assert compiled(Planner()).law != compiled(Stanley()).law
+
+
+def test_one_layer_of_each_kind_is_compiled_in() -> None:
+    noisy = Noisy(LimitedView(Delayed(Stanley(), seconds=0.2), distance=20.0), seed=7)
+    form = compiled(noisy)
+    assert form.law == Stanley.law
+    assert form.rows == 11
+    assert form.delay == 4
+    assert form.errors is not None
+    np.testing.assert_array_equal(form.errors.upto(300), noisy.errors(0.05).upto(300))
+
+
+@pytest.mark.parametrize(
+    "driver",
+    [
+        Recorder(),
+        MyPlanner(),
+        Noisy(MyPlanner()),
+        Noisy(Recorder()),
+        MyLayer(Planner()),
+        Noisy(MyLayer(Planner())),
+        Noisy(Noisy(Planner())),
+        Delayed(Noisy(Delayed(Planner()))),
+        LimitedView(LimitedView(Planner())),
+    ],
+    ids=lambda driver: type(driver).__name__,
+)
+def test_anything_else_is_called_from_python(driver: Driver) -> None:
+    assert compiled_form(driver, 0.05) is None
+
+
+# --- Controls ------------------------------------------------------------------------------------
+
+
+def test_pedals_are_cut_and_steering_is_not() -> None:
+    assert checked_controls(Controls(5.0, 1.5, -0.5)) == (5.0, 1.0, 0.0)
+    assert checked_controls(Controls(-0.2, 0.3, 0.4)) == (-0.2, 0.3, 0.4)
+    assert checked_controls(Controls(np.float32(0.5), 1, True)) == (0.5, 1.0, 1.0)  # type: ignore[arg-type]
+    assert checked_controls(Controls(0.1)) == (0.1, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("controls", "message"),
+    [
+        (None, "the driver returned NoneType instead of frenetic.Controls"),
+        ((0.0, 0.0, 0.0), "the driver returned tuple instead of frenetic.Controls"),
+        (0.1, "the driver returned float instead of frenetic.Controls"),
+        (Controls, "the driver returned type instead of frenetic.Controls"),
+        (Controls(math.nan), "the driver returned steering = nan, not a finite number"),
+        (Controls(-math.inf), "the driver returned steering = -inf, not a finite number"),
+        (Controls(0.0, math.nan), "the driver returned throttle = nan, not a finite number"),
+        (Controls(0.0, 0.0, math.inf), "the driver returned brake = inf, not a finite number"),
+        (Controls(None), "the driver returned steering = None, not a number"),  # type: ignore[arg-type]
+        (Controls("left"), "the driver returned steering = 'left', not a number"),  # type: ignore[arg-type]
+        (Controls(0.0, 1j), "the driver returned throttle = 1j, not a number"),  # type: ignore[arg-type]
+        (Controls(0.0, 0.0, []), "the driver returned brake = [], not a number"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_is_no_controls_is_refused_with_what_came(controls: Any, message: str) -> None:
+    with pytest.raises(DriverError) as caught:
+        checked_controls(controls)
+    assert str(caught.value) == message
+
+
+def test_a_setup_knows_the_wheelbase() -> None:
+    assert SETUP.wheelbase == pytest.approx(WHEELBASE)

@@ -1,0 +1,344 @@
+"""Pictures: files of the right sort with the right words in them, whatever is drawn."""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frenetic.errors import FreneticError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.report import draw_drive, draw_gallery, draw_road
+from frenetic.road import Pose, Road
+from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+
+RATE = 20.0  # records per s
+
+
+def bends(*curvatures: float, step: float = 10.0, lane_width: float = 4.0) -> Road:
+    return Road(np.array(curvatures), step, lane_width=lane_width)
+
+
+def drive_along(
+    road: Road,
+    *,
+    speed: float = 12.0,
+    until: float | None = None,
+    drift: float = 0.0,
+    rules: Rules | None = None,
+    error: str | None = None,
+    stand: float = 0.0,
+) -> Drive:
+    """A drive on the lane's centre at `speed` that drifts `drift` m to the left on its way.
+
+    It goes `until` m, by default the whole road, and then stands for `stand` s.
+    """
+    end = road.length if until is None else until
+    s = np.arange(0.0, end, speed / RATE)
+    if not len(s):
+        s = np.zeros(1)
+    s = np.concatenate([s, np.full(round(stand * RATE), s[-1])])
+    poses = np.array([road.pose_at(float(v)) for v in s])
+    offset = -0.5 * road.lane_width + drift * (s / road.length) ** 3
+    rows = np.zeros((len(s), len(Trajectory.names())))
+    rows[:, 0] = np.arange(len(s)) / RATE
+    rows[:, 1] = poses[:, 0] - offset * np.sin(poses[:, 2])
+    rows[:, 2] = poses[:, 1] + offset * np.cos(poses[:, 2])
+    rows[:, 3] = poses[:, 2]
+    rows[:, 4] = speed
+    return Drive(Trajectory.from_rows(rows), CarBody(), rules or Rules(), error)
+
+
+SHORT = bends(0.0, 0.02, 0.0, step=10.5)
+STRAIGHT = bends(*[0.0] * 26)
+HAIRPIN = bends(0, 0, 0, 0, 0.02, 0.06, 0.065, 0.06, 0.065, 0.03, 0, 0, 0, 0)
+WINDING = Road(0.06 * np.sin(np.arange(26)), pose=Pose(60.0, 40.0, 0.4))
+LOOP = bends(*[0.1] * 30)  # goes around several times
+ROADS = {
+    "short": SHORT,
+    "straight": STRAIGHT,
+    "hairpin": HAIRPIN,
+    "winding": WINDING,
+    "loop": LOOP,
+    "narrow": bends(0.01, -0.03, 0.02, 0.0, lane_width=2.5),
+    "spiral": Road(np.linspace(0.0, 8.0, 40), 2.0),
+    "tiny": bends(0.0, 0.0, step=0.5),
+    "long": Road(0.002 * np.sin(np.arange(4000) / 50.0)),
+}
+
+
+def png_size(path: Path) -> tuple[int, int]:
+    data = path.read_bytes()
+    assert data.startswith(b"\x89PNG\r\n\x1a\n")
+    assert data.endswith(b"IEND\xaeB`\x82")
+    width, height = struct.unpack(">II", data[16:24])
+    return width, height
+
+
+def svg_texts(path: Path) -> list[str]:
+    root = ET.fromstring(path.read_text(encoding="utf-8"))
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    return ["".join(e.itertext()) for e in root.iter("{http://www.w3.org/2000/svg}text")]
+
+
+def left_behind(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_a_png_is_a_png_of_a_good_size(tmp_path: Path) -> None:
+    draw_drive(WINDING, drive_along(WINDING), tmp_path / "a.png")
+    width, height = png_size(tmp_path / "a.png")
+    assert 1000 <= width <= 1400
+    assert 700 <= height <= 1600
+    assert left_behind(tmp_path) == ["a.png"]
+
+
+def test_a_pdf_is_a_pdf(tmp_path: Path) -> None:
+    draw_drive(WINDING, drive_along(WINDING), tmp_path / "a.pdf")
+    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def test_the_suffix_may_be_in_capitals(tmp_path: Path) -> None:
+    draw_road(WINDING, tmp_path / "A.PNG")
+    png_size(tmp_path / "A.PNG")
+
+
+def test_a_failure_says_what_happened(tmp_path: Path) -> None:
+    drive = drive_along(HAIRPIN, drift=5.0)
+    result = judge(HAIRPIN, drive)
+    assert result.outcome is Outcome.FAIL
+    assert result.departure is not None
+    draw_drive(HAIRPIN, drive, tmp_path / "a.svg", title="Test 123: FAIL", map_size=200.0)
+    texts = svg_texts(tmp_path / "a.svg")
+    assert "Test 123: FAIL" in texts
+    assert result.reason in texts
+    for label in (
+        "distance along the road (m)",
+        "oob distance (m)",
+        "curvature (1/m)",
+        "speed (km/h)",
+        "start",
+        "end",
+        "departure",
+        "departure to the left",
+        f"{result.moobd:.2f} m".replace("-", "−"),
+        f"{result.duration:.1f} s",
+        f"{HAIRPIN.length:.0f} m",
+    ):
+        assert label in texts
+    assert any(text.startswith("MOOBD −") for text in texts)
+
+
+def test_a_pass_has_no_departure(tmp_path: Path) -> None:
+    drive = drive_along(WINDING, drift=1.0)
+    assert judge(WINDING, drive).outcome is Outcome.PASS
+    draw_drive(WINDING, drive, tmp_path / "a.svg")
+    texts = svg_texts(tmp_path / "a.svg")
+    assert "Drive: PASS" in texts
+    assert "departure" not in texts
+    assert "none" in texts
+
+
+@pytest.mark.parametrize("name", ROADS)
+@pytest.mark.parametrize("drift", [0.0, 5.0, -5.0])
+def test_every_road_can_be_drawn_driven(name: str, drift: float, tmp_path: Path) -> None:
+    road = ROADS[name]
+    speed = max(0.2, road.length / 20.0)
+    path = tmp_path / "a.png"
+    draw_drive(road, drive_along(road, speed=speed, drift=drift), path, map_size=200.0)
+    width, height = png_size(path)
+    assert width == 1210
+    assert 600 <= height <= 1600
+
+
+@pytest.mark.parametrize("name", ROADS)
+def test_every_road_can_be_drawn_alone(name: str, tmp_path: Path) -> None:
+    draw_road(ROADS[name], tmp_path / "a.svg", reason="The road is too sharp", map_size=200.0)
+    texts = svg_texts(tmp_path / "a.svg")
+    assert {"Road", "The road is too sharp", "curvature (1/m)", "start", "end"} <= set(texts)
+    assert "oob distance (m)" not in texts
+
+
+def nothing(error: str | None) -> Drive:
+    empty = np.empty((0, len(Trajectory.names())))
+    return Drive(Trajectory.from_rows(empty), error=error)
+
+
+def broken(*rows: tuple[int, float, float]) -> Drive:
+    """A drive whose records from `k` on lie at (x, y), for each (k, x, y)."""
+    table = drive_along(WINDING).trajectory.to_rows()
+    for k, x, y in rows:
+        table[k:, 1:3] = x, y
+    return Drive(Trajectory.from_rows(table), error="The simulator crashed")
+
+
+@pytest.mark.parametrize(
+    "drive",
+    [
+        nothing(None),
+        nothing("The simulator did not start"),
+        drive_along(WINDING, until=0.0),
+        drive_along(WINDING, until=60.0),
+        drive_along(WINDING, until=60.0, error="The driver raised ValueError: $x_1"),
+        broken((100, 1e5, -1e5)),
+        broken((100, 1e30, 1e30)),
+        broken((100, np.nan, np.inf)),
+        broken((0, np.nan, 0.0)),
+    ],
+    ids=[
+        "nothing", "no start", "one record", "stopped", "error", "astray", "far", "not a number",
+        "no number",
+    ],
+)  # fmt: skip
+def test_a_broken_drive_is_shown_as_far_as_it_went(drive: Drive, tmp_path: Path) -> None:
+    draw_drive(WINDING, drive, tmp_path / "a.svg")
+    draw_drive(WINDING, drive, tmp_path / "a.png")
+    texts = svg_texts(tmp_path / "a.svg")
+    assert "Drive: ERROR" in texts
+    assert "–" in texts
+
+
+@pytest.mark.parametrize(
+    ("drive", "words"),
+    [
+        (drive_along(WINDING, until=80.0, stand=12.0), "Car moved less than"),
+        (
+            drive_along(WINDING, speed=3.0, rules=Rules(timeout_base=1.0, timeout_speed=10.0)),
+            "Car took longer",
+        ),
+    ],
+    ids=["stuck", "timeout"],
+)
+def test_a_failure_in_the_lane_shows_where_it_ended(
+    drive: Drive, words: str, tmp_path: Path
+) -> None:
+    draw_drive(WINDING, drive, tmp_path / "a.svg")
+    texts = svg_texts(tmp_path / "a.svg")
+    assert any(text.startswith(words) for text in texts)
+    assert any(text.startswith("ended at ") for text in texts)
+
+
+def test_any_title_and_reason_can_be_written(tmp_path: Path) -> None:
+    title = "a & <b> $x_1$ $ \x00\x1b[0m\n" + "道路 " + "long " * 40
+    reason = "why & <why> $y$ \x07" + "because " * 100
+    for name in ("a.svg", "a.png", "a.pdf"):
+        draw_road(WINDING, tmp_path / name, title=title, reason=reason)
+    texts = svg_texts(tmp_path / "a.svg")
+    assert any(t.startswith("a & <b> $x_1$ $ [0m 道路 long") and t.endswith("…") for t in texts)
+    assert any(t.startswith("why & <why> $y$ because") for t in texts)
+
+
+def test_a_loop_around_the_start_hides_no_label(tmp_path: Path) -> None:
+    draw_road(bends(*[0.025] * 25), tmp_path / "a.svg")
+    texts = svg_texts(tmp_path / "a.svg")
+    assert texts.count("start") == texts.count("end") == 1
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
+def test_the_same_drive_gives_the_same_bytes(suffix: str, tmp_path: Path) -> None:
+    drive = drive_along(HAIRPIN, drift=5.0)
+    for name in ("a", "b"):
+        draw_drive(HAIRPIN, drive, (tmp_path / name).with_suffix(suffix), map_size=200.0)
+    first, second = ((tmp_path / name).with_suffix(suffix).read_bytes() for name in ("a", "b"))
+    assert first == second
+
+
+def test_an_existing_picture_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(b"old")
+    draw_road(WINDING, path)
+    png_size(path)
+
+
+@pytest.mark.parametrize("name", ["a.jpeg", "a", "a.png.txt"])
+def test_another_suffix_is_refused(name: str, tmp_path: Path) -> None:
+    drive = drive_along(SHORT)
+    path = tmp_path / name
+    draws: list[Callable[[], None]] = [
+        lambda: draw_road(SHORT, path),
+        lambda: draw_drive(SHORT, drive, path),
+        lambda: draw_gallery([("a", SHORT, drive)], path),
+    ]
+    for draw in draws:
+        with pytest.raises(FreneticError, match=r"must end with \.png, \.svg or \.pdf") as caught:
+            draw()
+        assert "\n" not in str(caught.value)
+    assert left_behind(tmp_path) == []
+
+
+def test_a_path_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "folder.png").mkdir()
+    (tmp_path / "file").write_text("in the way")
+    for name in ("folder.png", "missing/a.png", "file/a.png"):
+        with pytest.raises(FreneticError, match="cannot write the picture") as caught:
+            draw_road(SHORT, tmp_path / name)
+        assert "\n" not in str(caught.value)
+    assert left_behind(tmp_path) == ["file", "folder.png"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 50])
+def test_a_contact_sheet_shows_every_caption(count: int, tmp_path: Path) -> None:
+    drives = [drive_along(WINDING), drive_along(HAIRPIN, drift=-5.0), nothing("It broke")]
+    roads = [WINDING, HAIRPIN, WINDING]
+    items = [(f"Test {k}", roads[k % 3], drives[k % 3]) for k in range(count)]
+    draw_gallery(items, tmp_path / "a.svg", title="Failures")
+    draw_gallery(items, tmp_path / "a.png")
+    texts = svg_texts(tmp_path / "a.svg")
+    assert "Failures" in texts
+    assert [text for text in texts if text.startswith("Test ")] == [c for c, _, _ in items]
+    png_size(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("count", [0, 401])
+def test_a_contact_sheet_has_a_size(count: int, tmp_path: Path) -> None:
+    with pytest.raises(FreneticError, match="1 to 400 are allowed"):
+        draw_gallery([("a", SHORT, drive_along(SHORT))] * count, tmp_path / "a.png")
+    assert left_behind(tmp_path) == []
+
+
+def run(code: str) -> str:
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    return result.stdout.strip()
+
+
+def test_drawing_touches_no_backend(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    code = (
+        "import sys, pathlib; from frenetic.report import draw_road\n"
+        "from frenetic.road import Road\n"
+        f"draw_road(Road([0.0, 0.01, 0.0]), pathlib.Path({str(path)!r}))\n"
+        "print('matplotlib.pyplot' in sys.modules)"
+    )
+    assert run(code) == "False"
+    png_size(path)
+
+
+def test_matplotlib_waits_until_it_is_needed() -> None:
+    assert run("import sys, frenetic.report; print('matplotlib' in sys.modules)") == "False"
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    import frenetic.report
+
+    with pytest.raises(AttributeError, match="no attribute 'draw_moon'"):
+        frenetic.report.draw_moon  # noqa: B018
+
+
+def test_the_callers_matplotlib_settings_neither_matter_nor_change(tmp_path: Path) -> None:
+    import matplotlib as mpl
+
+    draw_road(WINDING, tmp_path / "a.svg")
+    with mpl.rc_context({"font.size": 30.0, "svg.fonttype": "path", "savefig.bbox": "tight"}):
+        before = dict(mpl.rcParams)
+        draw_road(WINDING, tmp_path / "b.svg")
+        assert dict(mpl.rcParams) == before
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()

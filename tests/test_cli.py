@@ -1,0 +1,467 @@
+"""The command line as a user meets it: what it prints, where, and with which exit code."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from frenetic.cli import main
+
+STRAIGHT = {"curvatures": [0.0] * 12}
+BENT = {"curvatures": [0.0, 0.02, 0.05, 0.06, 0.02, -0.03, -0.06, -0.06, -0.02, 0.0, 0.03]}
+LOOP = {"curvatures": [0.07] * 14}
+
+
+@dataclass
+class Answer:
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self):  # type: ignore[no-untyped-def]
+        return json.loads(self.out)
+
+
+Frenetic = Callable[..., Answer]
+
+
+@pytest.fixture
+def frenetic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Frenetic:
+    """Runs a command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> Answer:
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main(list(arguments))
+        captured = capsys.readouterr()
+        assert isinstance(stop.value.code, int)
+        return Answer(stop.value.code, captured.out, captured.err)
+
+    return call
+
+
+def write(name: str, content: object) -> str:
+    Path(name).write_text(content if isinstance(content, str) else json.dumps(content))
+    return name
+
+
+def refused(answer: Answer, *words: str) -> None:
+    """A mistake: exit code 2, one line on stderr that says what is wrong, no traceback."""
+    assert answer.code == 2
+    lines = [line for line in answer.err.splitlines() if line.startswith("frenetic: ")]
+    assert len(lines) == 1
+    assert "Traceback" not in answer.err
+    for word in words:
+        assert word in lines[0]
+
+
+# run
+
+
+def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) -> None:
+    answer = frenetic("run", "--simulations", "120", "--seed", "3", "--out", "mine")
+    assert answer.code == 0
+    assert "120 simulations" in answer.out
+    assert "The most severe and most different failures" in answer.out
+    assert "frenetic show mine " in answer.out
+    assert Path("mine/campaign.sqlite").is_file()
+    pictures = list(Path("mine/failures").glob("*.png"))
+    roads = list(Path("mine/failures").glob("*.json"))
+    assert 1 <= len(pictures) <= 10
+    assert len(roads) >= len(pictures)
+    assert not list(Path("mine/failures").glob("*.part"))
+
+
+def test_run_as_json_prints_one_object(frenetic: Frenetic) -> None:
+    answer = frenetic("run", "--simulations", "60", "--seed", "3", "--out", "c", "--json")
+    assert answer.code == 0
+    summary = answer.json
+    wanted = {
+        "simulations",
+        "invalid",
+        "passed",
+        "failed",
+        "errors",
+        "min_moobd",
+        "seconds",
+        "tests_per_second",
+        "seed",
+        "folder",
+    }
+    assert wanted <= set(summary)
+    assert summary["simulations"] == 60 == summary["passed"] + summary["failed"]
+    assert (summary["seed"], summary["folder"]) == (3, "c")
+
+
+def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
+    first = frenetic("run", "--simulations", "5", "--json").json
+    second = frenetic("run", "--simulations", "5", "--json").json
+    assert first["folder"] != second["folder"]
+    assert Path(first["folder"]).parent == Path("campaigns")
+    assert Path(second["folder"], "campaign.sqlite").is_file()
+    repeated = frenetic("run", "--simulations", "5", "--seed", str(first["seed"]), "--json").json
+    assert repeated["min_moobd"] == first["min_moobd"]
+
+
+def test_failing_road_fails_again_on_its_own(frenetic: Frenetic) -> None:
+    frenetic("run", "--simulations", "120", "--seed", "3", "--out", "c")
+    for path in sorted(Path("c/failures").glob("*.json"))[:5]:
+        stored = json.loads(path.read_text())
+        again = frenetic("drive", str(path), "--json").json
+        assert again["outcome"] == "FAIL"
+        assert again["moobd"] == stored["moobd"]
+        assert again["departure"] == stored["departure"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--simulations", "0"], ["simulations is 0", "at least 1"]),
+        (["--simulations", "-5"], ["simulations is -5", "at least 1"]),
+        (["--failures", "0"], ["failures is 0", "at least 1"]),
+        (["--time", "0"], ["'--time'", "more than 0 s"]),
+        (["--time", "soon"], ["'soon' is not a time", "1h30m"]),
+        (["--simulations", "many"], ["'many' is not a valid integer"]),
+        (["--driver", "plannr"], ["unknown driver 'plannr'", "did you mean 'planner'?"]),
+        (["--driver", "zzz"], ["unknown driver 'zzz'", "planner, stanley"]),
+        (["--driver", "no.py:Driver"], ["there is no file 'no.py'"]),
+        (["--driver", "no_such_module:Driver"], ["no module 'no_such_module'"]),
+        (["--driver", "json:JSONDecoder"], ["is no driver", "no method reset"]),
+        (["--driver-option", "agression=1"], ["did you mean 'aggression'?"]),
+        (["--driver-option", "aggression=-1"], ["aggression is -1"]),
+        (["--driver-option", "aggression"], ["is not NAME=VALUE"]),
+        (["--noise", "-1"], ["offset is -1"]),
+        (["--delay", "99"], ["at most 10 s"]),
+        (["--strategy", "genetic"], ["unknown strategy 'genetic'", "frenetic, random"]),
+        (["--strategy-option", "threshold=inf"], ["threshold"]),
+        (["--simulator", "carla"], ["unknown simulator 'carla'", "embedded"]),
+        (["--map-size", "15"], ["map_size is 15", "more than twice the margin"]),
+        (["--speed-limit", "0"], ["speed_limit is 0"]),
+        (["--oob-tolerance", "1.5"], ["oob_tolerance is 1.5", "up to 1"]),
+        (["--seed", "-1"], ["'--seed'"]),
+        (["--wall-limit", "-1"], ["wall_limit is -1"]),
+        (["--no-such-option"], ["No such option"]),
+    ],
+)
+def test_run_refuses_what_makes_no_sense_and_leaves_nothing(
+    frenetic: Frenetic, options: list[str], words: list[str]
+) -> None:
+    refused(frenetic("run", "--out", "c", *options), *words)
+    assert not Path("c").exists()
+
+
+def test_run_never_touches_an_existing_campaign(frenetic: Frenetic) -> None:
+    frenetic("run", "--simulations", "5", "--seed", "1", "--out", "c")
+    before = Path("c/campaign.sqlite").read_bytes()
+    refused(frenetic("run", "--simulations", "5", "--out", "c"), "already holds a campaign")
+    assert Path("c/campaign.sqlite").read_bytes() == before
+
+
+def test_run_refuses_a_folder_that_cannot_be_written(frenetic: Frenetic) -> None:
+    write("file", "not a folder")
+    refused(frenetic("run", "--simulations", "5", "--out", "file"), "file", "--out")
+    refused(frenetic("run", "--simulations", "5", "--out", "file/below"), "file/below")
+
+
+def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.store import TestRecord
+
+    folder = Path.cwd()
+    told = CampaignStore.told
+
+    def fill_up(self: CampaignStore, record: TestRecord) -> None:
+        if record.told == 10:
+            (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
+            self._connection.execute(f"PRAGMA max_page_count = {pages}")
+        told(self, record)
+
+    monkeypatch.setattr(CampaignStore, "told", fill_up)
+    refused(frenetic("run", "--simulations", "500", "--seed", "1", "--out", "c"), "full")
+    monkeypatch.undo()
+    with CampaignStore.open(folder / "c") as store:
+        assert store.counts().told >= 9
+        assert len(list(store.tests(with_trajectory=True))) == store.counts().told
+
+
+MY_DRIVER = """
+import frenetic
+
+class Slow:
+    def reset(self, setup):
+        self.limit = 8.0
+
+    def act(self, observation):
+        x, y = observation.ahead[4]
+        speeding = observation.speed > self.limit
+        return frenetic.Controls(
+            steering=2.6 * 2.0 * y / (x * x + y * y),
+            throttle=0.0 if speeding else 0.4,
+        )
+
+class Raises:
+    def reset(self, setup):
+        pass
+
+    def act(self, observation):
+        raise ValueError("lost")
+
+class Nan(Raises):
+    def act(self, observation):
+        return frenetic.Controls(float("nan"))
+
+class ForEver(Raises):
+    def act(self, observation):
+        while True:
+            pass
+"""
+
+
+def test_own_driver_from_a_file_and_from_a_module(frenetic: Frenetic) -> None:
+    write("mydriver.py", MY_DRIVER)
+    write("road.json", STRAIGHT)
+    for spec in ("mydriver.py:Slow", "mydriver:Slow"):
+        answer = frenetic("drive", "road.json", "--driver", spec, "--json")
+        assert answer.json["outcome"] == "PASS", answer
+    refused(frenetic("drive", "road.json", "--driver", "mydriver.py:Slwo"), "did you mean 'Slow'?")
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("Raises", "the driver raised ValueError: lost"),
+        ("Nan", "steering = nan, not a finite number"),
+        ("ForEver", "did not finish its drive within 0.2 s"),
+    ],
+)
+def test_broken_driver_is_an_error_and_ends_a_campaign(
+    frenetic: Frenetic, name: str, why: str
+) -> None:
+    write("mydriver.py", MY_DRIVER)
+    write("road.json", STRAIGHT)
+    spec = f"mydriver.py:{name}"
+    answer = frenetic("drive", "road.json", "--driver", spec, "--wall-limit", "0.2", "--json")
+    assert answer.json["outcome"] == "ERROR"
+    assert why in answer.json["reason"]
+    answer = frenetic(
+        "run", "--driver", spec, "--simulations", "50", "--wall-limit", "0.2", "--out", "c"
+    )
+    refused(answer, "the last 10 drives broke", why)
+    assert frenetic("show", "c", "--json").json["errors"] == 10
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")
+def test_ctrl_c_ends_a_run_with_its_summary(tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    command = [sys.executable, "-m", "frenetic", "run", "--time", "10m", "--out", str(folder)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+    ) as process:
+        deadline = time.monotonic() + 120.0
+        while not stored_tests(folder) and time.monotonic() < deadline:
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=120.0)
+    assert process.returncode == 130
+    assert "Interrupted" in out
+    assert "Traceback" not in err
+    assert stored_tests(folder) > 0
+
+
+def stored_tests(folder: Path) -> int:
+    from frenetic.campaign import CampaignStore
+    from frenetic.errors import CampaignError
+
+    try:
+        with CampaignStore.open(folder) as store:
+            return store.counts().told
+    except CampaignError:
+        return 0
+
+
+# drive
+
+
+def test_drive_says_what_happened(frenetic: Frenetic) -> None:
+    write("road.json", BENT)
+    answer = frenetic("drive", "road.json")
+    assert answer.code == 0
+    assert answer.out.startswith("PASS  Car reached the end of the road")
+    assert "MOOBD" in answer.out
+    answer = frenetic("drive", "road.json", "--driver-option", "aggression=3")
+    assert answer.out.startswith("FAIL  Car drove out of the lane ")
+    assert "left lane" in answer.out
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg"])
+def test_drive_draws_a_picture(frenetic: Frenetic, suffix: str) -> None:
+    write("road.json", BENT)
+    answer = frenetic("drive", "road.json", "--plot", f"picture.{suffix}", "--json")
+    assert answer.json["plot"] == f"picture.{suffix}"
+    assert Path(f"picture.{suffix}").stat().st_size > 10_000
+
+
+def test_drive_refuses_a_picture_of_an_unknown_kind(frenetic: Frenetic) -> None:
+    write("road.json", BENT)
+    refused(frenetic("drive", "road.json", "--plot", "picture.doc"), "png")
+    refused(frenetic("drive", "road.json", "--plot", "no/such/folder/p.png"), "no/such/folder")
+
+
+def test_invalid_road_is_not_driven_unless_asked_for(frenetic: Frenetic) -> None:
+    write("loop.json", LOOP)
+    answer = frenetic("drive", "loop.json", "--json").json
+    assert (answer["outcome"], answer["reason"]) == ("INVALID", "The road is self-intersecting")
+    answer = frenetic("drive", "loop.json", "--anyway", "--json").json
+    assert answer["outcome"] in ("PASS", "FAIL")
+
+
+def test_layers_change_the_drive(frenetic: Frenetic) -> None:
+    write("road.json", BENT)
+    plain = frenetic("drive", "road.json", "--json").json["moobd"]
+    for layer in (["--noise", "0.3"], ["--delay", "0.2"], ["--view", "8"]):
+        assert frenetic("drive", "road.json", "--json", *layer).json["moobd"] != plain
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, ["there is no file road.json"]),
+        ("nonsense", ["road.json is not JSON"]),
+        ('{"curvatures": [0, NaN, 0]}', ["curvature 1 is nan"]),
+        ('{"curvatures": [0, -Infinity, 0]}', ["curvature 1 is -inf"]),
+        ({"curvatures": [0.1]}, ["1 curvature samples", "2 to 10000"]),
+        ({"curvatures": [0.0] * 1_000_000}, ["1000000 curvature samples", "2 to 10000"]),
+        ({"nothing": 1}, ["neither 'curvatures' nor 'road_points'"]),
+    ],
+)
+def test_bad_road_files_get_one_line(
+    frenetic: Frenetic, content: object, words: list[str]
+) -> None:
+    if content is not None:
+        write("road.json", content)
+    for command in ("drive", "validate"):
+        refused(frenetic(command, "road.json"), "road.json", *words)
+
+
+# validate
+
+
+def test_validate_says_it_of_each_file(frenetic: Frenetic) -> None:
+    good, bad = write("good.json", STRAIGHT), write("bad.json", LOOP)
+    assert frenetic("validate", good).code == 0
+    answer = frenetic("validate", good, bad)
+    assert answer.code == 1
+    assert answer.out.splitlines() == [
+        "good.json: valid",
+        "bad.json: INVALID  The road is self-intersecting",
+    ]
+    assert frenetic("validate", good, bad, "--json").json == [
+        {"file": "good.json", "valid": True, "message": ""},
+        {"file": "bad.json", "valid": False, "message": "The road is self-intersecting"},
+    ]
+
+
+def test_validate_judges_the_other_files_beside_an_unreadable_one(frenetic: Frenetic) -> None:
+    answer = frenetic("validate", "missing.json", write("good.json", STRAIGHT))
+    refused(answer, "missing.json")
+    assert answer.out == "good.json: valid\n"
+
+
+# show
+
+
+def test_show_a_campaign_and_a_test(frenetic: Frenetic) -> None:
+    frenetic("run", "--simulations", "120", "--seed", "3", "--out", "c")
+    whole = frenetic("show", "c")
+    assert "frenetic, seed 3" in whole.out
+    assert "The most severe and most different failures" in whole.out
+    counted = frenetic("show", "c", "--json").json
+    assert counted["passed"] + counted["failed"] == 120
+    failing = json.loads(next(Path("c/failures").glob("*.json")).read_text())["id"]
+    one = frenetic("show", "c", str(failing))
+    assert "FAIL" in one.out
+    assert "curvatures" in one.out
+    assert Path(f"c/failures/test-{failing:05d}.png").is_file()
+    document = frenetic("show", "c", str(failing), "--plot", "p.svg", "--json").json
+    assert (document["id"], document["picture"]) == (failing, "p.svg")
+    assert Path("p.svg").is_file()
+
+
+def test_show_an_invalid_test(frenetic: Frenetic) -> None:
+    frenetic(
+        *("run", "--strategy", "random", "--strategy-option", "max_redraws=0"),
+        *("--simulations", "40", "--seed", "3", "--out", "c"),
+    )
+    from frenetic.campaign import CampaignStore
+    from frenetic.outcome import Outcome
+
+    with CampaignStore.open(Path("c")) as store:
+        (record,) = store.tests(Outcome.INVALID, limit=1)
+    answer = frenetic("show", "c", str(record.candidate.id), "--plot", "p.png")
+    assert answer.code == 0
+    assert "INVALID" in answer.out
+    assert Path("p.png").is_file()
+
+
+def test_show_refuses_what_is_not_there(frenetic: Frenetic) -> None:
+    refused(frenetic("show", "nowhere"), "nowhere")
+    frenetic("run", "--simulations", "5", "--seed", "1", "--out", "c")
+    refused(frenetic("show", "c", "99999"), "99999")
+    refused(frenetic("show", "c", "--plot", "p.png"), "--plot needs the ID")
+
+
+# what there is
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ("drivers", ["planner", "stanley", "beamng-ai"]),
+        ("strategies", ["frenetic", "random"]),
+        ("simulators", ["embedded"]),
+    ],
+)
+def test_listings(frenetic: Frenetic, command: str, names: list[str]) -> None:
+    answer = frenetic(command)
+    assert answer.code == 0
+    assert all(name in answer.out for name in names)
+    listed = frenetic(command, "--json").json
+    assert [entry["name"] for entry in listed][: len(names)] == names
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["", "run", "drive", "validate", "show", "drivers", "strategies", "simulators"],
+)
+def test_every_command_has_help(frenetic: Frenetic, command: str) -> None:
+    answer = frenetic(*command.split(), "--help")
+    assert answer.code == 0
+    assert "Usage: frenetic" in answer.out
+
+
+def test_help_needs_neither_numba_nor_matplotlib() -> None:
+    code = (
+        "import sys, frenetic.cli\n"
+        "assert not {'numba', 'matplotlib', 'scipy'} & set(sys.modules), sorted(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ.copy())
+
+
+def test_unknown_command_is_a_mistake(frenetic: Frenetic) -> None:
+    refused(frenetic("fly"), "No such command 'fly'")
