@@ -78,7 +78,8 @@ def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) 
     assert "The most severe and most different failures" in answer.out
     assert "frenetic show mine " in answer.out
     assert Path("mine/campaign.sqlite").is_file()
-    pictures = list(Path("mine/failures").glob("*.png"))
+    pictures = list(Path("mine/failures").glob("test-*.png"))
+    assert Path("mine/failures/gallery.png").is_file()
     roads = list(Path("mine/failures").glob("*.json"))
     assert 1 <= len(pictures) <= 10
     assert len(roads) >= len(pictures)
@@ -350,9 +351,7 @@ def test_layers_change_the_drive(frenetic: Frenetic) -> None:
         ({"nothing": 1}, ["neither 'curvatures' nor 'road_points'"]),
     ],
 )
-def test_bad_road_files_get_one_line(
-    frenetic: Frenetic, content: object, words: list[str]
-) -> None:
+def test_bad_road_files_get_one_line(frenetic: Frenetic, content: object, words: list[str]) -> None:
     if content is not None:
         write("road.json", content)
     for command in ("drive", "validate"):

@@ -65,7 +65,7 @@ def _fail(message: str) -> NoReturn:
     sys.exit(2)
 
 
-class Duration(click.ParamType):
+class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
     """A time such as 90, 90s, 10m or 1h30m."""
 
     name = "time"
@@ -80,7 +80,7 @@ class Duration(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
-class Setting(click.ParamType):
+class Setting(click.ParamType):  # type: ignore[type-arg]
     """NAME=VALUE for an option of a part; the value is read as JSON if it is some."""
 
     name = "name=value"
@@ -108,7 +108,7 @@ def _driver_options(command: Callable[P, R]) -> Callable[P, R]:
             default="planner",
             show_default=True,
             metavar="D",
-            help="Who drives: a name (see 'frenetic drivers'), package.module:Class or file.py:Class.",
+            help="Who drives: a name ('frenetic drivers'), package.module:Class or file.py:Class.",
         ),
         click.option(
             "--driver-option",
@@ -275,7 +275,6 @@ def run(
         f" seed {seed}, results in {folder}"
     )
 
-
     def announce_stop() -> None:
         log.print("Stopping after this test; press Ctrl-C again to leave at once.")
 
@@ -284,8 +283,12 @@ def run(
     with CampaignStore.open(folder) as store:
         listed = telling_failures(store)
         if listed:
-            with log.status(f"Drawing {len(listed)} failures"):
-                write_failures(store, listed)
+            with log.status("Drawing the most telling failures") as status:
+                write_failures(
+                    store,
+                    listed,
+                    lambda done, total: status.update(f"Drawing failures: {done} of {total}"),
+                )
         if as_json:
             click.echo(json.dumps(summary.as_json()))
         else:
@@ -697,6 +700,9 @@ def _print_summary(summary: Summary, listed: Sequence[TestRecord]) -> None:
         _print_failures(listed)
     click.echo(f"Results:     {summary.folder}")
     if listed:
+        from frenetic.report.failures import FAILURES, GALLERY
+
+        click.echo(f"At a glance: {summary.folder / FAILURES / GALLERY}")
         click.echo(f"Look closer: frenetic show {_shell(summary.folder)} {listed[0].candidate.id}")
 
 

@@ -111,10 +111,12 @@ def assess_record(
     elif math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal:
         end = REACHED
     else:
-        # Records come at a steady rate: guess where stuck_time ago was, then make sure.
-        j = i
-        if i > 0:
-            j = max(0, i - int(stuck_time / (times[i] - times[i - 1])))
+        # The latest record at least stuck_time ago, where records come at a steady rate; guessed,
+        # then made sure.
+        passed = times[i] - times[i - 1] if i > 0 else 0.0
+        j = max(0, i - int(stuck_time / passed)) if passed > 0.0 else i
+        while j < i and times[i] - times[j + 1] >= stuck_time - 1e-9:
+            j += 1
         while j > 0 and times[i] - times[j] < stuck_time - 1e-9:
             j -= 1
         if (
@@ -214,6 +216,10 @@ def judge(road: Road, drive: Drive) -> Result:
         duration = float(drive.trajectory.time[-1]) if records else 0.0
         reason = drive.error or "The simulator recorded nothing"
         return Result(Outcome.ERROR, reason, None, None, None, duration, None)
+    path = drive.trajectory
+    if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
+        reason = "The simulator recorded places that are no numbers"
+        return Result(Outcome.ERROR, reason, None, None, None, 0.0, None)
     seen = assess(road, drive)
     i = len(seen.distance) - 1
     duration = float(drive.trajectory.time[i])

@@ -32,5 +32,5 @@ def test_share_never_exceeds_one() -> None:
     ],
 )
 def test_budget_that_is_none_is_refused(limits: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match="needed|has to be given"):
+    with pytest.raises(ValueError, match=r"needed|has to be given"):
         Budget(**limits)  # type: ignore[arg-type]

@@ -97,7 +97,7 @@ def test_campaign_of_errors_gives_up_and_keeps_what_it_has(tmp_path: Path) -> No
             drive = super().drive(road, driver)
             return type(drive)(drive.trajectory, drive.car, drive.rules, "no licence")
 
-    with pytest.raises(CampaignError, match="last 10 drives broke.*no licence"):
+    with pytest.raises(CampaignError, match=r"last 10 drives broke.*no licence"):
         campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=99), simulator=Broken()).run()
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().by_outcome[Outcome.ERROR] == 10
@@ -107,7 +107,7 @@ def test_campaign_that_only_proposes_refused_roads_gives_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("frenetic.campaign.campaign.MAX_INVALID_IN_A_ROW", 25)
-    with pytest.raises(CampaignError, match="last 25 roads were refused.*self-intersecting"):
+    with pytest.raises(CampaignError, match=r"last 25 roads were refused.*self-intersecting"):
         campaign(tmp_path, Scripted(LOOP), Budget(simulations=1)).run()
 
 

@@ -581,10 +581,10 @@ def test_pedals_are_cut_and_steering_is_not() -> None:
         (Controls(-math.inf), "the driver returned steering = -inf, not a finite number"),
         (Controls(0.0, math.nan), "the driver returned throttle = nan, not a finite number"),
         (Controls(0.0, 0.0, math.inf), "the driver returned brake = inf, not a finite number"),
-        (Controls(None), "the driver returned steering = None, not a number"),  # type: ignore[arg-type]
-        (Controls("left"), "the driver returned steering = 'left', not a number"),  # type: ignore[arg-type]
-        (Controls(0.0, 1j), "the driver returned throttle = 1j, not a number"),  # type: ignore[arg-type]
-        (Controls(0.0, 0.0, []), "the driver returned brake = [], not a number"),  # type: ignore[arg-type]
+        (Controls(None), "the driver returned steering = None, not a finite number"),  # type: ignore[arg-type]
+        (Controls("left"), "the driver returned steering = 'left', not a finite number"),  # type: ignore[arg-type]
+        (Controls(0.0, 1j), "the driver returned throttle = 1j, not a finite number"),  # type: ignore[arg-type]
+        (Controls(0.0, 0.0, []), "the driver returned brake = [], not a finite number"),  # type: ignore[arg-type]
     ],
 )
 def test_what_is_no_controls_is_refused_with_what_came(controls: Any, message: str) -> None:

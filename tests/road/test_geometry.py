@@ -504,7 +504,7 @@ def test_a_road_cannot_be_changed() -> None:
 
 def test_a_road_takes_any_list_of_numbers_and_makes_floats_of_it() -> None:
     for values in ([0, 1, 0], (0.0, 1.0, 0.0), np.array([0, 1, 0], dtype=np.float32)):
-        road = Road(values, 2, (1, 2, 3))  # type: ignore[arg-type]
+        road = Road(values, 2, (1, 2, 3))
         assert road.curvatures.dtype == np.float64
         np.testing.assert_array_equal(road.curvatures, [0.0, 1.0, 0.0])
         assert isinstance(road.step, float)

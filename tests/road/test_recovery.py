@@ -205,3 +205,20 @@ def test_moved_and_turned_points_give_the_same_curvatures(seed: int) -> None:
     there = Road.from_points(points @ np.array([[c, s], [-s, c]]) + rng.uniform(-500.0, 500.0, 2))
     np.testing.assert_allclose(there.curvatures, here.curvatures, rtol=0, atol=1e-7)
     assert there.step == pytest.approx(here.step, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [[0.0, 0.0], [1000.0, 0.0], [0.0, 0.0], [1e-14, 0.0], [0.0, 5.0]],
+        [[0.0, 0.0], [1e-160, 0.0], [0.0, 5.0]],
+    ],
+)
+def test_points_closer_than_a_spline_can_tell_apart_are_the_same(points: list[list[float]]) -> None:
+    with pytest.raises(RoadError, match="are the same"):
+        Road.from_points(points)
+
+
+def test_points_beyond_any_map_are_refused() -> None:
+    with pytest.raises(RoadError, match="at most 1e\\+07 m from the origin"):
+        Road.from_points([[0.0, 0.0], [1e308, 0.0], [0.0, 5.0]])

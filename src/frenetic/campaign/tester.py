@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from frenetic.campaign.store import TestRecord
 from frenetic.drivers.driver import Driver
 from frenetic.errors import RoadError
@@ -90,7 +92,10 @@ class RoadTester:
         if not verdict.valid:
             return self._refused(verdict.message, fitted.pose)
         drive = self.simulator.drive(fitted, self.driver)
-        return Tested(judge(fitted, drive), fitted.pose, drive.trajectory)
+        # What a broken simulator recorded may be nothing that can be stored.
+        whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
+        trajectory = drive.trajectory if whole else None
+        return Tested(judge(fitted, drive), fitted.pose, trajectory)
 
     @staticmethod
     def _refused(reason: str, pose: Pose | None) -> Tested:

@@ -69,8 +69,8 @@ class Observation:
     ahead: FloatArray
     """(n, 2) m, the ego lane's centre line in the car's frame: x ahead, y to the left.
 
-    The origin is the centre of mass. The first point is abreast of it, then one follows every 2 m of
-    road. n is at most 40; a limited view has fewer."""
+    The origin is the centre of mass. The first point is abreast of it, then one follows every 2 m
+    of road. n is at most 40; a limited view has fewer."""
     curvature_ahead: FloatArray
     """(n,) 1/m, curvature of the ego lane's centre line at the points of `ahead`."""
 
@@ -117,11 +117,13 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
     for name in ("steering", "throttle", "brake"):
         value = getattr(controls, name)
         try:
-            number = float(value)
-        except (TypeError, ValueError):
-            raise DriverError(f"the driver returned {name} = {value!r}, not a number") from None
+            number = math.nan if isinstance(value, (str, bytes)) else float(value)
+        except (TypeError, ValueError, OverflowError):
+            number = math.nan
         if not math.isfinite(number):
-            raise DriverError(f"the driver returned {name} = {number}, not a finite number")
+            raise DriverError(
+                f"the driver returned {name} = {repr(value)[:40]}, not a finite number"
+            )
         values.append(number)
     steering, throttle, brake = values
     return steering, min(max(throttle, 0.0), 1.0), min(max(brake, 0.0), 1.0)

@@ -123,7 +123,7 @@ class ErrorSequence:
         """(m, 2) errors in m and rad, m >= n; the same rows whatever was asked before."""
         while len(self._rows) < n:
             fresh = self._rng.standard_normal((_BLOCK, 2))
-            last = self._rows[-1] if len(self._rows) else fresh[0]
+            last = self._rows[-1] if len(self._rows) else self._rng.standard_normal(2)
             self._rows = np.concatenate([self._rows, _autoregress(fresh, last, self._keep)])
         scaled: FloatArray = self._rows * self._scale
         return scaled

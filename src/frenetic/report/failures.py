@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,8 @@ from frenetic.simulators.drive import CarBody, Drive, Rules
 
 FAILURES: Final = "failures"
 """Folder in a campaign's folder that holds its failing roads."""
+GALLERY: Final = "gallery.png"
+"""Picture in that folder of all listed failures at a glance."""
 LISTED: Final = 10
 """Failures that are listed and drawn at the end of a run."""
 MOST_FILES: Final = 1000
@@ -64,8 +65,8 @@ def stored_test(store: CampaignStore, record: TestRecord) -> StoredTest:
     )
     drive = None
     if record.trajectory is not None:
-        error = record.reason if record.outcome is Outcome.ERROR else None
-        drive = Drive(record.trajectory, car, rules, error)
+        trouble = record.reason if record.outcome is Outcome.ERROR else None
+        drive = Drive(record.trajectory, car, rules, trouble)
     return StoredTest(record, road, drive)
 
 
@@ -134,13 +135,13 @@ def write_failures(
 
     Args:
         store: the campaign.
-        listed: the failures that get a picture, too.
+        listed: the failures that get a picture each, and a place in the gallery of all of them.
         on_progress: called with (pictures drawn, pictures in all).
 
     Raises:
         CampaignError: a file cannot be written.
     """
-    from frenetic.report.picture import draw_drive  # matplotlib takes its time
+    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib takes its time
 
     folder = store.folder / FAILURES
     try:
@@ -150,21 +151,21 @@ def write_failures(
             path = folder / f"{file_stem(record.candidate.id)}.json"
             partial = path.with_suffix(".json.part")
             partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
-            os.replace(partial, path)
+            partial.replace(path)
     except OSError as error:
         raise CampaignError(
             f"{folder} cannot be written: {error.strerror or error}; all results are safe in"
             f" {store.folder / DATABASE}"
         ) from None
+    drawn = []
     for number, record in enumerate(listed):
         test = stored_test(store, store.test(record.candidate.id))
         if test.drive is not None:
-            draw_drive(
-                test.road,
-                test.drive,
-                folder / f"{file_stem(test.id)}.png",
-                title=f"Test {test.id}: {record.outcome}",
-            )
+            path = folder / f"{file_stem(test.id)}.png"
+            draw_drive(test.road, test.drive, path, title=f"Test {test.id}: {record.outcome}")
+            drawn.append((f"Test {test.id}", test.road, test.drive))
         if on_progress is not None:
             on_progress(number + 1, len(listed))
+    if drawn:
+        draw_gallery(drawn, folder / GALLERY, title=f"{len(drawn)} failures, all different")
     return folder

@@ -26,6 +26,8 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from frenetic.errors import RoadError
+
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 X, Y, HEADING, CURVATURE, COS, SIN = range(6)
@@ -267,7 +269,12 @@ def integrate(
     Returns:
         Headings (..., N) in rad, exact, not wrapped; positions (..., N, 2) in m, accurate to far
         below a micrometre for roads of some hundred metres.
+
+    Raises:
+        RoadError: the step is not a positive number.
     """
+    if not (math.isfinite(step) and step > 0.0):
+        raise RoadError(f"step is {step:g}: a positive number of metres is needed")
     values = np.asarray(curvatures, dtype=np.float64)
     flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]))
     headings, points = _integrate(flat, float(step), *(float(v) for v in pose))

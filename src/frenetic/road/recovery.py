@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 from scipy.interpolate import make_interp_spline
-from scipy.linalg import solve_banded
+from scipy.linalg import lstsq, solve_banded
 
 from frenetic.road import geometry
 
@@ -17,6 +17,8 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 RECOGNISED = 1e-5
 """m, largest distance to the given points at which they count as samples of a clothoid chain."""
+MOST_RECOGNISED = 300
+"""Points beyond which nobody looks for a clothoid chain; the work grows with their cube."""
 SPLINE_STEP = 0.5
 """m between the curvature samples of a road along a spline."""
 CORRECTION = 4.0
@@ -107,7 +109,7 @@ def _recognise(points: FloatArray) -> Recovered | None:
     curvature (their sign shows in the third order only), so several starts for these two are tried.
     """
     n = len(points)
-    if not 8 <= n <= 600:
+    if not 8 <= n <= MOST_RECOGNISED:
         return None
     chords = np.diff(points, axis=0)
     lengths = np.hypot(chords[:, 0], chords[:, 1])
@@ -136,7 +138,8 @@ def _recognise(points: FloatArray) -> Recovered | None:
         unknowns, mismatch = _gauss_newton(start, points)
         if mismatch < worst:
             found, worst = unknowns, mismatch
-        if worst < 1e-9 or worst > 2e-2:
+        # A wrong start for the two ends leaves a mismatch of this order, not more.
+        if worst < 1e-9 or worst > 2e-5 * step**3:
             break
     if found is None or worst > RECOGNISED or np.abs(found[:n]).max() > 5.0:
         return None
@@ -174,7 +177,8 @@ def _gauss_newton(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray,
             best, best_worst = unknowns, worst
         if best_worst < 1e-12 or stalled > 3 or (iteration > 6 and best_worst > 0.1):
             break
-        unknowns = unknowns - np.linalg.lstsq(jacobian, residual, rcond=1e-14)[0]
+        change = lstsq(jacobian, residual, cond=1e-14, lapack_driver="gelsy")[0]
+        unknowns = unknowns - change
         if not (np.isfinite(unknowns).all() and 0.5 < unknowns[-1] / step < 2.0):
             break
     return best, best_worst

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
@@ -28,6 +28,10 @@ MAP_SIZE = 200.0
 """m, side of the competition's square map."""
 MARGIN = 10.0
 """m that a road's centre line keeps from the map's edge: half its width and some air."""
+MAX_COORDINATE = 1e7
+"""m, how far from the origin a given point may be."""
+MIN_DISTANCE = 1e-6
+"""m, between two consecutive points that are given."""
 POINT_SPACING = 2.0
 """m, spacing of the points in which a road leaves our hands (validity, files, other simulators)."""
 
@@ -59,7 +63,7 @@ class Lane:
     """(n, 2) m."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Road:
     """A planar centre line given by curvature samples, with one lane on each side.
 
@@ -77,11 +81,18 @@ class Road:
     """m between two samples."""
     pose: Pose = START
     """Where the first sample lies and which way the road starts."""
-    lane_width: float = field(default=4.0, kw_only=True)
+    lane_width: float = 4.0
     """m, of each of the two lanes."""
 
-    def __post_init__(self) -> None:
-        values = _numbers(self.curvatures, "curvatures")
+    def __init__(
+        self,
+        curvatures: npt.ArrayLike,
+        step: float = 10.0,
+        pose: tuple[float, float, float] = START,
+        *,
+        lane_width: float = 4.0,
+    ) -> None:
+        values = _numbers(curvatures, "curvatures")
         if values.ndim != 1:
             raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
         if not 2 <= len(values) <= MAX_SAMPLES:
@@ -101,16 +112,19 @@ class Road:
             )
         values.setflags(write=False)
         object.__setattr__(self, "curvatures", values)
-        object.__setattr__(self, "step", _positive(self.step, "step"))
-        object.__setattr__(self, "lane_width", _positive(self.lane_width, "lane_width"))
+        object.__setattr__(self, "step", _positive(step, "step"))
+        object.__setattr__(self, "lane_width", _positive(lane_width, "lane_width"))
         if self.length > MAX_LENGTH:
             raise RoadError(
                 f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
-        pose = Pose(*(float(v) for v in self.pose))
-        if not all(math.isfinite(v) for v in pose):
-            raise RoadError(f"pose {tuple(pose)}: x, y and heading must be finite numbers")
-        object.__setattr__(self, "pose", pose)
+        try:
+            x, y, heading = (float(v) for v in pose)
+        except (TypeError, ValueError, OverflowError):
+            raise RoadError(f"pose {pose!r}: x, y and heading are needed") from None
+        if not all(math.isfinite(v) for v in (x, y, heading)):
+            raise RoadError(f"pose {(x, y, heading)}: x, y and heading must be finite numbers")
+        object.__setattr__(self, "pose", Pose(x, y, heading))
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
@@ -119,14 +133,16 @@ class Road:
         Points that sample a road with piecewise linear curvature at equal distances give exactly
         that curvature back. Any others are joined, as the competition does it, by a parametric
         spline (cubic from four points on), and the spline's curvature is sampled about every half
-        metre such that the resulting road stays within millimetres of it.
+        metre such that the resulting road stays within millimetres of it, unless the spline has a
+        cusp, which no road can follow.
 
         Args:
             points: (N, 2) m, N >= 2, no two consecutive ones equal.
             lane_width: m, of each lane.
 
         Raises:
-            RoadError: not (N, 2) finite numbers, fewer than 2, or two consecutive equal ones.
+            RoadError: not (N, 2) finite numbers, fewer than 2, two consecutive ones less than a
+                micrometre apart, or any beyond 10000 km.
         """
         array = _numbers(points, "points")
         if array.ndim != 2 or array.shape[1] != 2:
@@ -137,9 +153,16 @@ class Road:
         if len(bad):
             x, y = array[bad[0]]
             raise RoadError(f"point {bad[0]} is ({x}, {y}): coordinates must be finite numbers")
+        far = np.flatnonzero(np.abs(array).max(axis=1) > MAX_COORDINATE)
+        if len(far):
+            x, y = array[far[0]]
+            raise RoadError(
+                f"point {far[0]} is ({x:g}, {y:g}): at most {MAX_COORDINATE:g} m from the origin"
+            )
         lengths = np.hypot(*np.diff(array, axis=0).T)
-        if not lengths.all():
-            i = int(np.flatnonzero(lengths == 0.0)[0])
+        same = np.flatnonzero(lengths < MIN_DISTANCE)
+        if len(same):
+            i = int(same[0])
             raise RoadError(f"points {i} and {i + 1} are the same: consecutive points must differ")
         if lengths.sum() > MAX_LENGTH:
             raise RoadError(
@@ -270,15 +293,16 @@ class Road:
 def _numbers(values: npt.ArrayLike, name: str) -> FloatArray:
     try:
         return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise RoadError(f"{name} are not a list of numbers") from None
 
 
 def _positive(value: float, name: str) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError):
-        raise RoadError(f"{name} is {value!r}: a positive number of metres is needed") from None
+    except (TypeError, ValueError, OverflowError):
+        given = repr(value)[:40]
+        raise RoadError(f"{name} is {given}: a positive number of metres is needed") from None
     if not (math.isfinite(number) and number > 0.0):
         raise RoadError(f"{name} is {number:g}: a positive number of metres is needed")
     return number

@@ -2,6 +2,16 @@
 
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
+from frenetic.simulators.observing import Observer
 from frenetic.simulators.simulator import Simulator
 
-__all__ = ["CarBody", "Drive", "EmbeddedSimulator", "Rules", "Simulator", "Trajectory", "Vehicle"]
+__all__ = [
+    "CarBody",
+    "Drive",
+    "EmbeddedSimulator",
+    "Observer",
+    "Rules",
+    "Simulator",
+    "Trajectory",
+    "Vehicle",
+]

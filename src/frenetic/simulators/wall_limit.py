@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -35,28 +36,43 @@ def wall_limit(seconds: float) -> Iterator[None]:
 
 
 def _by_signal(seconds: float) -> Iterator[None]:
-    def expire(_number: int, _frame: FrameType | None) -> None:
-        raise WallLimitExceeded
+    armed = True
 
+    def expire(_number: int, _frame: FrameType | None) -> None:
+        if armed:
+            raise WallLimitExceeded
+
+    start = time.monotonic()
+    rest, interval = signal.getitimer(signal.ITIMER_REAL)
     before = signal.signal(signal.SIGALRM, expire)
-    signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN)
+    # The alarm may come while the block is being left: whatever it interrupts, the outer `finally`
+    # puts the timer and the handler back, long before the alarm comes again.
     try:
-        yield
+        try:
+            signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN)
+            yield
+        finally:
+            armed = False
     finally:
+        armed = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+        if rest > 0.0:  # somebody else's timer, a limit around this one
+            rest -= time.monotonic() - start
+            signal.setitimer(signal.ITIMER_REAL, max(rest, 1e-6), interval)
 
 
 def _by_thread(seconds: float) -> Iterator[None]:
     target = ctypes.c_ulong(threading.get_ident())
     lock = threading.Lock()
     done = threading.Event()
+    armed = [True]
 
     def watch() -> None:
         delay = seconds
         while not done.wait(delay):
             with lock:
-                if done.is_set():
+                if not armed:
                     return
                 ctypes.pythonapi.PyThreadState_SetAsyncExc(
                     target, ctypes.py_object(WallLimitExceeded)
@@ -64,10 +80,16 @@ def _by_thread(seconds: float) -> Iterator[None]:
             delay = _AGAIN
 
     watcher = threading.Thread(target=watch, name="wall-limit", daemon=True)
-    watcher.start()
+    # As above, the exception may come while the block is being left.
     try:
-        yield
+        try:
+            watcher.start()
+            yield
+        finally:
+            armed.clear()
     finally:
-        with lock:
-            done.set()
+        armed.clear()
+        with lock:  # now nobody is about to raise it: what is still to come is taken back
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(target, None)
+        done.set()
         watcher.join()

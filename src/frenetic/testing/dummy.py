@@ -78,7 +78,7 @@ class DummySimulator:
         zeros = np.zeros(n)
         return Drive(
             Trajectory(
-                time=np.arange(n) * period,
+                time=period * np.arange(n, dtype=np.float64),
                 x=np.array([pose.x for pose in poses]) - lateral * np.sin(heading),
                 y=np.array([pose.y for pose in poses]) + lateral * np.cos(heading),
                 heading=heading,

@@ -19,10 +19,10 @@ RECORD_RATE = 10.0
 class _Broken:
     """A driver that raises in the middle of its drive."""
 
-    def reset(self, setup: DriveSetup) -> None:
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
         self.calls = 0
 
-    def act(self, observation: Observation) -> Controls:
+    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
         self.calls += 1
         if self.calls > 5:
             raise RuntimeError("no idea where I am")

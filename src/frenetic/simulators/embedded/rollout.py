@@ -6,17 +6,16 @@ in either.
 
 from __future__ import annotations
 
-import math
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
+from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.laws import decide
 from frenetic.drivers.layers import disturb
-from frenetic.oracle import RUNNING, assess_record
+from frenetic.oracle import RUNNING
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
     LATERAL_SPEED,
@@ -27,6 +26,7 @@ from frenetic.simulators.embedded.vehicle import (
     Y,
     advance,
 )
+from frenetic.simulators.observing import assess_now, look_ahead
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
@@ -50,58 +50,6 @@ def start_state(table: FloatArray, lane_width: float) -> FloatArray:
     state[Y] = table[0, 1] + offset * table[0, 4]
     state[HEADING] = table[0, 2]
     return state
-
-
-@njit(cache=True)
-def wrap(angle: float) -> float:
-    """The same angle in -pi..pi."""
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
-
-
-@njit(cache=True)
-def look_ahead(
-    table: FloatArray,
-    ds: float,
-    lane_width: float,
-    state: FloatArray,
-    s: float,
-    rows: int,
-    ahead: FloatArray,
-    curvature_ahead: FloatArray,
-) -> None:
-    """Writes the ego lane ahead of a car at ``s`` into ``ahead`` and ``curvature_ahead``.
-
-    Between a table's rows the centre line is taken as the arc of the nearest row, which is right to
-    a millimetre.
-    """
-    last = len(table) - 1
-    length = last * ds
-    offset = -0.5 * lane_width
-    c, n = math.cos(state[HEADING]), math.sin(state[HEADING])
-    for i in range(rows):
-        at = s + i * AHEAD_SPACING
-        if at <= 0.0:
-            j, kappa = 0, 0.0
-        elif at >= length:
-            j, kappa = last, 0.0
-        else:
-            j = int(at / ds + 0.5)
-            k = min(int(at / ds), last - 1)
-            t = at / ds - k
-            kappa = table[k, 3] + t * (table[k + 1, 3] - table[k, 3])
-        u = at - j * ds
-        bend = table[j, 3] if 0.0 < at < length else 0.0
-        cosine, sine = table[j, 4], table[j, 5]
-        across = 0.5 * bend * u * u
-        turned = bend * u
-        x = table[j, 0] + u * cosine - across * sine - offset * (sine + turned * cosine)
-        y = table[j, 1] + u * sine + across * cosine + offset * (cosine - turned * sine)
-        x -= state[X]
-        y -= state[Y]
-        ahead[i, 0] = c * x + n * y
-        ahead[i, 1] = c * y - n * x
-        # A parallel of an arc is an arc about the same centre.
-        curvature_ahead[i] = kappa / max(1.0 - offset * kappa, 0.05)
 
 
 @njit(cache=True)
@@ -134,34 +82,6 @@ def advance_period(
     """Moves the car on by one period, in place."""
     for _ in range(STEPS_PER_PERIOD):
         advance(state, steering, throttle, brake, vehicle, STEP)
-
-
-@njit(cache=True)
-def assess_now(
-    table: FloatArray,
-    ds: float,
-    lane_width: float,
-    rules: FloatArray,
-    car: FloatArray,
-    records: FloatArray,
-    i: int,
-    s: float,
-) -> tuple[int, float, float, float]:
-    """(end, s, lateral offset from the ego lane's centre, heading error) at record ``i``."""
-    end, s, d, road_heading, _ = assess_record(
-        table,
-        ds,
-        lane_width,
-        rules,
-        car,
-        records[TIME],
-        records[RX],
-        records[RY],
-        records[RHEADING, i],
-        i,
-        s,
-    )
-    return end, s, d + 0.5 * lane_width, wrap(records[RHEADING, i] - road_heading)
 
 
 @njit(cache=True)
@@ -202,10 +122,33 @@ def rollout(
     s = 0.0
     for i in range(most):
         write_record(records, i, state, steering, throttle, brake)
-        end, s, offset, heading_error = assess_now(table, ds, lane_width, rules, car, records, i, s)
+        end, s, offset, heading_error = assess_now(
+            table,
+            ds,
+            lane_width,
+            rules,
+            car,
+            records[TIME],
+            records[RX],
+            records[RY],
+            state[HEADING],
+            i,
+            s,
+        )
         if end != RUNNING:
             return i + 1
-        look_ahead(table, ds, lane_width, state, s, rows, ahead, curvature_ahead)
+        look_ahead(
+            table,
+            ds,
+            lane_width,
+            state[X],
+            state[Y],
+            state[HEADING],
+            s,
+            rows,
+            ahead,
+            curvature_ahead,
+        )
         if len(errors):
             disturb(ahead, rows, errors[i, 0], errors[i, 1])
             offset += errors[i, 0]
@@ -229,4 +172,4 @@ def rollout(
             steering, throttle, brake = waiting[slot, 0], waiting[slot, 1], waiting[slot, 2]
         write_record(records, i, state, steering, throttle, brake)
         advance_period(state, steering, throttle, brake, vehicle)
-    return most
+    return int(most)

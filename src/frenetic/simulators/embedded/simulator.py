@@ -10,21 +10,24 @@ from typing import Self, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from frenetic.drivers.driver import (
-    AHEAD_POINTS,
-    Driver,
-    DriveSetup,
-    Observation,
-    checked_controls,
-)
+from frenetic.drivers.driver import Driver, DriveSetup, checked_controls
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form
 from frenetic.errors import DriverError
-from frenetic.oracle import RUNNING, rules_array
+from frenetic.oracle import rules_array
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive, Rules, Trajectory
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.vehicle import Vehicle
+from frenetic.simulators.embedded.vehicle import (
+    HEADING,
+    SPEED,
+    STEERING,
+    YAW_RATE,
+    Vehicle,
+    X,
+    Y,
+)
+from frenetic.simulators.observing import Observer
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
@@ -103,7 +106,7 @@ class EmbeddedSimulator:
         if compiled is not None:
             n = self._drive_compiled(road, compiled, setup, rules, room)
         else:
-            n, error = self._drive_python(road, driver, setup, rules, room)
+            n, error = self._drive_python(road, driver, setup, room)
         columns = room[:, :n].copy()
         return Drive(Trajectory(*columns), self.car, self.rules, error)
 
@@ -138,42 +141,30 @@ class EmbeddedSimulator:
         road: Road,
         driver: Driver,
         setup: DriveSetup,
-        rules: FloatArray,
         room: FloatArray,
     ) -> tuple[int, str | None]:
         """The compiled rollout's loop with calls of the driver in between: (records, error)."""
         written = 0
+        # The first record is seen and the first step is made before the driver's time starts, as
+        # the kernels may have to be compiled.
+        state = kernels.start_state(road.table, road.lane_width)
+        controls = (0.0, 0.0, 0.0)
+        kernels.write_record(room, 0, state, *controls)
+        first = Observer(road, self.rules, self.car, 1)
+        first.see(0.0, state[X], state[Y], state[HEADING])
+        first.observation(state[SPEED], state[YAW_RATE], state[STEERING])
+        kernels.advance_period(state.copy(), *controls, self._vehicle)
 
         def loop() -> None:
-            nonlocal written
+            nonlocal written, controls
             driver.reset(setup)
-            table, ds, lane = road.table, road.sub_step, road.lane_width
-            state = kernels.start_state(table, lane)
-            controls = (0.0, 0.0, 0.0)
-            s = 0.0
+            observer = Observer(road, self.rules, self.car, room.shape[1])
             for i in range(room.shape[1]):
                 kernels.write_record(room, i, state, *controls)
                 written = i + 1
-                end, s, offset, heading_error = kernels.assess_now(
-                    table, ds, lane, rules, self._car, room, i, s
-                )
-                if end != RUNNING:
+                if not observer.see(i * kernels.PERIOD, state[X], state[Y], state[HEADING]):
                     return
-                ahead = np.empty((AHEAD_POINTS, 2))
-                curvature_ahead = np.empty(AHEAD_POINTS)
-                kernels.look_ahead(table, ds, lane, state, s, AHEAD_POINTS, ahead, curvature_ahead)
-                ahead.setflags(write=False)
-                curvature_ahead.setflags(write=False)
-                observation = Observation(
-                    time=i * kernels.PERIOD,
-                    speed=float(room[kernels.RSPEED, i]),
-                    yaw_rate=float(room[kernels.RYAW, i]),
-                    steering=float(room[kernels.RSTEERING, i]),
-                    lateral_offset=offset,
-                    heading_error=heading_error,
-                    ahead=ahead,
-                    curvature_ahead=curvature_ahead,
-                )
+                observation = observer.observation(state[SPEED], state[YAW_RATE], state[STEERING])
                 controls = checked_controls(driver.act(observation))
                 kernels.write_record(room, i, state, *controls)
                 kernels.advance_period(state, *controls, self._vehicle)
@@ -191,6 +182,9 @@ class EmbeddedSimulator:
             return written, str(error)
         except (Exception, SystemExit) as error:
             logger.debug("the driver broke", exc_info=True)
-            text = " ".join(str(error).split())
+            try:
+                text = " ".join(str(error).split())
+            except Exception:
+                text = "an error without a readable text"
             return written, f"the driver raised {type(error).__name__}: {text}"[:500]
         return written, None

@@ -1,0 +1,54 @@
+"""Makes the pictures of README and docs: ``python docs/make_pictures.py``."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from frenetic import (
+    Budget,
+    Campaign,
+    CampaignStore,
+    EmbeddedSimulator,
+    Frenetic,
+    Outcome,
+    Planner,
+    draw_drive,
+)
+from frenetic.report import draw_gallery
+from frenetic.report.failures import stored_test, telling_failures
+
+IMAGES = Path(__file__).parent / "images"
+SEED = 1
+
+
+def main() -> None:
+    """Runs one campaign and draws its failures."""
+    with tempfile.TemporaryDirectory() as folder:
+        Campaign(
+            strategy=Frenetic(seed=SEED),
+            simulator=EmbeddedSimulator(),
+            driver=Planner(),
+            budget=Budget(simulations=1000),
+            folder=Path(folder) / "campaign",
+            seed=SEED,
+        ).run()
+        with CampaignStore.open(Path(folder) / "campaign") as store:
+            # Of the telling failures, the one on the longest road makes the README's picture.
+            tests = [
+                stored_test(store, store.test(record.candidate.id))
+                for record in telling_failures(store, 12)
+            ]
+            assert all(test.record.outcome is Outcome.FAIL for test in tests)
+            drawn = [(test, test.drive) for test in tests if test.drive is not None]
+            test, drive = max(drawn, key=lambda pair: pair[0].road.length)
+            draw_drive(test.road, drive, IMAGES / "failure.png", title=f"Test {test.id}: FAIL")
+            draw_gallery(
+                [(f"Test {t.id}", t.road, d) for t, d in drawn],
+                IMAGES / "gallery.png",
+                title=f"Twelve failures of the planner, seed {SEED}",
+            )
+
+
+if __name__ == "__main__":
+    main()

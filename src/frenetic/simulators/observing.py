@@ -1,0 +1,170 @@
+"""Following a car along a road: when its drive ends, and what its driver sees.
+
+Every simulator uses this, so that drivers see the same and drives end alike wherever they take
+place: the compiled rollout calls the kernels, a simulator in Python an `Observer`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
+from frenetic.oracle import RUNNING, assess_record, rules_array
+from frenetic.road import Road
+from frenetic.simulators.drive import CarBody, FloatArray, Rules
+
+
+@njit(cache=True)
+def wrap(angle: float) -> float:
+    """The same angle in -pi..pi."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True)
+def look_ahead(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    x: float,
+    y: float,
+    heading: float,
+    s: float,
+    rows: int,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+) -> None:
+    """Writes the ego lane ahead of a car at ``s`` into ``ahead`` and ``curvature_ahead``.
+
+    Between a table's rows the centre line is taken as the arc of the nearest row, which is right to
+    a millimetre.
+    """
+    last = len(table) - 1
+    length = last * ds
+    offset = -0.5 * lane_width
+    c, n = math.cos(heading), math.sin(heading)
+    for i in range(rows):
+        at = s + i * AHEAD_SPACING
+        on_road = 0.0 <= at <= length
+        if at < 0.0:
+            j, kappa = 0, 0.0
+        elif at > length:
+            j, kappa = last, 0.0
+        else:
+            j = int(at / ds + 0.5)
+            k = min(int(at / ds), last - 1)
+            t = at / ds - k
+            kappa = table[k, 3] + t * (table[k + 1, 3] - table[k, 3])
+        u = at - j * ds
+        bend = table[j, 3] if on_road else 0.0
+        cosine, sine = table[j, 4], table[j, 5]
+        across = 0.5 * bend * u * u
+        turned = bend * u
+        px = table[j, 0] + u * cosine - across * sine - offset * (sine + turned * cosine)
+        py = table[j, 1] + u * sine + across * cosine + offset * (cosine - turned * sine)
+        px -= x
+        py -= y
+        ahead[i, 0] = c * px + n * py
+        ahead[i, 1] = c * py - n * px
+        # A parallel of an arc is an arc about the same centre.
+        curvature_ahead[i] = kappa / max(1.0 - offset * kappa, 0.05)
+
+
+@njit(cache=True)
+def assess_now(
+    table: FloatArray,
+    ds: float,
+    lane_width: float,
+    rules: FloatArray,
+    car: FloatArray,
+    times: FloatArray,
+    xs: FloatArray,
+    ys: FloatArray,
+    heading: float,
+    i: int,
+    s: float,
+) -> tuple[int, float, float, float]:
+    """(end, s, lateral offset from the ego lane's centre, heading error) at record ``i``.
+
+    The arguments are those of `frenetic.oracle.assess_record`.
+    """
+    end, s, d, road_heading, _ = assess_record(
+        table, ds, lane_width, rules, car, times, xs, ys, heading, i, s
+    )
+    return end, s, d + 0.5 * lane_width, wrap(heading - road_heading)
+
+
+class Observer:
+    """Follows one drive of a car that somebody else moves.
+
+    Call `see` for every record, in order; while it says that the drive goes on, `observation` is
+    what the driver sees.
+
+    Args:
+        road: what is driven.
+        rules: when the drive ends.
+        car: the box that the car covers.
+        records: an upper bound of the number of records.
+    """
+
+    def __init__(self, road: Road, rules: Rules, car: CarBody, records: int) -> None:
+        self._road = road
+        self._rules = rules_array(rules, road.length)
+        self._car = np.array([car.length, car.width, car.centre_ahead])
+        self._places = np.empty((3, records))
+        self._seen = 0
+        self._heading = self._s = self._offset = self._heading_error = 0.0
+
+    def see(self, time: float, x: float, y: float, heading: float) -> bool:
+        """Takes in a record (s, m, m, rad); says whether the drive goes on."""
+        i = self._seen
+        self._places[:, i] = time, x, y
+        self._heading = heading
+        self._seen += 1
+        end, self._s, self._offset, self._heading_error = assess_now(
+            self._road.table,
+            self._road.sub_step,
+            self._road.lane_width,
+            self._rules,
+            self._car,
+            self._places[0],
+            self._places[1],
+            self._places[2],
+            heading,
+            i,
+            self._s,
+        )
+        return bool(end == RUNNING)
+
+    def observation(self, speed: float, yaw_rate: float, steering: float) -> Observation:
+        """What the driver sees at the last record (m/s, rad/s, rad)."""
+        time, x, y = (float(v) for v in self._places[:, self._seen - 1])
+        ahead = np.empty((AHEAD_POINTS, 2))
+        curvature_ahead = np.empty(AHEAD_POINTS)
+        road = self._road
+        look_ahead(
+            road.table,
+            road.sub_step,
+            road.lane_width,
+            x,
+            y,
+            self._heading,
+            self._s,
+            AHEAD_POINTS,
+            ahead,
+            curvature_ahead,
+        )
+        ahead.setflags(write=False)
+        curvature_ahead.setflags(write=False)
+        return Observation(
+            time=time,
+            speed=float(speed),
+            yaw_rate=float(yaw_rate),
+            steering=float(steering),
+            lateral_offset=self._offset,
+            heading_error=self._heading_error,
+            ahead=ahead,
+            curvature_ahead=curvature_ahead,
+        )

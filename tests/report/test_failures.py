@@ -1,0 +1,102 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.errors import CampaignError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.report.failures import (
+    road_document,
+    stored_test,
+    telling_failures,
+    write_failures,
+)
+from frenetic.road.files import read_road
+from frenetic.search import RandomSearch
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[CampaignStore]:
+    """A campaign in which the sharper half of the roads fails."""
+    Campaign(
+        strategy=RandomSearch(seed=2),
+        simulator=DummySimulator(lambda road: 4.0 if abs(road.curvatures).max() > 0.06 else 0.5),
+        driver=DummyDriver(),
+        budget=Budget(simulations=40),
+        folder=tmp_path / "c",
+        seed=2,
+    ).run()
+    with CampaignStore.open(tmp_path / "c") as opened:
+        yield opened
+
+
+def test_stored_drive_is_judged_as_it_was(store: CampaignStore) -> None:
+    for record in store.tests(with_trajectory=True):
+        if record.outcome.is_driven:
+            test = stored_test(store, record)
+            assert test.drive is not None
+            again = judge(test.road, test.drive)
+            assert again.outcome is record.outcome
+            assert again.moobd == pytest.approx(record.moobd, abs=1e-3)
+
+
+def test_telling_failures_are_few_failing_different_and_worst_first(store: CampaignStore) -> None:
+    chosen = telling_failures(store, 4)
+    ids = [record.candidate.id for record in chosen]
+    assert len(set(ids)) == 4
+    assert all(record.outcome is Outcome.FAIL for record in chosen)
+    moobds = [record.moobd for record in chosen if record.moobd is not None]
+    assert moobds == sorted(moobds)
+    (worst,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1)
+    assert chosen[0].candidate.id == worst.candidate.id
+
+
+def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignStore) -> None:
+    failures = list(store.tests(Outcome.FAIL))
+    assert 4 < len(failures) < 40
+    folder = write_failures(store, [])
+    files = sorted(folder.glob("*.json"))
+    assert len(files) == len(failures)
+    for path, record in zip(files, failures, strict=True):
+        road = read_road(path).road()
+        assert np.array_equal(road.curvatures, record.candidate.curvatures)
+        assert tuple(road.pose) == record.pose
+        assert json.loads(path.read_text())["test_outcome"] == "FAIL"
+
+
+def test_listed_failures_get_pictures(store: CampaignStore) -> None:
+    seen: list[tuple[int, int]] = []
+    folder = write_failures(
+        store, telling_failures(store, 2), lambda done, total: seen.append((done, total))
+    )
+    assert len(list(folder.glob("test-*.png"))) == 2
+    assert (folder / "gallery.png").is_file()
+    assert seen == [(1, 2), (2, 2)]
+
+
+def test_folder_that_cannot_be_made_is_one_clear_line(store: CampaignStore) -> None:
+    (store.folder / "failures").write_text("in the way")
+    with pytest.raises(CampaignError, match="all results are safe in"):
+        write_failures(store, [])
+
+
+def test_document_of_a_refused_road_says_why(tmp_path: Path) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=2, max_redraws=0),
+        simulator=DummySimulator(),
+        driver=DummyDriver(),
+        budget=Budget(simulations=40),
+        folder=tmp_path,
+    ).run()
+    with CampaignStore.open(tmp_path) as store:
+        (record,) = store.tests(Outcome.INVALID, limit=1)
+        document = road_document(stored_test(store, record), store.config)
+    assert document["is_valid"] is False
+    assert document["validation_message"] == record.reason

@@ -1,0 +1,79 @@
+"""Every code block of README and docs runs, page by page, from top to bottom."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
+
+# Blocks of these kinds are shown, not run.
+SHOWN = {"toml"}
+# What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
+SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
+
+
+def run_page(page: Path, folder: Path) -> None:
+    for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
+        if kind == "python":
+            run_python(text, folder)
+        elif kind == "sh":
+            for line in text.splitlines():
+                run_command(line.split("  # ")[0].strip(), folder)
+        else:
+            assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
+
+
+def run_python(text: str, folder: Path) -> None:
+    name = re.match(r"# file: (\S+)\n", text)
+    if name is not None:
+        (folder / name[1]).write_text(text, encoding="utf-8")
+        if name[1].startswith("test_"):
+            run(["-m", "pytest", "-q", "-p", "no:cacheprovider", name[1]], folder)
+        return
+    run(["-W", "error", "-c", text], folder)
+
+
+def run_command(line: str, folder: Path) -> None:
+    if not line or line.startswith(SET_UP):
+        return
+    program, *arguments = shlex.split(line)
+    assert program == "frenetic", f"a page asks for {line!r}, which no test runs"
+    run(["-m", "frenetic", *arguments], folder)
+
+
+def run(arguments: list[str], folder: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(folder)},
+    )
+    assert done.returncode == 0, f"{arguments}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_code_runs(page: Path, tmp_path: Path) -> None:
+    run_page(page, tmp_path)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), target
+
+
+def test_pages_find_a_block_to_run() -> None:
+    kinds = [kind for page in PAGES for kind, _ in BLOCK.findall(page.read_text(encoding="utf-8"))]
+    assert kinds.count("python") >= 8
+    assert kinds.count("sh") >= 6
