@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BSpline, splprep
 from scipy.spatial import cKDTree
 
+from frenetic.errors import RoadError
 from frenetic.road import Pose, Road
 
 FloatArray = npt.NDArray[np.float64]
