@@ -650,7 +650,7 @@ def _progress_text(progress: Progress) -> str:
     least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     left = progress.seconds_left
     return (
-        f"{progress.tests} tests, {progress.invalid} invalid, {progress.failed} failures,"
+        f"tests {progress.tests}, invalid {progress.invalid}, failures {progress.failed},"
         f" best MOOBD {least}, {progress.tests_per_second:.0f} tests/s,"
         f" {'?' if left is None else format_duration(left)} left"
     )
@@ -660,19 +660,18 @@ def _progress_text(progress: Progress) -> str:
 def _live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
     """Shows progress: a bar on a terminal, now and then a plain line elsewhere."""
     if log.is_terminal:
-        from rich.progress import BarColumn, TaskProgressColumn, TextColumn
-        from rich.progress import Progress as Bar
+        from rich.live import Live
+        from rich.progress_bar import ProgressBar
 
-        columns = (BarColumn(bar_width=24), TaskProgressColumn(), TextColumn("{task.description}"))
-        with Bar(*columns, console=log, refresh_per_second=8) as bar:
-            task = bar.add_task("starting", total=1.0)
+        bar = ProgressBar(total=1.0, width=40)
+        with Live(console=log, refresh_per_second=8, transient=True) as live:
 
             def update(progress: Progress) -> None:
-                bar.update(
-                    task,
-                    completed=progress.budget_spent,
-                    description=_progress_text(progress),
-                )
+                bar.update(progress.budget_spent)
+                lines = Table.grid()
+                lines.add_row(bar)
+                lines.add_row(_progress_text(progress))
+                live.update(lines)
 
             yield update
         return
