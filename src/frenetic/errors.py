@@ -3,6 +3,15 @@
 from __future__ import annotations
 
 
+def describe_error(error: BaseException) -> str:
+    """An error of somebody else's code, class and text, in one line of at most 450 characters."""
+    try:
+        text = " ".join(str(error).split())
+    except Exception:
+        text = "an error without a readable text"
+    return f"{type(error).__name__}: {text}"[:450] if text else type(error).__name__
+
+
 class FreneticError(Exception):
     """A mistake or a circumstance that the user can mend.
 

@@ -202,3 +202,44 @@ def test_new_folder_is_new(tmp_path: Path) -> None:
     first = new_folder(tmp_path)
     first.mkdir()
     assert new_folder(tmp_path) != first
+
+
+class Bad(Scripted):
+    """A strategy with a defect of its own."""
+
+    def __init__(self, defect: str) -> None:
+        super().__init__(STRAIGHT)
+        self.defect = defect
+
+    def ask(self) -> Candidate:
+        if self.asked == 3:
+            if self.defect == "ask":
+                raise KeyError("pool")
+            if self.defect == "type":
+                return None  # type: ignore[return-value]
+            if self.defect == "nan":
+                return Candidate(4, np.array([0.0, np.nan]), 10.0, Origin("bad"))
+        return super().ask()
+
+    def tell(self, evaluation) -> None:  # type: ignore[no-untyped-def]
+        if self.defect == "tell" and self.asked == 4:
+            raise RuntimeError("out of\nideas")
+        super().tell(evaluation)  # type: ignore[no-untyped-call]
+
+
+@pytest.mark.parametrize(
+    ("defect", "complaint", "kept"),
+    [
+        ("ask", "the strategy raised KeyError: 'pool'", 3),
+        ("type", "the strategy proposed NoneType instead of frenetic.Candidate", 3),
+        ("nan", "the strategy proposed candidate 4 with values that are not finite", 3),
+        ("tell", "the strategy raised RuntimeError: out of ideas", 4),
+    ],
+)
+def test_strategy_that_breaks_ends_the_campaign_with_one_line(
+    tmp_path: Path, defect: str, complaint: str, kept: int
+) -> None:
+    with pytest.raises(CampaignError, match=complaint):
+        campaign(tmp_path, Bad(defect), Budget(simulations=9)).run()
+    with CampaignStore.open(tmp_path) as store:
+        assert store.counts().told == kept

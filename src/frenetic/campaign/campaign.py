@@ -11,15 +11,17 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from frenetic.campaign.budget import Budget
 from frenetic.campaign.interrupt import catch_interrupt
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.road.road import MAP_SIZE, MARGIN
-from frenetic.search.records import Evaluation
+from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import Strategy
 from frenetic.simulators.simulator import Simulator
 
@@ -244,6 +246,27 @@ class Campaign:
             store.finish(seconds=round(summary.seconds, 3), interrupted=interrupted)
         return summary
 
+    def _ask(self) -> Candidate:
+        try:
+            candidate = self.strategy.ask()
+        except Exception as error:
+            raise CampaignError(f"the strategy raised {describe_error(error)}") from error
+        if not isinstance(candidate, Candidate):
+            raise CampaignError(
+                f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
+            )
+        if not (np.isfinite(candidate.curvatures).all() and np.isfinite(candidate.step)):
+            raise CampaignError(
+                f"the strategy proposed candidate {candidate.id} with values that are not finite"
+            )
+        return candidate
+
+    def _tell(self, evaluation: Evaluation) -> None:
+        try:
+            self.strategy.tell(evaluation)
+        except Exception as error:
+            raise CampaignError(f"the strategy raised {describe_error(error)}") from error
+
     def _tests(self, store: CampaignStore, start: float) -> Iterator[Progress]:
         """Runs test after test; yields how far the campaign has come after each."""
         counts = dict.fromkeys(Outcome, 0)
@@ -252,7 +275,7 @@ class Campaign:
         budget_spent = 0.0
         while budget_spent < 1.0:
             before = time.perf_counter()
-            candidate = self.strategy.ask()
+            candidate = self._ask()
             store.asked(candidate)
             tested = self.tester.test(candidate)
             result = tested.result
@@ -264,7 +287,7 @@ class Campaign:
             now = time.perf_counter()
             budget_spent = self.budget.spent(simulations, now - start, counts[Outcome.FAIL])
             store.told(tested.record(candidate, told, budget_spent, now - before))
-            self.strategy.tell(Evaluation(candidate, result.outcome, result.moobd, budget_spent))
+            self._tell(Evaluation(candidate, result.outcome, result.moobd, budget_spent))
             yield Progress(
                 invalid=counts[Outcome.INVALID],
                 passed=counts[Outcome.PASS],

@@ -76,7 +76,8 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
             generation INTEGER NOT NULL CHECK (generation >= 0),
             step REAL NOT NULL CHECK (step > 0),  -- m between curvatures
             curvatures BLOB NOT NULL  -- 1/m, float64, little-endian
-                CHECK (length(curvatures) % 8 = 0)
+                CHECK (length(curvatures) % 8 = 0),
+            asked_after INTEGER NOT NULL CHECK (asked_after >= 0)  -- results told by then
         ) {_STRICT}
         """,
         f"""
@@ -122,7 +123,7 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
 
-_INSERT_CANDIDATE: Final = "INSERT INTO candidate VALUES (?, ?, ?, ?, ?, ?)"
+_INSERT_CANDIDATE: Final = "INSERT INTO candidate VALUES (?, ?, ?, ?, ?, ?, ?)"
 _INSERT_TEST: Final = f"INSERT INTO test VALUES ({', '.join('?' * 19)})"  # noqa: S608
 _INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?)"
 _SELECT_CANDIDATE: Final = (
@@ -222,10 +223,12 @@ class CampaignStore:
         self._lock = lock
         self._asked: dict[int, tuple[object, ...]] = {}  # rows that the next `told` writes
         self._last_asked = 0
+        self._told = 0
         with _translated(self._path):
             if lock is not None:
                 (last,) = connection.execute("SELECT max(id) FROM candidate").fetchone()
                 self._last_asked = last or 0
+                (self._told,) = connection.execute("SELECT count(*) FROM test").fetchone()
             self._config = self._read_config()
 
     @classmethod
@@ -379,7 +382,7 @@ class CampaignStore:
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a "
                 f"higher id, not {candidate.id}"
             )
-        self._asked[candidate.id] = _candidate_row(candidate)
+        self._asked[candidate.id] = (*_candidate_row(candidate), self._told)
         self._last_asked = candidate.id
 
     def told(self, record: TestRecord) -> None:
@@ -396,6 +399,7 @@ class CampaignStore:
             connection.execute(_INSERT_TEST, row)
             if data is not None:
                 connection.execute(_INSERT_TRAJECTORY, (record.candidate.id, data))
+        self._told += 1
 
     def finish(self, **facts: JSONValue) -> None:
         """Add facts about the whole campaign, such as its ``seconds``.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from frenetic.drivers.driver import Driver, DriveSetup, checked_controls
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form
-from frenetic.errors import DriverError
+from frenetic.errors import DriverError, describe_error
 from frenetic.oracle import rules_array
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive, Rules, Trajectory
@@ -182,9 +182,5 @@ class EmbeddedSimulator:
             return written, str(error)
         except (Exception, SystemExit) as error:
             logger.debug("the driver broke", exc_info=True)
-            try:
-                text = " ".join(str(error).split())
-            except Exception:
-                text = "an error without a readable text"
-            return written, f"the driver raised {type(error).__name__}: {text}"[:500]
+            return written, f"the driver raised {describe_error(error)}"
         return written, None
