@@ -59,6 +59,30 @@ def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[floa
 
 
 @njit(cache=True)
+def _turn(angle: float) -> tuple[float, float]:
+    """Cosine and sine of an angle of at most SUB_TURN, to 1e-11: their Taylor polynomials."""
+    q = angle * angle
+    cosine = 1.0 - q / 2.0 * (
+        1.0 - q / 12.0 * (1.0 - q / 30.0 * (1.0 - q / 56.0 * (1.0 - q / 90.0)))
+    )
+    sine = angle * (1.0 - q / 6.0 * (1.0 - q / 20.0 * (1.0 - q / 42.0 * (1.0 - q / 72.0))))
+    return cosine, sine
+
+
+@njit(cache=True)
+def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
+    """`chord` in the frame of its start, over at most one sub-step: no trigonometry, so fast."""
+    ahead = 0.0
+    left = 0.0
+    for node, weight in ((_G0, _W0), (_G1, _W1), (_G2, _W2), (_G3, _W3), (_G4, _W4)):
+        t = u * node
+        cosine, sine = _turn(t * (curvature + 0.5 * rate * t))
+        ahead += weight * cosine
+        left += weight * sine
+    return u * ahead, u * left
+
+
+@njit(cache=True)
 def sub_steps(curvatures: FloatArray, step: float) -> int:
     """Number of sub-steps per piece that keeps them below SUB_STEP and SUB_TURN."""
     sharpest = 0.0
@@ -89,9 +113,9 @@ def build_table(
             table[row, 3] = kappa
             table[row, 4] = math.cos(theta)
             table[row, 5] = math.sin(theta)
-            dx, dy = chord(theta, kappa, rate, ds)
-            x += dx
-            y += dy
+            ahead, left = _sub_chord(kappa, rate, ds)
+            x += ahead * table[row, 4] - left * table[row, 5]
+            y += ahead * table[row, 5] + left * table[row, 4]
         heading = start + 0.5 * step * (curvatures[i] + curvatures[i + 1])
     last = pieces * per_piece
     table[last, 0] = x
@@ -121,11 +145,38 @@ def pose_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float
     i = min(int(s / ds), last - 1)
     u = s - i * ds
     rate = (table[i + 1, 3] - table[i, 3]) / ds
-    dx, dy = chord(table[i, 2], table[i, 3], rate, u)
+    ahead, left = _sub_chord(table[i, 3], rate, u)
     return (
-        table[i, 0] + dx,
-        table[i, 1] + dy,
+        table[i, 0] + ahead * table[i, 4] - left * table[i, 5],
+        table[i, 1] + ahead * table[i, 5] + left * table[i, 4],
         table[i, 2] + u * (table[i, 3] + 0.5 * rate * u),
+        table[i, 3] + rate * u,
+    )
+
+
+@njit(cache=True)
+def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
+    """(x, y, cosine and sine of the heading, curvature) at ``s``: `pose_at` without an angle."""
+    last = len(table) - 1
+    length = last * ds
+    if s < 0.0:
+        row = table[0]
+        return row[0] + s * row[4], row[1] + s * row[5], row[4], row[5], 0.0
+    if s > length:
+        row = table[last]
+        u = s - length
+        return row[0] + u * row[4], row[1] + u * row[5], row[4], row[5], 0.0
+    i = min(int(s / ds), last - 1)
+    u = s - i * ds
+    rate = (table[i + 1, 3] - table[i, 3]) / ds
+    ahead, left = _sub_chord(table[i, 3], rate, u)
+    c, n = table[i, 4], table[i, 5]
+    cosine, sine = _turn(u * (table[i, 3] + 0.5 * rate * u))
+    return (
+        table[i, 0] + ahead * c - left * n,
+        table[i, 1] + ahead * n + left * c,
+        c * cosine - n * sine,
+        n * cosine + c * sine,
         table[i, 3] + rate * u,
     )
 
@@ -150,9 +201,7 @@ def _refine(
     s = best * ds
     offset = 0.0
     for _ in range(20):
-        x, y, heading, kappa = pose_at(table, ds, s)
-        c = math.cos(heading)
-        n = math.sin(heading)
+        x, y, c, n, kappa = frame_at(table, ds, s)
         along = (px - x) * c + (py - y) * n
         offset = (py - y) * c - (px - x) * n
         # d(along)/ds = -(1 - kappa * offset); kept away from 0 where the point is near the centre
@@ -231,9 +280,9 @@ def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: flo
     """(n, 2) points at ``distances`` (n,) along the road, ``offset`` m left of its centre line."""
     out = np.empty((len(distances), 2))
     for i in range(len(distances)):
-        x, y, heading, _ = pose_at(table, ds, distances[i])
-        out[i, 0] = x - offset * math.sin(heading)
-        out[i, 1] = y + offset * math.cos(heading)
+        x, y, cosine, sine, _ = frame_at(table, ds, distances[i])
+        out[i, 0] = x - offset * sine
+        out[i, 1] = y + offset * cosine
     return out
 
 

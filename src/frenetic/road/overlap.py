@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from frenetic.road.geometry import FloatArray, pose_at
+from frenetic.road.geometry import FloatArray, frame_at
 
 SECTION = 0.5
 """m along the road between the cross-sections at which the lane is cut into quadrilaterals.
@@ -111,8 +111,7 @@ def share_outside(
     second = np.empty((12, 2))
     lx0 = ly0 = rx0 = ry0 = 0.0
     for k in range(sections + 1):
-        px, py, theta, _ = pose_at(table, ds, s - along + k * SECTION)
-        sine, cosine = math.sin(theta), math.cos(theta)
+        px, py, cosine, sine, _ = frame_at(table, ds, s - along + k * SECTION)
         lx1, ly1 = px - left * sine - x, py + left * cosine - y
         rx1, ry1 = px - right * sine - x, py + right * cosine - y
         if k > 0:

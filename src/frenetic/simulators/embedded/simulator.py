@@ -62,7 +62,7 @@ class EmbeddedSimulator:
         self._vehicle = self.vehicle.to_array()
         self.car = self.vehicle.body()
         self._car = np.array([self.car.length, self.car.width, self.car.centre_ahead])
-        self._room = np.empty((len(Trajectory.names()), 0))
+        self._room = np.empty(0)  # memory for the records, used again and again
 
     def __enter__(self) -> Self:
         """Nothing has to be started."""
@@ -97,9 +97,10 @@ class EmbeddedSimulator:
         rules = rules_array(self.rules, road.length)
         # The record after the timeout ends every drive.
         most = math.ceil(self.rules.timeout(road.length) / kernels.PERIOD) + 2
-        if self._room.shape[1] < most:
-            self._room = np.empty((len(Trajectory.names()), most))
-        room = self._room[:, :most]
+        columns_needed = len(Trajectory.names())
+        if self._room.size < columns_needed * most:
+            self._room = np.empty(columns_needed * most)
+        room = self._room[: columns_needed * most].reshape(columns_needed, most)
         setup = self.setup(road)
         compiled = compiled_form(driver, setup.period)
         error = None

@@ -1,0 +1,147 @@
+"""Memory and disk of a long campaign: what it takes, and that memory does not grow with it.
+
+    python benchmarks/memory.py [--tests 100000] [--strategy frenetic] [--folder DIR]
+
+Runs one campaign in a process of its own, with the embedded simulator and the default driver, and
+notes its resident memory after 1, 10 and 50 % of the tests and at the end, its peak, and what the
+campaign takes on disk. The campaign goes into a new folder inside DIR (the system's
+folder for temporary files by default), which is removed afterwards: 100,000 tests need about 1 GB.
+
+Reads /proc, so it needs Linux.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+STATUS: Final = Path("/proc/self/status")
+SHARES: Final = (0.01, 0.1, 0.5)
+"""Of the tests, when memory is read, beside start and end."""
+SEED: Final = 1
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A campaign at one moment."""
+
+    tests: int
+    seconds: float
+    """Of wall time since the start."""
+    resident: float
+    """MB."""
+    peak: float
+    """MB, largest resident memory so far."""
+
+
+def memory() -> tuple[float, float]:
+    """Resident memory of this process in MB: now, and at its peak."""
+    rows = (line.split() for line in STATUS.read_text(encoding="ascii").splitlines())
+    sizes = {row[0]: int(row[1]) * 1024 / 1e6 for row in rows if len(row) == 3 and row[2] == "kB"}
+    return sizes["VmRSS:"], sizes["VmHWM:"]
+
+
+def run_campaign(tests: int, strategy: str, folder: Path) -> None:
+    """What the process does that is measured: prints a reading per line, as JSON."""
+    from frenetic.campaign import Budget, Campaign, Progress
+    from frenetic.compilation import compile_kernels
+    from frenetic.drivers import Planner
+    from frenetic.registry import STRATEGIES
+    from frenetic.simulators import EmbeddedSimulator
+
+    def read(done: int) -> None:
+        reading = Reading(done, time.perf_counter() - start, *memory())
+        print(json.dumps(asdict(reading)), flush=True)
+
+    marks = {max(1, round(share * tests)) for share in SHARES}
+
+    def on_progress(progress: Progress) -> None:
+        if progress.tests in marks:
+            read(progress.tests)
+
+    compile_kernels()
+    start = time.perf_counter()
+    read(0)
+    # As many simulations as tests: with the refused ones it takes a few tests more.
+    summary = Campaign(
+        strategy=STRATEGIES.make(strategy, seed=SEED),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=tests),
+        folder=folder,
+        seed=SEED,
+    ).run(on_progress)
+    read(summary.tests)
+
+
+def readings(tests: int, strategy: str, folder: Path) -> Iterator[Reading]:
+    """The readings of a campaign in a process of its own, as they come.
+
+    Raises:
+        RuntimeError: the campaign broke; its last line of complaint.
+    """
+    command = [sys.executable, __file__, "--measure", "--tests", str(tests)]
+    command += ["--strategy", strategy, "--folder", str(folder)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        for line in process.stdout:
+            yield Reading(**json.loads(line))
+        complaint = process.stderr.read().strip().splitlines()
+    if process.returncode:
+        raise RuntimeError(complaint[-1] if complaint else f"exit status {process.returncode}")
+
+
+def report(tests: int, strategy: str, folder: Path) -> None:
+    """Prints the readings of a campaign as they come, and its size on disk."""
+    print(f"{'tests':>9}{'resident MB':>13}{'peak MB':>10}{'tests/s since the line above':>31}")
+    before: Reading | None = None
+    done = 0
+    for now in readings(tests, strategy, folder):
+        rate = ""
+        if before is not None:
+            rate = f"{(now.tests - before.tests) / (now.seconds - before.seconds):.0f}"
+        print(f"{now.tests:>9}{now.resident:>13.0f}{now.peak:>10.0f}{rate:>31}", flush=True)
+        before, done = now, now.tests
+    size = sum(file.stat().st_size for file in folder.iterdir())
+    print(f"on disk {size / 1e6:.0f} MB, {size / 1e3 / done:.1f} kB per test")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--tests", type=int, default=100_000)
+    parser.add_argument("--strategy", default="frenetic")
+    parser.add_argument("--folder", type=Path, metavar="DIR")
+    parser.add_argument("--measure", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.tests < 1:
+        parser.error("--tests of at least 1 is needed")
+    if options.measure:
+        run_campaign(options.tests, options.strategy, options.folder)
+        return 0
+    if not STATUS.exists():
+        print(f"memory: there is no {STATUS}, Linux is needed", file=sys.stderr)
+        return 2
+    try:
+        with tempfile.TemporaryDirectory(dir=options.folder, prefix="frenetic-memory-") as folder:
+            report(options.tests, options.strategy, Path(folder))
+    except (OSError, RuntimeError) as error:
+        print(f"memory: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,240 @@
+"""Tests per second of a whole search loop: Frenetic against freneticlib 1.0.
+
+    python benchmarks/peer.py [--simulations 250] [--rounds 5] [--seed 1] [--peer-python PATH]
+
+freneticlib (PyPI) is the published library of the same algorithm. Its loop is the one of its own
+example: `BicycleExecutor` (a kinematic bicycle with a PID driver, 10 records per simulated second),
+roads of 30 +- 5 values 10 m apart, one fifth of the simulations random, then mutation and
+crossover. Its validator is off and nothing is written to disk, as in the example; its log is
+silent.
+
+Ours is `Campaign` with the strategy `frenetic`, the embedded simulator and the default driver:
+every road is fitted into the map and checked by the competition's rules, and every test goes into
+the campaign's database with its trajectory. It runs twice: on the default map of 200 m, where roads
+have 20 +- 5 values, and on a map of 300 m, where they are as long as the example's.
+
+Each measurement is a process of its own, and they take turns; each round has another seed. The
+table shows the best round and the median one by wall time, and the best one by CPU time. Importing
+and compiling happen before the clock starts. A rate is simulations by time, so roads that are
+refused add to our time and not to our count. Our drives end where the car has left its lane, those
+of freneticlib always at the road's end.
+
+freneticlib comes with the extra `bench`; if it lives in another environment, --peer-python names
+that environment's interpreter.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+PEER: Final = "freneticlib"
+PEER_VERSION: Final = "1.0"
+MISSING: Final = 3
+"""Exit status of a measurement whose library is not installed."""
+WARM_UP: Final = 5
+"""Simulations before the clock starts."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One search."""
+
+    simulations: int
+    wall: float
+    """s."""
+    cpu: float
+    """s."""
+    road_length: float
+    """m, mean over all roads that were driven."""
+
+
+@dataclass(frozen=True)
+class Contestant:
+    """What is measured."""
+
+    name: str
+    run: Callable[[int, int], Measured]
+    """(simulations, seed) -> what came out."""
+
+
+def measure(search: Callable[[], tuple[int, float]]) -> Measured:
+    """A search by wall and CPU time; it returns its simulations and mean road length."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    simulations, length = search()
+    return Measured(simulations, time.perf_counter() - wall, time.process_time() - cpu, length)
+
+
+def run_peer(simulations: int, seed: int) -> Measured:
+    """A search of freneticlib with the settings of its example."""
+    from freneticlib.core.core import FreneticCore
+    from freneticlib.core.mutation.crossovers import ChooseRandomCrossoverOperator
+    from freneticlib.core.mutation.mutators import FreneticMutator
+    from freneticlib.core.objective import MaxObjective
+    from freneticlib.executors.bicycle.bicycleexecutor import BicycleExecutor
+    from freneticlib.frenetic import Frenetic
+    from freneticlib.representations.kappa_representation import FixStepKappaRepresentation
+    from freneticlib.stopcriteria.counter import CountingStop
+    from freneticlib.utils.random import reset_rng
+
+    if (installed := version(PEER)) != PEER_VERSION:
+        raise RuntimeError(f"{PEER} {installed} is installed, {PEER_VERSION} is meant")
+    logging.disable(logging.CRITICAL)
+    step = 10.0
+
+    def search(total: int) -> tuple[int, float]:
+        reset_rng(seed)
+        roads = FixStepKappaRepresentation(length=30, variation=5, step=step)
+        objective = MaxObjective(feature="distance_from_center", per_simulation_aggregator="max")
+        core = FreneticCore(
+            representation=roads,
+            objective=objective,
+            mutator=FreneticMutator(),
+            crossover=ChooseRandomCrossoverOperator(size=20),
+        )
+        driven = BicycleExecutor(representation=roads, objective=objective)
+        Frenetic(core, driven, CountingStop(n_random=total // 5, n_total=total)).start()
+        lengths = [(len(values) - 1) * step for values in core.history.test]
+        return len(lengths), sum(lengths) / len(lengths)
+
+    search(WARM_UP)
+    return measure(lambda: search(simulations))
+
+
+def run_ours(map_size: float) -> Callable[[int, int], Measured]:
+    """A campaign of ours, on a map of this many metres."""
+
+    def run(simulations: int, seed: int) -> Measured:
+        from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
+        from frenetic.compilation import compile_kernels
+
+        def campaign(total: int, folder: Path) -> Campaign:
+            return Campaign(
+                strategy=Frenetic(seed=seed, map_size=map_size),
+                simulator=EmbeddedSimulator(),
+                driver=Planner(),
+                budget=Budget(simulations=total),
+                folder=folder,
+                map_size=map_size,
+                seed=seed,
+            )
+
+        compile_kernels()
+        with tempfile.TemporaryDirectory() as folder:
+            campaign(WARM_UP, Path(folder) / "warm-up").run()
+            measured = measure(
+                lambda: (campaign(simulations, Path(folder) / "run").run().simulations, 0.0)
+            )
+            with CampaignStore.open(Path(folder) / "run") as store:
+                lengths = [
+                    (len(test.candidate.curvatures) - 1) * test.candidate.step
+                    for test in store.tests()
+                    if test.outcome.is_driven
+                ]
+        return Measured(
+            measured.simulations, measured.wall, measured.cpu, sum(lengths) / len(lengths)
+        )
+
+    return run
+
+
+CONTESTANTS: Final = (
+    Contestant(f"{PEER} {PEER_VERSION}", run_peer),
+    Contestant("frenetic, 200 m map", run_ours(200.0)),
+    Contestant("frenetic, 300 m map", run_ours(300.0)),
+)
+
+
+def in_own_process(index: int, python: str, simulations: int, seed: int) -> Measured:
+    """One measurement by the interpreter `python`.
+
+    Raises:
+        RuntimeError: the interpreter or the library is missing, or the search broke; one line.
+    """
+    name = CONTESTANTS[index].name
+    command = [python, __file__, "--measure", str(index)]
+    command += ["--simulations", str(simulations), "--seed", str(seed)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise RuntimeError(f"cannot start {python}: {error.strerror or error}") from None
+    if done.returncode:
+        complaint = done.stderr.strip().splitlines() or [f"exit status {done.returncode}"]
+        raise RuntimeError(
+            complaint[-1] if done.returncode == MISSING else f"{name} broke: {complaint[-1]}"
+        )
+    return Measured(**json.loads(done.stdout))
+
+
+def measure_here(index: int, simulations: int, seed: int) -> int:
+    """What a process of `in_own_process` does: one measurement, printed as JSON."""
+    try:
+        measured = CONTESTANTS[index].run(simulations, seed)
+    except ModuleNotFoundError as error:
+        remedy = "pip install -e ." if index else 'pip install -e ".[bench]", or --peer-python PATH'
+        print(f"{error.name} is not installed for {sys.executable}: {remedy}", file=sys.stderr)
+        return MISSING
+    print(json.dumps(asdict(measured)))
+    return 0
+
+
+def report(rounds: list[list[Measured]]) -> None:
+    """Prints the rates of all contestants, and ours as multiples of the peer's."""
+    columns = {
+        "best": [max(m.simulations / m.wall for m in runs) for runs in rounds],
+        "median": [median(m.simulations / m.wall for m in runs) for runs in rounds],
+        "CPU best": [max(m.simulations / m.cpu for m in runs) for runs in rounds],
+    }
+    print(f"\n{'tests/s':<22}" + "".join(f"{name:>10}{'ratio':>7}" for name in columns), end="")
+    print(f"{'mean road':>12}")
+    for index, (contestant, runs) in enumerate(zip(CONTESTANTS, rounds, strict=True)):
+        cells = [f"{rate[index]:>10.1f}{rate[index] / rate[0]:>7.1f}" for rate in columns.values()]
+        length = sum(m.road_length for m in runs) / len(runs)
+        print(f"{contestant.name:<22}" + "".join(cells) + f"{length:>10.0f} m")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--simulations", type=int, default=250, help="of each search")
+    parser.add_argument("--rounds", type=int, default=5, help="searches of each contestant")
+    parser.add_argument("--seed", type=int, default=1, help="of the first round")
+    parser.add_argument("--peer-python", default=sys.executable, metavar="PATH")
+    parser.add_argument("--measure", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.simulations < WARM_UP or options.rounds < 1 or options.seed < 0:
+        parser.error(f"--simulations of at least {WARM_UP}, --rounds of 1 and --seed of 0 needed")
+    if options.measure is not None:
+        return measure_here(options.measure, options.simulations, options.seed)
+
+    rounds: list[list[Measured]] = [[] for _ in CONTESTANTS]
+    print(f"{options.simulations} simulations each; tests/s of wall time")
+    for number in range(options.rounds):
+        for index, contestant in enumerate(CONTESTANTS):
+            python = options.peer_python if index == 0 else sys.executable
+            try:
+                measured = in_own_process(index, python, options.simulations, options.seed + number)
+            except RuntimeError as error:
+                print(f"peer: {error}", file=sys.stderr)
+                return 2
+            rounds[index].append(measured)
+            rate = measured.simulations / measured.wall
+            print(f"  round {number + 1}  {contestant.name:<22}{rate:>8.1f}", flush=True)
+    report(rounds)
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

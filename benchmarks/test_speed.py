@@ -1,0 +1,214 @@
+"""How long the parts of a road test take, and how many tests a campaign runs per second.
+
+    pytest benchmarks/test_speed.py
+    pytest benchmarks/test_speed.py --benchmark-timer=time.process_time
+
+The second line counts CPU time, which other programs on the machine disturb less; what a campaign
+waits for the disk is missing from it then.
+
+Times of the parts are per road. One round goes once over a fixed set of valid random roads of
+250 m on which the default driver stays in its lane, so that every drive goes to the road's end; the
+round gives the mean over the set, and the least of many rounds, "Min", is the figure to quote. A
+campaign's round is a whole campaign, and its tests/s are printed above the table.
+
+Nothing here passes or fails by its time.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord, tester
+from frenetic.compilation import compile_kernels
+from frenetic.drivers import Planner
+from frenetic.oracle import Result, judge
+from frenetic.outcome import Outcome
+from frenetic.registry import STRATEGIES
+from frenetic.report import draw_drive
+from frenetic.road import MAP_SIZE, MARGIN, Road, check_validity, fit_to_map
+from frenetic.search import Candidate, Evaluation, Origin, RandomSearch
+from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, random_curvatures
+from frenetic.simulators import Drive, EmbeddedSimulator
+
+SEED: Final = 2021
+SAMPLES: Final = 26
+"""Curvature samples of a road, 10 m apart: 250 m."""
+ROADS: Final = 64
+"""Roads in the set."""
+ROUNDS: Final = 30
+PICTURES: Final = 4
+"""Roads of the set that are drawn."""
+SIMULATIONS: Final = 1000
+"""Of one campaign: what `frenetic run` does unless it is told otherwise."""
+CAMPAIGNS: Final = 5
+
+
+class Driven(NamedTuple):
+    """A road of the set and all that becomes of it."""
+
+    curvatures: npt.NDArray[np.float64]
+    road: Road
+    """Fitted into the map."""
+    drive: Drive
+    result: Result
+
+
+def random_roads() -> Iterator[Driven]:
+    """Valid random roads that the default driver drives to the end, the same ones every time."""
+    rng = np.random.default_rng(SEED)
+    simulator, driver = EmbeddedSimulator(), Planner()
+    while True:
+        curvatures = random_curvatures(rng, SAMPLES, bound=CURVATURE_BOUND, max_change=MAX_CHANGE)
+        road = Road(curvatures).fitted()
+        if road is None or not road.check_validity():
+            continue
+        drive = simulator.drive(road, driver)
+        result = judge(road, drive)
+        if result.outcome is Outcome.PASS:
+            yield Driven(curvatures, road, drive, result)
+
+
+def has_to_turn(driven: Driven) -> bool:
+    """Whether moving alone does not bring the road into the map."""
+    motion = fit_to_map(Road(driven.curvatures).road_points, MAP_SIZE, MARGIN)
+    return motion is not None and motion.rotation != 0.0
+
+
+@cache
+def road_set() -> tuple[Driven, ...]:
+    return tuple(itertools.islice(random_roads(), ROADS))
+
+
+@cache
+def turned_set() -> tuple[Driven, ...]:
+    return tuple(itertools.islice(filter(has_to_turn, random_roads()), ROADS))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    compile_kernels()
+
+
+def per_road(
+    benchmark: BenchmarkFixture,
+    treat: Callable[[Driven], object],
+    roads: tuple[Driven, ...],
+    rounds: int = ROUNDS,
+) -> None:
+    """Times `treat`, each round once over the roads; what the table shows is the mean per road."""
+    supply = itertools.cycle(roads)
+    pedantic: Callable[..., object] = benchmark.pedantic
+    pedantic(lambda: treat(next(supply)), rounds=rounds, iterations=len(roads), warmup_rounds=1)
+    benchmark.extra_info["roads"] = len(roads)
+
+
+def test_propose(benchmark: BenchmarkFixture) -> None:
+    """Ask for a random road, which includes drawing refused ones again, and tell its result."""
+    strategy = RandomSearch(seed=SEED)
+
+    def propose(_: Driven) -> None:
+        strategy.tell(Evaluation(strategy.ask(), Outcome.PASS, 1.0, 0.5))
+
+    per_road(benchmark, propose, road_set())
+
+
+def test_fit_with_rotation(benchmark: BenchmarkFixture) -> None:
+    """From curvature values to a road in the map, of roads for which moving is not enough."""
+
+    def fit(driven: Driven) -> None:
+        assert Road(driven.curvatures).fitted() is not None
+
+    per_road(benchmark, fit, turned_set())
+
+
+def test_check_validity(benchmark: BenchmarkFixture) -> None:
+    """The competition's verdict on the points of a valid road."""
+    per_road(benchmark, lambda driven: check_validity(driven.road.road_points), road_set())
+
+
+def test_drive(benchmark: BenchmarkFixture) -> None:
+    """The default driver along 250 m in the embedded simulator."""
+    simulator, driver = EmbeddedSimulator(), Planner()
+    per_road(benchmark, lambda driven: simulator.drive(driven.road, driver), road_set())
+
+
+def test_judge(benchmark: BenchmarkFixture) -> None:
+    """From a drive to its result."""
+    per_road(benchmark, lambda driven: judge(driven.road, driven.drive), road_set())
+
+
+def test_store(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
+    """A candidate asked and its result told, with the trajectory: one durable transaction."""
+    ids = itertools.count(1)
+    with CampaignStore.create(tmp_path / "campaign", {}) as store:
+
+        def keep(driven: Driven) -> None:
+            number = next(ids)
+            candidate = Candidate(number, driven.curvatures, driven.road.step, Origin("random"))
+            store.asked(candidate)
+            store.told(record(driven, candidate, number))
+
+        per_road(benchmark, keep, road_set())
+
+
+def record(driven: Driven, candidate: Candidate, number: int) -> TestRecord:
+    tested = tester.Tested(driven.result, driven.road.pose, driven.drive.trajectory)
+    return tested.record(candidate, number, 0.5, 0.001)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".svg"])
+def test_picture(benchmark: BenchmarkFixture, tmp_path: Path, suffix: str) -> None:
+    """A drive from above with its profiles, as a file."""
+    path = tmp_path / f"picture{suffix}"
+
+    def draw(driven: Driven) -> None:
+        draw_drive(driven.road, driven.drive, path)
+
+    per_road(benchmark, draw, road_set()[:PICTURES], rounds=3)
+
+
+@pytest.mark.parametrize("name", ["frenetic", "random"])
+def test_campaign(
+    benchmark: BenchmarkFixture,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+) -> None:
+    """The whole loop: propose, fit, validate, drive, judge, store, tell."""
+    folders = (tmp_path / str(k) for k in itertools.count())
+
+    def run() -> int:
+        return (
+            Campaign(
+                strategy=STRATEGIES.make(name, seed=SEED),
+                simulator=EmbeddedSimulator(),
+                driver=Planner(),
+                budget=Budget(simulations=SIMULATIONS),
+                folder=next(folders),
+                seed=SEED,
+            )
+            .run()
+            .tests
+        )
+
+    pedantic: Callable[..., int] = benchmark.pedantic
+    tests = pedantic(run, rounds=CAMPAIGNS, warmup_rounds=1)
+    if benchmark.stats is None:  # --benchmark-disable
+        return
+    stats = benchmark.stats.stats
+    best, median = tests / stats.min, tests / stats.median
+    benchmark.extra_info["tests_per_second"] = {"best": best, "median": median}
+    with capsys.disabled():
+        print(
+            f"\n{name}: {best:.0f} tests/s at best, {median:.0f} in the median"
+            f" of {CAMPAIGNS} campaigns of {tests} tests"
+        )
