@@ -77,7 +77,6 @@ def run_campaign(tests: int, strategy: str, folder: Path) -> None:
         driver=Planner(),
         budget=Budget(simulations=tests),
         folder=folder,
-        seed=SEED,
     ).run(on_progress)
     read(summary.tests)
 

@@ -127,7 +127,6 @@ def run_ours(map_size: float) -> Callable[[int, int], Measured]:
                 budget=Budget(simulations=total),
                 folder=folder,
                 map_size=map_size,
-                seed=seed,
             )
 
         compile_kernels()

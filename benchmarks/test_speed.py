@@ -194,7 +194,6 @@ def test_campaign(
                 driver=Planner(),
                 budget=Budget(simulations=SIMULATIONS),
                 folder=next(folders),
-                seed=SEED,
             )
             .run()
             .tests

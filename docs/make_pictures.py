@@ -31,7 +31,6 @@ def main() -> None:
             driver=Planner(),
             budget=Budget(simulations=1000),
             folder=Path(folder) / "campaign",
-            seed=SEED,
         ).run()
         with CampaignStore.open(Path(folder) / "campaign") as store:
             # Of the telling failures, the one on the longest road makes the README's picture.

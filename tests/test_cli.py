@@ -148,6 +148,11 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic) -> None:
         (["--delay", "99"], ["at most 10 s"]),
         (["--strategy", "genetic"], ["unknown strategy 'genetic'", "frenetic, random"]),
         (["--strategy-option", "threshold=inf"], ["threshold"]),
+        (["--strategy-option", "seed=5"], ["--strategy-option seed is not allowed"]),
+        (["--strategy-option", "map_size=100"], ["--strategy-option map_size is not allowed"]),
+        (["--simulator-option", "friction=-1"], ["friction is -1"]),
+        (["--simulator-option", "fricton=1"], ["did you mean 'friction'?"]),
+        (["--driver-option", "aggression=abc"], ["aggression is 'abc'", "a number is needed"]),
         (["--simulator", "carla"], ["unknown simulator 'carla'", "embedded"]),
         (["--map-size", "15"], ["map_size is 15", "more than twice the margin"]),
         (["--speed-limit", "0"], ["speed_limit is 0"]),
@@ -175,6 +180,7 @@ def test_run_refuses_a_folder_that_cannot_be_written(frenetic: Frenetic) -> None
     write("file", "not a folder")
     refused(frenetic("run", "--simulations", "5", "--out", "file"), "file", "--out")
     refused(frenetic("run", "--simulations", "5", "--out", "file/below"), "file/below")
+    refused(frenetic("run", "--simulations", "5", "--out", ""), "an empty name")
 
 
 def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
@@ -226,6 +232,18 @@ class Nan(Raises):
     def act(self, observation):
         return frenetic.Controls(float("nan"))
 
+class Tires(Raises):
+    drives = 0
+
+    def reset(self, setup):
+        Tires.drives += 1
+        self.speeding = setup.speed_limit
+
+    def act(self, observation):
+        if Tires.drives > 20:
+            raise RuntimeError("too tired")
+        return frenetic.Controls(0.0, throttle=1.0)
+
 class ForEver(Raises):
     def act(self, observation):
         while True:
@@ -264,6 +282,38 @@ def test_broken_driver_is_an_error_and_ends_a_campaign(
     )
     refused(answer, "the last 10 drives broke", why)
     assert frenetic("show", "c", "--json").json["errors"] == 10
+
+
+def test_what_was_found_before_the_driver_broke_is_shown(frenetic: Frenetic) -> None:
+    write("mydriver.py", MY_DRIVER)
+    answer = frenetic(
+        *("run", "--driver", "mydriver.py:Tires", "--simulations", "50", "--seed", "1"),
+        *("--out", "c"),
+    )
+    refused(answer, "the last 10 drives broke", "too tired")
+    assert "The most severe and most different failures" in answer.out
+    assert list(Path("c/failures").glob("test-*.png"))
+
+
+def test_driver_file_may_import_its_neighbour_and_gives_the_same_campaign(
+    frenetic: Frenetic,
+) -> None:
+    Path("sub").mkdir()
+    write("sub/tables.py", "GAIN = 2.6")
+    write("sub/mine.py", "from tables import GAIN\n" + MY_DRIVER.replace("2.6", "GAIN"))
+    road = write("road.json", STRAIGHT)
+    assert frenetic("drive", road, "--driver", "sub/mine.py:Slow").out.startswith("PASS")
+    code = "import sys; from frenetic.cli import main; main(sys.argv[1:])"
+    for folder in ("a", "b"):
+        options = ["--driver", "sub/mine.py:Slow", "--simulations", "3", "--seed", "1"]
+        subprocess.run(
+            [sys.executable, "-c", code, "run", *options, "--out", folder],
+            check=True,
+            capture_output=True,
+        )
+    first, second = (frenetic("show", folder, "--json").json["config"] for folder in "ab")
+    assert first == second
+    assert first["driver"]["class"] == "mine.py:Slow"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")
@@ -388,7 +438,9 @@ def test_validate_judges_the_other_files_beside_an_unreadable_one(frenetic: Fren
 def test_show_a_campaign_and_a_test(frenetic: Frenetic) -> None:
     frenetic("run", "--simulations", "120", "--seed", "3", "--out", "c")
     whole = frenetic("show", "c")
-    assert "frenetic, seed 3" in whole.out
+    assert "Frenetic(seed=3, " in whole.out
+    assert "Planner(aggression=1.0, " in whole.out
+    assert "120 simulations" in whole.out
     assert "The most severe and most different failures" in whole.out
     counted = frenetic("show", "c", "--json").json
     assert counted["passed"] + counted["failed"] == 120
@@ -460,6 +512,19 @@ def test_help_needs_neither_numba_nor_matplotlib() -> None:
         "assert not {'numba', 'matplotlib', 'scipy'} & set(sys.modules), sorted(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, env=os.environ.copy())
+
+
+def test_without_a_command_there_is_help(frenetic: Frenetic) -> None:
+    answer = frenetic()
+    assert answer.code == 0
+    assert "Commands:" in answer.out
+
+
+def test_friction_is_an_option_of_the_simulator(frenetic: Frenetic) -> None:
+    road = write("road.json", BENT)
+    dry = frenetic("drive", road, "--json").json["moobd"]
+    icy = frenetic("drive", road, "--json", "--simulator-option", "friction=0.4").json["moobd"]
+    assert icy < dry
 
 
 def test_unknown_command_is_a_mistake(frenetic: Frenetic) -> None:

@@ -9,6 +9,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from frenetic.kernel_cache import ensure_kernel_cache
+
+ensure_kernel_cache()  # before anything imports numba
+
 if TYPE_CHECKING:
     from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord
     from frenetic.drivers import (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import secrets
 import sys
 import threading
@@ -12,19 +13,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, ParamSpec, TextIO, TypeVar
 
 import click
 from rich.console import Console
 from rich.table import Table
 
 from frenetic.durations import format_duration, parse_duration
-from frenetic.errors import FreneticError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES, Registry
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore, Progress, Summary, TestRecord
     from frenetic.drivers import Driver
+    from frenetic.oracle import Result
+    from frenetic.road import Road
     from frenetic.simulators import Simulator
 
 P = ParamSpec("P")
@@ -55,8 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         code = 130
     except BrokenPipeError:
         # The reader of our output has gone; so may we, without another word.
-        sys.stderr.close()
-        code = 0
+        _silence(sys.stdout)
+        code = 1
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -78,6 +81,18 @@ class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in click's
             return parse_duration(value)
         except ValueError as error:
             self.fail(str(error), param, ctx)
+
+
+class Folder(click.ParamType):  # type: ignore[type-arg]
+    """A folder, which need not exist."""
+
+    name = "folder"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Its path."""
+        if not str(value):
+            self.fail("an empty name; write . for the current folder", param, ctx)
+        return Path(value)
 
 
 class Setting(click.ParamType):  # type: ignore[type-arg]
@@ -136,6 +151,13 @@ def _driver_options(command: Callable[P, R]) -> Callable[P, R]:
             metavar="S",
             help="What moves the car (see 'frenetic simulators').",
         ),
+        click.option(
+            "--simulator-option",
+            "simulator_options",
+            type=Setting(),
+            multiple=True,
+            help="An option of the simulator, such as friction=0.7; may be repeated.",
+        ),
         click.option("--speed-limit", type=float, default=70.0, show_default=True, help="km/h."),
         click.option(
             "--oob-tolerance",
@@ -163,11 +185,14 @@ def _driver_options(command: Callable[P, R]) -> Callable[P, R]:
 _json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 
-@click.group(context_settings=CONTEXT)
+@click.group(context_settings=CONTEXT, invoke_without_command=True)
 @click.version_option(None, "--version", package_name="frenetic-roads", prog_name="frenetic")
 @click.option("--debug", is_flag=True, help="Log what happens, with tracebacks, to stderr.")
-def cli(debug: bool) -> None:
+@click.pass_context
+def cli(context: click.Context, debug: bool) -> None:
     """Finds the roads on which an automated driver leaves its lane."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
     if debug:
         logging.basicConfig(
             level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s"
@@ -197,7 +222,7 @@ def cli(debug: bool) -> None:
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path),
+    type=Folder(),
     metavar="DIR",
     help="Folder for the results. [default: a new one under campaigns/]",
 )
@@ -214,6 +239,7 @@ def run(
     delay: float | None,
     view: float | None,
     simulator: str,
+    simulator_options: tuple[tuple[str, Any], ...],
     speed_limit: float,
     oob_tolerance: float,
     map_size: float,
@@ -229,7 +255,7 @@ def run(
     so does Ctrl-C, and nothing found is lost.
     """
     from frenetic.campaign import Budget, Campaign, CampaignStore, new_folder
-    from frenetic.report.failures import telling_failures, write_failures
+    from frenetic.report.failures import FAILURES, GALLERY, telling_failures, write_failures
 
     if simulations is None and seconds is None and failures is None:
         simulations = DEFAULT_SIMULATIONS
@@ -237,12 +263,15 @@ def run(
     with _as_usage_error():
         budget = Budget(simulations=simulations, time=seconds, failures=failures)
     the_driver = _make_driver(driver, driver_options, noise, delay, view)
-    the_simulator = _make_simulator(simulator, speed_limit, oob_tolerance, wall_limit)
+    the_simulator = _make_simulator(
+        simulator, simulator_options, speed_limit, oob_tolerance, wall_limit
+    )
     available = {"seed": seed, "map_size": map_size}
     takes = STRATEGIES.option_names(STRATEGIES.load(strategy))
-    settings = {k: v for k, v in available.items() if takes is None or k in takes}
-    the_strategy = STRATEGIES.make(strategy, **(settings | dict(strategy_options)))
-    folder = out if out is not None else new_folder()
+    taken = {k: v for k, v in available.items() if takes is None or k in takes}
+    options = _own_options(strategy_options, "strategy", available)
+    the_strategy = STRATEGIES.make(strategy, **(options | taken))
+    folder = new_folder() if out is None else out
     with _as_usage_error():
         campaign = Campaign(
             strategy=the_strategy,
@@ -251,8 +280,8 @@ def run(
             budget=budget,
             folder=folder,
             map_size=map_size,
-            seed=seed,
             description={
+                "seed": seed,
                 "command": {
                     "strategy": strategy,
                     "strategy_options": dict(strategy_options),
@@ -262,38 +291,55 @@ def run(
                     "delay": delay,
                     "view": view,
                     "simulator": simulator,
+                    "simulator_options": dict(simulator_options),
                     "speed_limit": speed_limit,
                     "oob_tolerance": oob_tolerance,
                     "wall_limit": wall_limit,
-                }
+                },
             },
         )
-    log = Console(stderr=True, highlight=False, soft_wrap=True)
-    _compile(log)
-    log.print(
-        f"Searching with [bold]{strategy}[/] for roads on which [bold]{driver}[/] fails,"
-        f" seed {seed}, results in {folder}"
-    )
+    log = _Log()
+    trouble: FreneticError | None = None
+    summary: Summary | None = None
+    with _announced_compilation(log) as compiled, _live_progress(log) as show:
 
-    def announce_stop() -> None:
-        log.print("Stopping after this test; press Ctrl-C again to leave at once.")
+        def started() -> None:
+            compiled()
+            log.print(
+                f"Searching with {strategy} for roads on which {driver} fails, seed {seed},"
+                f" results in {folder}",
+                markup=False,
+            )
 
-    with _live_progress(log) as show:
-        summary = campaign.run(show, on_interrupt=announce_stop)
+        def stopping() -> None:
+            log.print("Stopping after this test; press Ctrl-C again to leave at once.")
+
+        try:
+            summary = campaign.run(show, on_start=started, on_interrupt=stopping)
+        except CampaignError as error:
+            # What was stored until then is still worth a look.
+            if not campaign.started:
+                raise
+            trouble = error
     with CampaignStore.open(folder) as store:
         listed = telling_failures(store)
+        if summary is not None and as_json:
+            click.echo(json.dumps(summary.as_json() | {"seed": seed}))
+        elif summary is not None:
+            _print_summary(summary)
+        if listed and not as_json:
+            _print_failures(listed)
+        if summary is not None and not as_json:
+            click.echo(f"Results:     {folder}")
         if listed:
-            with log.status("Drawing the most telling failures") as status:
-                write_failures(
-                    store,
-                    listed,
-                    lambda done, total: status.update(f"Drawing failures: {done} of {total}"),
-                )
-        if as_json:
-            click.echo(json.dumps(summary.as_json()))
-        else:
-            _print_summary(summary, listed)
-    if summary.interrupted:
+            with log.status("Drawing the most telling failures"):
+                complete = write_failures(store, listed)
+            if not as_json:
+                click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
+                click.echo(f"Look closer: frenetic show {_shell(folder)} {listed[0].candidate.id}")
+    if trouble is not None:
+        raise trouble
+    if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
 
 
@@ -316,6 +362,7 @@ def drive(
     delay: float | None,
     view: float | None,
     simulator: str,
+    simulator_options: tuple[tuple[str, Any], ...],
     speed_limit: float,
     oob_tolerance: float,
     map_size: float,
@@ -328,33 +375,33 @@ def drive(
 
     ROAD holds curvatures (1/m) and optionally a step (m), or road_points, or is a test file of the
     competition or of a campaign's failures. It is moved into the map if it lies elsewhere; a road
-    that is invalid is not driven.
+    that is invalid is not driven. The exit code is 0 if it was driven, 1 if it is INVALID or the
+    simulator or driver broke (ERROR).
     """
+    from frenetic.campaign import RoadTester
     from frenetic.oracle import Result, judge
     from frenetic.outcome import Outcome
     from frenetic.road.files import read_road
 
     the_driver = _make_driver(driver, driver_options, noise, delay, view)
-    the_simulator = _make_simulator(simulator, speed_limit, oob_tolerance, wall_limit)
+    the_simulator = _make_simulator(
+        simulator, simulator_options, speed_limit, oob_tolerance, wall_limit
+    )
     loaded = read_road(road).road()
     _check_map_size(map_size)
-    fitted = loaded.fitted(map_size)
-    refusal = None
-    if fitted is None:
-        refusal = f"The road does not fit the map of {map_size:g} m in any direction"
-    elif not (verdict := fitted.check_validity(map_size)).valid:
-        refusal = verdict.message
+    fitted, verdict = loaded.placed(map_size)
     the_road = fitted or loaded
-    if refusal is not None and not anyway:
-        result = Result(Outcome.INVALID, refusal, None, None, None, 0.0, None)
+    if not verdict.valid and not anyway:
+        result = Result(Outcome.INVALID, verdict.message, None, None, None, 0.0, None)
         if plot is not None:
             from frenetic.report.picture import draw_road
 
-            draw_road(the_road, plot, title=f"{road.name}: INVALID")
+            title = f"{road.name}: INVALID"
+            draw_road(the_road, plot, title=title, reason=verdict.message)
     else:
-        _compile(Console(stderr=True, highlight=False, soft_wrap=True))
-        with the_simulator:
-            the_drive = the_simulator.drive(the_road, the_driver)
+        with _announced_compilation(_Log()) as compiled, the_simulator:
+            compiled()
+            the_drive = RoadTester(the_simulator, the_driver).drive(the_road)
         result = judge(the_road, the_drive)
         if plot is not None:
             from frenetic.report.picture import draw_drive
@@ -365,7 +412,13 @@ def drive(
         if plot is not None:
             document["plot"] = str(plot)
         click.echo(json.dumps(document))
-        return
+    else:
+        _print_drive(result, the_road, road, plot)
+    if not result.outcome.is_driven:
+        raise click.exceptions.Exit(1)
+
+
+def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None) -> None:
     click.echo(f"{result.outcome}  {result.reason}")
     facts: list[tuple[str, str]] = [("road", f"{the_road.length:.1f} m, {road}")]
     if result.moobd is not None and result.moobd_distance is not None:
@@ -433,7 +486,7 @@ def validate(files: tuple[Path, ...], map_size: float, as_json: bool) -> None:
     "--plot",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Where to draw the test. [default: failures/test-ID.png in the campaign's folder]",
+    help="Where to draw the test. [default: in the campaign's folder]",
 )
 @_json_option
 def show(campaign: Path, test_id: int | None, plot: Path | None, as_json: bool) -> None:
@@ -470,24 +523,28 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         }
         click.echo(json.dumps(document))
         return
-    command = config.get("command")
-    chosen = command if isinstance(command, Mapping) else {}
     rules = config.get("rules")
     limits = rules if isinstance(rules, Mapping) else {}
+    budget = config.get("budget")
+    limited = budget if isinstance(budget, Mapping) else {}
+    spent = ", ".join(f"{value} {name}" for name, value in limited.items() if value is not None)
+    if facts.get("interrupted"):
+        spent += ", interrupted"
+    elif "finished_at" not in facts:
+        spent += ", not finished"
     _print_facts(
         [
             ("campaign", str(store.folder)),
-            ("made", str(facts.get("created_at", "unknown"))),
-            ("strategy", f"{chosen.get('strategy', 'unknown')}, seed {config.get('seed')}"),
-            (
-                "driver",
-                f"{chosen.get('driver', 'unknown')} in {chosen.get('simulator', 'unknown')}",
-            ),
+            ("made", str(facts.get("created_at", "unknown")).replace("T", " ")),
+            ("strategy", _part(config.get("strategy"))),
+            ("driver", _part(config.get("driver"))),
+            ("simulator", _part(config.get("simulator"))),
             (
                 "rules",
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
                 f" be out, map of {config.get('map_size')} m",
             ),
+            ("budget", spent),
             (
                 "tests",
                 f"{counts.told}: {number[Outcome.PASS]} passed, {number[Outcome.FAIL]} failed,"
@@ -501,13 +558,38 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         click.echo(f"One in full: frenetic show {_shell(store.folder)} {listed[0].candidate.id}")
 
 
+def _part(described: object) -> str:
+    """A part of a campaign's configuration in one line: class, options, what it lies over."""
+    if not isinstance(described, Mapping):
+        return "unknown"
+    options = described.get("options")
+    shown = ", ".join(
+        f"{name}={value}"
+        for name, value in (options.items() if isinstance(options, Mapping) else ())
+        if not isinstance(value, Mapping)
+    )
+    text = str(described.get("class", "unknown")).rpartition(":")[2] + (
+        f"({shown})" if shown else ""
+    )
+    inner = described.get("driver")
+    return text if inner is None else f"{text} over {_part(inner)}"
+
+
 def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: bool) -> None:
-    from frenetic.report.failures import FAILURES, file_stem, road_document, stored_test
+    from frenetic.outcome import Outcome
+    from frenetic.report.failures import (
+        FAILURES,
+        PICTURES,
+        file_stem,
+        road_document,
+        stored_test,
+    )
     from frenetic.report.picture import draw_drive, draw_road
 
     record = store.test(test_id)
     test = stored_test(store, record)
-    picture = plot if plot is not None else store.folder / FAILURES / f"{file_stem(test_id)}.png"
+    kind = FAILURES if record.outcome is Outcome.FAIL else PICTURES
+    picture = plot if plot is not None else store.folder / kind / f"{file_stem(test_id)}.png"
     title = f"Test {test_id}: {record.outcome}"
     try:
         if plot is None:
@@ -515,7 +597,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         if test.drive is not None:
             draw_drive(test.road, test.drive, picture, title=title)
         else:
-            draw_road(test.road, picture, title=title)
+            draw_road(test.road, picture, title=title, reason=record.reason)
         drawn = str(picture)
     except (OSError, FreneticError) as error:
         if plot is not None:
@@ -569,7 +651,7 @@ def _listing(name: str, registry: Registry, summary: str) -> None:
             table.add_column(column, overflow="fold")
         for entry in entries:
             table.add_row(entry.name, entry.origin, entry.summary or entry.target)
-        _out().print(table)
+        _Results().print(table)
         click.echo(f"Your own: package.module:Class or path/to/file.py:Class as --{registry.kind}.")
 
 
@@ -609,7 +691,11 @@ def _make_driver(
 
 
 def _make_simulator(
-    spec: str, speed_limit: float, oob_tolerance: float, wall_limit: float
+    spec: str,
+    options: tuple[tuple[str, Any], ...],
+    speed_limit: float,
+    oob_tolerance: float,
+    wall_limit: float,
 ) -> Simulator:
     from frenetic.simulators import Rules
 
@@ -617,33 +703,66 @@ def _make_simulator(
         rules = Rules(speed_limit=speed_limit, oob_tolerance=oob_tolerance)
     available = {"rules": rules, "wall_limit": wall_limit}
     takes = SIMULATORS.option_names(SIMULATORS.load(spec))
+    taken = {k: v for k, v in available.items() if takes is None or k in takes}
     simulator: Simulator = SIMULATORS.make(
-        spec, **{k: v for k, v in available.items() if takes is None or k in takes}
+        spec, **(_own_options(options, "simulator", available) | taken)
     )
     return simulator
 
 
-def _compile(log: Console) -> None:
-    """Compiles what is compiled, and says so if it takes its time."""
-    from frenetic.compilation import compile_kernels
+def _own_options(
+    options: tuple[tuple[str, Any], ...], kind: str, elsewhere: Mapping[str, object]
+) -> dict[str, Any]:
+    """The options of a part, none of which may have a command-line option of its own."""
+    for name, _ in options:
+        if name in elsewhere:
+            raise click.UsageError(
+                f"--{kind}-option {name} is not allowed: it follows from the options of the command"
+            )
+    return dict(options)
 
-    timer = threading.Timer(
-        ANNOUNCE_AFTER,
-        log.print,
-        ["Compiling the simulator; this happens once, takes about 20 s and is cached."],
-    )
+
+@contextmanager
+def _announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
+    """Says that the simulator is being compiled, unless what it gives is called soon."""
+    text = "Compiling the simulator; this happens once, takes about 20 s and is cached."
+    timer = threading.Timer(ANNOUNCE_AFTER, log.print, [text])
     timer.daemon = True
     timer.start()
     try:
-        compile_kernels()
+        yield timer.cancel
     finally:
         timer.cancel()
 
 
-def _out() -> Console:
-    """The console for results; as wide as needed where they go into a file or a pipe."""
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=120)
+class _Results(Console):
+    """The console for results: as wide as needed where they go into a file or a pipe."""
+
+    def __init__(self) -> None:
+        super().__init__(highlight=False, width=None if sys.stdout.isatty() else 120)
+
+    def on_broken_pipe(self) -> None:
+        """Leaves it to `main`."""
+        raise BrokenPipeError
+
+
+class _Log(Console):
+    """The console for what is going on; a campaign goes on when nobody reads it any more."""
+
+    def __init__(self) -> None:
+        super().__init__(stderr=True, highlight=False, soft_wrap=True)
+
+    def on_broken_pipe(self) -> None:
+        """Falls silent."""
+        self.quiet = True
+        _silence(sys.stderr)
+
+
+def _silence(stream: TextIO) -> None:
+    """Lets a stream that nobody reads lead nowhere, so that nothing fails at exit either."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 def _progress_text(progress: Progress) -> str:
@@ -675,19 +794,21 @@ def _live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
 
             yield update
         return
-    last = time.monotonic()
+    last: float | None = None
 
     def line(progress: Progress) -> None:
         nonlocal last
         now = time.monotonic()
-        if now - last >= PLAIN_INTERVAL:
+        if last is None:
+            last = now  # the first test: nothing to tell yet
+        elif now - last >= PLAIN_INTERVAL:
             last = now
             log.print(_progress_text(progress))
 
     yield line
 
 
-def _print_summary(summary: Summary, listed: Sequence[TestRecord]) -> None:
+def _print_summary(summary: Summary) -> None:
     least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
@@ -695,19 +816,9 @@ def _print_summary(summary: Summary, listed: Sequence[TestRecord]) -> None:
         f" ({summary.tests_per_second:.0f} tests/s): {summary.failed} failures,"
         f" {summary.passed} passed, {summary.invalid} invalid, {summary.errors} errors{least}"
     )
-    if listed:
-        _print_failures(listed)
-    click.echo(f"Results:     {summary.folder}")
-    if listed:
-        from frenetic.report.failures import FAILURES, GALLERY
-
-        click.echo(f"At a glance: {summary.folder / FAILURES / GALLERY}")
-        click.echo(f"Look closer: frenetic show {_shell(summary.folder)} {listed[0].candidate.id}")
 
 
 def _print_failures(listed: Sequence[TestRecord]) -> None:
-    from frenetic.report.failures import FAILURES, file_stem
-
     table = Table(
         title="The most severe and most different failures",
         title_justify="left",
@@ -715,9 +826,8 @@ def _print_failures(listed: Sequence[TestRecord]) -> None:
         box=None,
         pad_edge=False,
     )
-    for column in ("test", "MOOBD (m)", "left to", "after (m)", "of (m)", "origin"):
-        table.add_column(column, justify="left" if column in ("left to", "origin") else "right")
-    table.add_column("picture", overflow="fold")
+    for column in ("test", "MOOBD (m)", "left on", "after (m)", "of (m)", "origin"):
+        table.add_column(column, justify="left" if column in ("left on", "origin") else "right")
     for record in listed:
         candidate = record.candidate
         place = record.departure_distance
@@ -728,9 +838,8 @@ def _print_failures(listed: Sequence[TestRecord]) -> None:
             "-" if place is None else f"{place:.0f}",
             f"{(len(candidate.curvatures) - 1) * candidate.step:.0f}",
             candidate.origin.operator,
-            f"{FAILURES}/{file_stem(candidate.id)}.png",
         )
-    _out().print(table)
+    _Results().print(table)
 
 
 def _print_facts(facts: Sequence[tuple[str, str]]) -> None:

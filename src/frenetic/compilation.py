@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from frenetic.drivers import Planner
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
@@ -9,6 +11,7 @@ from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator
 
 
+@cache
 def compile_kernels() -> None:
     """Fits, validates, drives and judges one road, so that every kernel is ready afterwards.
 
@@ -16,9 +19,9 @@ def compile_kernels() -> None:
     then it takes a fraction of a second.
     """
     # Too long for the map unless it is turned, and not quite straight.
-    road = Road([0.0] * 10 + [0.005] + [0.0] * 11).fitted()
+    road, verdict = Road([0.0] * 10 + [0.005] + [0.0] * 11).placed()
     assert road is not None
-    assert road.check_validity().valid
+    assert verdict.valid, verdict.message
     simulator = EmbeddedSimulator()
     result = judge(road, simulator.drive(road, Planner()))
     assert result.outcome is Outcome.PASS, result.reason

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import pose_at, project_global, project_near, reach_of
 from frenetic.road.overlap import share_outside
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from frenetic.road import Road
     from frenetic.simulators.drive import Drive, Rules
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 Side: TypeAlias = Literal["left", "right"]
 
 RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
@@ -56,11 +55,11 @@ class Result:
     reason: str
     """Why, in one sentence."""
     moobd: float | None
-    """m, minimum oob distance; None for ERROR."""
+    """m, minimum oob distance; None unless PASS or FAIL."""
     moobd_distance: float | None
-    """m along the road where the oob distance was least; None for ERROR."""
+    """m along the road where the oob distance was least; None unless PASS or FAIL."""
     max_oob_share: float | None
-    """Largest share 0..1 of the car's box outside the ego lane; None for ERROR."""
+    """Largest share 0..1 of the car's box outside the ego lane; None unless PASS or FAIL."""
     duration: float
     """s of simulated time until the drive ended."""
     departure: Departure | None
@@ -205,6 +204,11 @@ def assess(road: Road, drive: Drive) -> Assessment:
     return Assessment(end, rows[:, DISTANCE], offset, half - np.abs(offset), rows[:, OOB_SHARE])
 
 
+def _rounded_up(share: float) -> str:
+    """A share in percent that never reads as less than it is."""
+    return f"{math.ceil(share * 1000.0 - 1e-9) / 10.0:g}%"
+
+
 def judge(road: Road, drive: Drive) -> Result:
     """The verdict on one drive of a road.
 
@@ -239,7 +243,8 @@ def judge(road: Road, drive: Drive) -> Result:
         )
         reason = (
             f"Car drove out of the lane to the {side} after {seen.distance[i]:.0f} m:"
-            f" {seen.oob_share[i]:.0%} of it outside, {rules.oob_tolerance:.0%} tolerated"
+            f" {_rounded_up(float(seen.oob_share[i]))} of it outside,"
+            f" {rules.oob_tolerance * 100:g}% tolerated"
         )
     elif seen.end == STUCK:
         reason = (

@@ -8,6 +8,7 @@ imports nothing. Other packages add theirs with an entry point in the group ``fr
 from __future__ import annotations
 
 import difflib
+import hashlib
 import importlib
 import importlib.util
 import inspect
@@ -20,6 +21,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic.errors import DriverError, FreneticError, UnknownNameError
+
+USER_MODULE: Final = "frenetic_user_"
+"""What the names of modules begin with that are loaded from a user's file."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +85,7 @@ class Registry:
         if spec in known:
             return self._import(known[spec].target, spec)
         if ":" in spec:
-            return self._import(spec, spec)
+            return self._import(spec, spec, own=True)
         raise UnknownNameError(
             f"unknown {self.kind} {spec!r}{_hint(spec, known)} Known: {', '.join(known)};"
             " your own goes as package.module:Class or path/to/file.py:Class"
@@ -136,10 +140,15 @@ class Registry:
                     f" It has: {', '.join(names) or 'none'}"
                 )
 
-    def _import(self, target: str, spec: str) -> Callable[..., Any]:
+    def _import(self, target: str, spec: str, own: bool = False) -> Callable[..., Any]:
         place, _, attribute = target.rpartition(":")
         try:
-            module = _load_file(place) if place.endswith(".py") else _load_module(place)
+            if place.endswith(".py"):
+                module = _load_file(place)
+            elif own:
+                module = _load_own_module(place)
+            else:
+                module = importlib.import_module(place)
         except FreneticError:
             raise
         except ModuleNotFoundError as error:
@@ -172,7 +181,8 @@ def _line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _load_module(name: str) -> Any:
+def _load_own_module(name: str) -> Any:
+    """A module the user named, which may lie in the current folder."""
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
@@ -184,7 +194,9 @@ def _load_file(name: str) -> Any:
     if not path.is_file():
         raise DriverError(f"there is no file {name!r}")
     path = path.resolve()
-    module_name = f"frenetic_user_{path.stem}_{abs(hash(os.fspath(path))):x}"
+    # The same in every process, so that what is made of it can be sent from one to another.
+    digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]
+    module_name = f"{USER_MODULE}{path.stem}_{digest}"
     if module_name in sys.modules:
         return sys.modules[module_name]
     spec = importlib.util.spec_from_file_location(module_name, path)
@@ -192,6 +204,9 @@ def _load_file(name: str) -> Any:
         raise DriverError(f"{name!r} cannot be read as Python")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
+    # As for ``python file.py``: it may import its neighbours.
+    if str(path.parent) not in sys.path:
+        sys.path.insert(0, str(path.parent))
     try:
         spec.loader.exec_module(module)
     except BaseException:

@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import json
+import pickle
 import sqlite3
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,9 +11,10 @@ import numpy as np
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
-from frenetic.drivers import Planner
+from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic, Origin, RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
@@ -190,7 +194,6 @@ def test_same_seed_gives_the_same_database_but_for_times(
             driver=Planner(),
             budget=Budget(simulations=150),
             folder=folder,
-            seed=seed,
         ).run()
     first, second, other = (contents(folder) for folder in folders)
     assert len(first["test"]) >= 150
@@ -243,3 +246,58 @@ def test_strategy_that_breaks_ends_the_campaign_with_one_line(
         campaign(tmp_path, Bad(defect), Budget(simulations=9)).run()
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().told == kept
+
+
+def test_map_sizes_have_to_agree(tmp_path: Path) -> None:
+    strategy = RandomSearch(seed=1, map_size=150.0)
+    assert campaign(tmp_path, strategy, Budget(failures=1)).tester.map_size == 150.0
+    with pytest.raises(ValueError, match="strategy was made for 150"):
+        campaign(tmp_path, strategy, Budget(failures=1), map_size=200.0)
+
+
+def test_configuration_says_what_was_run(tmp_path: Path) -> None:
+    class Part(DummyDriver):
+        def __init__(self) -> None:
+            super().__init__()
+            self.options = {
+                "table": np.zeros(3),
+                "worst": float("inf"),
+                "lock": threading.Lock(),
+                "gains": (1, 2.5),
+                "name": "plain",
+            }
+
+    configuration = Campaign(
+        strategy=Frenetic(seed=5, threshold=-0.25),
+        simulator=EmbeddedSimulator(friction=0.5),
+        driver=Delayed(Part(), seconds=0.2),
+        budget=Budget(simulations=3),
+        folder=tmp_path,
+    ).configuration()
+    text = json.dumps(configuration, allow_nan=False)
+    assert configuration["seed"] == 5
+    stored = json.loads(text)
+    assert stored["strategy"]["options"]["threshold"] == -0.25
+    assert stored["simulator"]["options"]["vehicle"]["friction"] == 0.5
+    assert stored["driver"]["options"] == {"seconds": 0.2}
+    inner = stored["driver"]["driver"]["options"]
+    assert (inner["gains"], inner["name"], inner["worst"]) == ([1, 2.5], "plain", "inf")
+    assert "array" in inner["table"]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        Candidate(3, np.array([0.0, 0.01]), 10.0, Origin("P1", (1,), 1)),
+        Road([0.0, 0.01, 0.0], pose=(1.0, 2.0, 3.0), lane_width=5.0),
+        EmbeddedSimulator().drive(Road([0.0, 0.0, 0.0]), Planner()).trajectory,
+    ],
+)
+def test_records_stay_read_only_when_they_travel_between_processes(part: object) -> None:
+    again = pickle.loads(pickle.dumps(part))
+    for name in ("curvatures", "time", "table"):
+        values = getattr(part, name, None)
+        if values is not None:
+            assert np.array_equal(getattr(again, name), values)
+            assert not getattr(again, name).flags.writeable
+    assert type(again) is type(part)

@@ -565,7 +565,7 @@ def test_an_older_schema_is_migrated_by_the_next_writer(
 ) -> None:
     note = ("ALTER TABLE campaign ADD COLUMN note TEXT", "UPDATE campaign SET note = 'new'")
     monkeypatch.setattr(store_module, "MIGRATIONS", (*MIGRATIONS, note))
-    with pytest.raises(CampaignError, match=r"older version.*resume"):
+    with pytest.raises(CampaignError, match=r"older version.*open it once for writing"):
         CampaignStore.open(finished)
     with CampaignStore.open(finished, readonly=False) as store:
         assert store.counts().told == 10

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from frenetic.campaign import RoadTester
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin
+from frenetic.simulators import Trajectory
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -80,6 +83,30 @@ def test_road_that_is_too_long_is_turned_to_fit() -> None:
     assert tested.pose is not None
     turned = np.degrees(tested.pose.heading) % 90.0
     assert 35.0 < turned < 55.0
+
+
+def test_simulator_that_raises_is_an_error_of_its_test() -> None:
+    class Broken(DummySimulator):
+        def drive(self, road, driver):  # type: ignore[no-untyped-def]
+            raise ConnectionError("lost the\nsimulator")
+
+    tested = RoadTester(Broken(), DummyDriver()).test(candidate([0.0] * 10))
+    assert tested.result.outcome is Outcome.ERROR
+    assert tested.result.reason == "the simulator raised ConnectionError: lost the simulator"
+    assert tested.trajectory is None
+
+
+def test_records_that_are_no_numbers_are_not_kept() -> None:
+    class Wild(DummySimulator):
+        def drive(self, road, driver):  # type: ignore[no-untyped-def]
+            drive = super().drive(road, driver)
+            rows = drive.trajectory.to_rows()
+            rows[5, 1] = np.nan
+            return replace(drive, trajectory=Trajectory.from_rows(rows))
+
+    tested = RoadTester(Wild(), DummyDriver()).test(candidate([0.0] * 10))
+    assert tested.result.outcome is Outcome.ERROR
+    assert tested.trajectory is None
 
 
 def test_map_smaller_than_its_margins_is_refused() -> None:

@@ -96,5 +96,5 @@ def test_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "large.json"
     with path.open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(RoadError, match="bytes: at most"):
+    with pytest.raises(RoadError, match=r"more than .* bytes"):
         read_road(path)

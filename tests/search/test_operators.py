@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from frenetic.arrays import FloatArray
 from frenetic.search.operators import (
     FAIL_OPERATORS,
     LISTING_1,
@@ -28,7 +29,6 @@ from frenetic.search.operators import (
     splice,
     swap_halves,
 )
-from frenetic.search.records import FloatArray
 
 BOUND, MAX_CHANGE = 0.07, 0.05
 

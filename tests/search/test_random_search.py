@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch
-from frenetic.search.records import FloatArray
 
 
 def lengths(search: RandomSearch, count: int = 600) -> set[int]:

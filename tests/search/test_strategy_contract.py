@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
-from frenetic.search.records import FloatArray
 from frenetic.search.strategy import Ledger
 from frenetic.testing.strategy_contract import StrategyContract
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
+from frenetic.arrays import FloatArray
 from frenetic.road import Road
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 SEGMENT: Final = 30.0
 """m of road before and after the place of a failure that describe it."""

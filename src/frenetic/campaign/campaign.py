@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import platform
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -20,6 +22,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, describe_error
 from frenetic.outcome import Outcome
+from frenetic.registry import USER_MODULE
 from frenetic.road.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import Strategy
@@ -123,20 +126,39 @@ def package_versions() -> dict[str, str]:
 
 
 def describe(part: object) -> dict[str, JSONValue]:
-    """A part of a campaign for its record: its class and, of a dataclass, its fields."""
+    """A part of a campaign for its record: its class, its options, what it is laid over.
+
+    The options are the part's ``options`` if it has any, or the fields of a dataclass.
+    """
     kind = type(part)
-    described: dict[str, JSONValue] = {"class": f"{kind.__module__}:{kind.__qualname__}"}
-    if is_dataclass(part):
-        described["options"] = asdict(part)  # type: ignore[arg-type]
-    inner = getattr(part, "driver", None)
-    if inner is not None:
+    module = kind.__module__
+    if module.startswith(USER_MODULE):
+        module = Path(sys.modules[module].__file__ or module).name
+    described: dict[str, JSONValue] = {"class": f"{module}:{kind.__qualname__}"}
+    options = getattr(part, "options", None)
+    if isinstance(options, Mapping):
+        described["options"] = {str(name): _plain(value) for name, value in options.items()}
+    elif is_dataclass(part):
         described["options"] = {
-            name: value
-            for name, value in vars(part).items()
-            if isinstance(value, (bool, int, float, str)) and not name.startswith("_")
+            item.name: _plain(getattr(part, item.name, None)) for item in fields(part)
         }
+    inner = getattr(part, "driver", None)
+    if isinstance(inner, Driver):
         described["driver"] = describe(inner)
     return described
+
+
+def _plain(value: object) -> JSONValue:
+    """A value as JSON, or else what it looks like."""
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float) and math.isfinite(value):
+        return value
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)) and len(value) <= 100:
+        return [_plain(item) for item in value]
+    return repr(value)[:200]
 
 
 class Campaign:
@@ -148,10 +170,9 @@ class Campaign:
         driver: the system under test.
         budget: the first of its limits that is spent ends the campaign.
         folder: where results go, made if need be; a new one under ``campaigns/`` by default.
-        map_size: m, side of the square map into which roads are fitted.
+        map_size: m, side of the square map into which roads are fitted; by default the strategy's.
         margin: m that a road's centre line keeps from the map's edge.
         lane_width: m, of each of the two lanes.
-        seed: of the strategy, for the record.
         description: what else to record as the campaign's configuration.
     """
 
@@ -163,17 +184,28 @@ class Campaign:
         driver: Driver,
         budget: Budget,
         folder: Path | str | None = None,
-        map_size: float = MAP_SIZE,
+        map_size: float | None = None,
         margin: float = MARGIN,
         lane_width: float = 4.0,
-        seed: int | None = None,
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
+        options = getattr(strategy, "options", None)
+        known = options if isinstance(options, Mapping) else {}
+        theirs = known.get("map_size")
+        if map_size is None:
+            map_size = MAP_SIZE if theirs is None else theirs
+        elif theirs is not None and theirs != map_size:
+            raise ValueError(
+                f"map_size is {map_size:g}, but the strategy was made for {theirs:g}: they have to"
+                " agree"
+            )
         self.strategy = strategy
         self.tester = RoadTester(simulator, driver, map_size, margin, lane_width)
         self.budget = budget
         self.folder = new_folder() if folder is None else Path(folder)
-        self.seed = seed
+        self.seed: int | None = known.get("seed")
+        self.started = False
+        """Whether its folder and database are made."""
         self.description = dict(description or {})
 
     def configuration(self) -> dict[str, JSONValue]:
@@ -197,6 +229,7 @@ class Campaign:
         self,
         on_progress: Callable[[Progress], None] | None = None,
         *,
+        on_start: Callable[[], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
     ) -> Summary:
         """Searches until the budget is spent or Ctrl-C is pressed, and stores every test.
@@ -205,18 +238,24 @@ class Campaign:
 
         Args:
             on_progress: called after every test.
+            on_start: called when the folder is made and the simulator has started; the budget's
+                time begins here.
             on_interrupt: called at the first Ctrl-C.
 
         Raises:
             CampaignError: the folder cannot be used or written, it holds a campaign already, or
                 nothing but broken drives or refused roads comes any more. What was stored stays.
         """
-        start = time.perf_counter()
         with CampaignStore.create(self.folder, self.configuration()) as store:
+            self.started = True
             interrupted = False
             budget_spent = 0.0
+            start = time.perf_counter()
             try:
                 with catch_interrupt(on_interrupt) as interrupt, self.tester.simulator:
+                    if on_start is not None:
+                        on_start()
+                    start = time.perf_counter()
                     for progress in self._tests(store, start):
                         budget_spent = progress.budget_spent
                         if on_progress is not None:

@@ -15,8 +15,7 @@ and the view `overview` shows a test in one readable line.
 What survives: when `CampaignStore.told` has returned, the result, its trajectory and all candidates
 asked before are in the database, even if the process is killed in any way right then. If the
 machine itself goes down, the last results before it may be missing, but the database is whole.
-Candidates that were asked since the last result are lost with the process; who resumes a campaign
-asks again.
+Candidates that were asked since the last result are lost with the process.
 """
 
 from __future__ import annotations
@@ -84,7 +83,7 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         CREATE TABLE test (
             candidate_id INTEGER PRIMARY KEY REFERENCES candidate (id),
             told INTEGER NOT NULL UNIQUE CHECK (told >= 1),
-            outcome TEXT NOT NULL CHECK (outcome IN ('PASS', 'FAIL', 'INVALID', 'ERROR')),
+            outcome TEXT NOT NULL,  -- PASS, FAIL, INVALID or ERROR
             reason TEXT NOT NULL,
             budget_spent REAL NOT NULL,  -- share of the budget
             x REAL,  -- m, where the fitted road starts
@@ -306,7 +305,7 @@ class CampaignStore:
             if version < len(MIGRATIONS):
                 raise CampaignError(
                     f"{path} was written by an older version of frenetic (schema {version}, this "
-                    f"one reads {len(MIGRATIONS)}): resume the campaign once to bring it up to date"
+                    f"one reads {len(MIGRATIONS)}): open it once for writing to bring it up to date"
                 )
             return cls(folder, connection, None)
         except BaseException:
@@ -723,8 +722,7 @@ def _now() -> str:
 def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
         raise CampaignError(
-            f"{path.parent} already holds a campaign; choose another folder with --out, or resume "
-            "that campaign"
+            f"{path.parent} already holds a campaign; choose another folder with --out"
         )
 
 
@@ -823,8 +821,7 @@ def _translated(path: Path) -> Iterator[None]:
 
 _EXPLAINED: Final[Mapping[int, str]] = {
     sqlite3.SQLITE_FULL: (
-        "cannot grow, the disk is full: free some space and resume the campaign; what was stored "
-        "is safe"
+        "cannot grow, the disk is full: free some space; what was stored is safe"
     ),
     sqlite3.SQLITE_READONLY: "cannot be written ({}): check the permissions of the file and folder",
     sqlite3.SQLITE_PERM: "cannot be used ({}): check the permissions of the file and folder",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,14 +11,16 @@ import numpy as np
 
 from frenetic.campaign.store import TestRecord
 from frenetic.drivers.driver import Driver
-from frenetic.errors import RoadError
+from frenetic.errors import RoadError, describe_error
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.road.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
-from frenetic.simulators.drive import Trajectory
+from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.simulator import Simulator
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -86,19 +89,23 @@ class RoadTester:
             road = Road(candidate.curvatures, candidate.step, lane_width=self.lane_width)
         except RoadError as error:
             return self._refused(str(error), None)
-        fitted = road.fitted(self.map_size, self.margin)
-        if fitted is None:
-            return self._refused(
-                f"The road does not fit the map of {self.map_size:g} m in any direction", None
-            )
-        verdict = fitted.check_validity(self.map_size)
-        if not verdict.valid:
-            return self._refused(verdict.message, fitted.pose)
-        drive = self.simulator.drive(fitted, self.driver)
+        fitted, verdict = road.placed(self.map_size, self.margin)
+        if fitted is None or not verdict.valid:
+            return self._refused(verdict.message, fitted.pose if fitted else None)
+        drive = self.drive(fitted)
         # What a broken simulator recorded may be nothing that can be stored.
         whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
         trajectory = drive.trajectory if whole else None
         return Tested(judge(fitted, drive), fitted.pose, trajectory)
+
+    def drive(self, road: Road) -> Drive:
+        """Drives a road as it is; a simulator that raises makes a drive with an error."""
+        try:
+            return self.simulator.drive(road, self.driver)
+        except Exception as error:
+            logger.debug("the simulator broke", exc_info=True)
+            reason = f"the simulator raised {describe_error(error)}"
+            return Drive(Trajectory.empty(), self.simulator.car, self.simulator.rules, error=reason)
 
     @staticmethod
     def _refused(reason: str, pose: Pose | None) -> Tested:

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import ClassVar, TypeAlias
+from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from frenetic.arrays import FloatArray
 from frenetic.drivers import laws
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 class BuiltIn:
@@ -51,6 +49,8 @@ def _check(driver: object, allow_zero: tuple[str, ...] = ()) -> None:
     """Raises ValueError unless every number of a driver is finite and positive."""
     for item in fields(driver):  # type: ignore[arg-type]
         value = getattr(driver, item.name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise ValueError(f"{item.name} is {value!r}: a number is needed")
         least_fits = value >= 0.0 if item.name in allow_zero else value > 0.0
         if not (math.isfinite(value) and least_fits):
             allowed = "a number of 0 or more" if item.name in allow_zero else "a positive number"

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-import numpy.typing as npt
-
+from frenetic.arrays import FloatArray
 from frenetic.errors import DriverError
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 AHEAD_SPACING = 2.0
 """m along the road between two points of the view ahead."""

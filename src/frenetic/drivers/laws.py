@@ -8,15 +8,12 @@ units.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 PLANNER, STANLEY = range(2)
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
     AHEAD_POINTS,
@@ -25,8 +24,6 @@ from frenetic.drivers.driver import (
     DriveSetup,
     Observation,
 )
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 _BLOCK = 256
 
@@ -81,6 +78,16 @@ class Noisy:
         self.heading = _amount(heading, "heading", "rad are")
         self.correlation_time = _amount(correlation_time, "correlation_time", "s are", False)
         self.seed = seed
+
+    @property
+    def options(self) -> dict[str, float]:
+        """What it was made with."""
+        return {
+            "offset": self.offset,
+            "heading": self.heading,
+            "correlation_time": self.correlation_time,
+            "seed": self.seed,
+        }
 
     def errors(self, period: float) -> ErrorSequence:
         """The errors of one drive with the given control period in s."""
@@ -159,6 +166,11 @@ class Delayed:
         if self.seconds > 10.0:
             raise ValueError(f"seconds is {seconds}: a delay of at most 10 s is allowed")
 
+    @property
+    def options(self) -> dict[str, float]:
+        """What it was made with."""
+        return {"seconds": self.seconds}
+
     def periods(self, period: float) -> int:
         """The delay in control periods of ``period`` s."""
         return round(self.seconds / period)
@@ -185,6 +197,11 @@ class LimitedView:
     def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
         self.driver = driver
         self.distance = _amount(distance, "distance", "m are", False)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """What it was made with."""
+        return {"distance": self.distance}
 
     @property
     def rows(self) -> int:

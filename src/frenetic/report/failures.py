@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Final
 
 from frenetic.analysis import most_different, segment_profile
+from frenetic.campaign.interrupt import catch_interrupt
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue, TestRecord
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -17,6 +17,8 @@ from frenetic.simulators.drive import CarBody, Drive, Rules
 
 FAILURES: Final = "failures"
 """Folder in a campaign's folder that holds its failing roads."""
+PICTURES: Final = "pictures"
+"""Folder in a campaign's folder for pictures of tests that did not fail."""
 GALLERY: Final = "gallery.png"
 """Picture in that folder of all listed failures at a glance."""
 LISTED: Final = 10
@@ -129,14 +131,15 @@ def road_document(test: StoredTest, config: Mapping[str, JSONValue]) -> dict[str
 def write_failures(
     store: CampaignStore,
     listed: Sequence[TestRecord],
-    on_progress: Callable[[int, int], None] | None = None,
-) -> Path:
-    """Writes the failing roads as JSON files and pictures of the listed ones; returns the folder.
+) -> bool:
+    """Writes the failing roads as JSON files and pictures of the listed ones.
 
     Args:
         store: the campaign.
         listed: the failures that get a picture each, and a place in the gallery of all of them.
-        on_progress: called with (pictures drawn, pictures in all).
+
+    Returns:
+        Whether all pictures are there: Ctrl-C ends the drawing after the picture at hand.
 
     Raises:
         CampaignError: a file cannot be written.
@@ -158,14 +161,15 @@ def write_failures(
             f" {store.folder / DATABASE}"
         ) from None
     drawn = []
-    for number, record in enumerate(listed):
-        test = stored_test(store, store.test(record.candidate.id))
-        if test.drive is not None:
-            path = folder / f"{file_stem(test.id)}.png"
-            draw_drive(test.road, test.drive, path, title=f"Test {test.id}: {record.outcome}")
-            drawn.append((f"Test {test.id}", test.road, test.drive))
-        if on_progress is not None:
-            on_progress(number + 1, len(listed))
-    if drawn:
-        draw_gallery(drawn, folder / GALLERY, title=f"{len(drawn)} failures, all different")
-    return folder
+    with catch_interrupt() as interrupt:
+        for record in listed:
+            test = stored_test(store, store.test(record.candidate.id))
+            if test.drive is not None:
+                path = folder / f"{file_stem(test.id)}.png"
+                draw_drive(test.road, test.drive, path, title=f"Test {test.id}: {record.outcome}")
+                drawn.append((f"Test {test.id}", test.road, test.drive))
+            if interrupt.requested:
+                return False
+        if drawn:
+            draw_gallery(drawn, folder / GALLERY, title="The most telling failures")
+    return True

@@ -25,7 +25,6 @@ from typing import Any, Final, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
@@ -35,13 +34,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
+from frenetic.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive, Trajectory
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 SUFFIXES: Final = (".png", ".svg", ".pdf")
 """What a picture's file name may end with."""

@@ -6,16 +6,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeAlias
-
-import numpy as np
-import numpy.typing as npt
+from typing import Any, Final
 
 from frenetic.errors import RoadError
 from frenetic.road.road import MAP_SIZE, MAX_SAMPLES, START, Pose, Road
 from frenetic.road.validity import Verdict, check_validity
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 MAX_BYTES: Final = 64 * 2**20
 """Largest road file that is read; test files of the competition carry long records."""
@@ -64,10 +59,8 @@ class RoadFile:
                 return check_validity(self.road_points, map_size)  # type: ignore[arg-type]
             except RoadError as error:
                 raise RoadError(f"{self.path}: {error}") from None
-        fitted = self.road().fitted(map_size)
-        if fitted is None:
-            return Verdict(False, f"The road does not fit the map of {map_size:g} m")
-        return fitted.check_validity(map_size)
+        _, verdict = self.road().placed(map_size)
+        return verdict
 
 
 def read_road(path: Path | str) -> RoadFile:
@@ -109,10 +102,11 @@ def _load(path: Path) -> Any:
     try:
         if path.is_dir():
             raise RoadError(f"{path} is a folder: a JSON file is needed")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise RoadError(f"{path} has {size} bytes: at most {MAX_BYTES} are read")
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise RoadError(f"{path} has more than {MAX_BYTES} bytes: no road file is that large")
+        text = data.decode("utf-8-sig")
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None
     except OSError as error:
@@ -126,7 +120,9 @@ def _load(path: Path) -> Any:
             f"{path} is not JSON: {error.msg} in line {error.lineno}, column {error.colno}"
         ) from None
     except (RecursionError, ValueError):
-        raise RoadError(f"{path} is not JSON that can be read: nested too deeply") from None
+        raise RoadError(
+            f"{path} is not JSON that can be read: nested too deeply, or too long a number"
+        ) from None
 
 
 def _is_list_of_numbers(values: object) -> bool:

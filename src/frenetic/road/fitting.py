@@ -17,18 +17,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road.validity import as_points
 
 __all__ = ["RigidMotion", "fit_to_map"]
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 _QUARTER: Final = math.pi / 2  # [rad]
 

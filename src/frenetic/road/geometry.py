@@ -20,15 +20,13 @@ starts on the first point, or reaches the last, stands on a lane.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 X, Y, HEADING, CURVATURE, COS, SIN = range(6)
 
@@ -320,11 +318,13 @@ def integrate(
         below a micrometre for roads of some hundred metres.
 
     Raises:
-        RoadError: the step is not a positive number.
+        RoadError: the step is not a positive number, or there are fewer than 2 samples.
     """
     if not (math.isfinite(step) and step > 0.0):
         raise RoadError(f"step is {step:g}: a positive number of metres is needed")
     values = np.asarray(curvatures, dtype=np.float64)
+    if values.ndim < 1 or values.shape[-1] < 2:
+        raise RoadError(f"curvatures have shape {values.shape}: at least 2 samples are needed")
     flat = np.ascontiguousarray(values.reshape(-1, values.shape[-1]))
     headings, points = _integrate(flat, float(step), *(float(v) for v in pose))
     return headings.reshape(values.shape), points.reshape((*values.shape, 2))

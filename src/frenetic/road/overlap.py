@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-from frenetic.road.geometry import FloatArray, frame_at
+from frenetic.arrays import FloatArray
+from frenetic.road.geometry import frame_at
 
 SECTION = 0.5
 """m along the road between the cross-sections at which the lane is cut into quadrilaterals.

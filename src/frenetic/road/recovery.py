@@ -6,14 +6,12 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import lstsq, solve_banded
 
+from frenetic.arrays import FloatArray
 from frenetic.road import geometry
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 RECOGNISED = 1e-5
 """m, largest distance to the given points at which they count as samples of a clothoid chain."""

@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import geometry
 from frenetic.road.fitting import fit_to_map
 from frenetic.road.recovery import curvature_from_points
 from frenetic.road.validity import Verdict, check_validity
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 MAX_SAMPLES = 10_000
 """Most curvature samples of a road."""
@@ -209,6 +208,7 @@ class Road:
 
     def distances(self, spacing: float = POINT_SPACING) -> FloatArray:
         """(n,) m, equal steps along the road from 0 to its length, ``spacing`` or a little less."""
+        spacing = _positive(spacing, "spacing")
         return np.linspace(0.0, self.length, max(1, math.ceil(self.length / spacing - 1e-9)) + 1)
 
     def sample(self, spacing: float = POINT_SPACING, offset: float = 0.0) -> FloatArray:
@@ -285,9 +285,34 @@ class Road:
         ((x, y),) = motion.apply(np.array([[self.pose.x, self.pose.y]]))
         return replace(self, pose=Pose(float(x), float(y), self.pose.heading + motion.rotation))
 
+    def placed(
+        self, map_size: float = MAP_SIZE, margin: float = MARGIN
+    ) -> tuple[Road | None, Verdict]:
+        """This road fitted into the map, and the verdict on it there.
+
+        Returns:
+            (None, invalid) if no pose fits; otherwise the road there, valid or not.
+        """
+        fitted = self.fitted(map_size, margin)
+        if fitted is None:
+            return None, Verdict(
+                False, f"The road does not fit the map of {map_size:g} m in any direction"
+            )
+        return fitted, fitted.check_validity(map_size)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What it was made of; everything else follows from it.
+        return _make_road, (self.curvatures, self.step, tuple(self.pose), self.lane_width)
+
     def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:
         """The competition's verdict on this road where it lies, from its `road_points`."""
         return check_validity(self.road_points, map_size)
+
+
+def _make_road(
+    curvatures: FloatArray, step: float, pose: tuple[float, float, float], lane_width: float
+) -> Road:
+    return Road(curvatures, step, pose, lane_width=lane_width)
 
 
 def _numbers(values: npt.ArrayLike, name: str) -> FloatArray:

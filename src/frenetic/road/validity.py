@@ -22,17 +22,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
 
 __all__ = ["Verdict", "check_validity", "interpolate", "min_radius"]
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 _MAX_POINTS: Final = 500
 _NODE_DISTANCE: Final = 1.0  # [m] along the polyline of the road points

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.road.road import MAP_SIZE
 from frenetic.search.operators import (
@@ -32,8 +33,8 @@ from frenetic.search.random_search import (
     RandomRoads,
     RoadCheck,
 )
-from frenetic.search.records import Candidate, Evaluation, FloatArray, Origin
-from frenetic.search.strategy import Ledger, require, require_whole
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Ledger, options_of, require, require_whole
 
 _MIX, _SPLICE = "C1", "C2"
 
@@ -137,6 +138,7 @@ class Frenetic:
         is_valid: RoadCheck | None = None,
         max_redraws: int = MAX_REDRAWS,
     ) -> None:
+        self.options = options_of(locals())
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
         require(math.isfinite(threshold), "threshold", threshold, "a finite number (m)")
         self._rng = np.random.default_rng(require_whole("seed", seed, 0))

@@ -34,7 +34,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from frenetic.search.records import FloatArray
+from frenetic.arrays import FloatArray
 from frenetic.search.strategy import require, require_whole
 
 CURVATURE_BOUND = 0.07  # 1/m

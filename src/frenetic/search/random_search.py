@@ -8,11 +8,12 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
+from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road.road import MAP_SIZE, Road
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
-from frenetic.search.records import Candidate, Evaluation, FloatArray, Origin
-from frenetic.search.strategy import Ledger, require, require_whole
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Ledger, options_of, require, require_whole
 
 STEP = 10.0  # m
 LENGTH_JITTER = 5
@@ -36,10 +37,10 @@ def competition_check(map_size: float) -> RoadCheck:
 
     def is_valid(curvatures: FloatArray, step: float) -> bool:
         try:
-            fitted = Road(curvatures, step).fitted(map_size)
+            _, verdict = Road(curvatures, step).placed(map_size)
         except RoadError:
             return False
-        return fitted is not None and fitted.check_validity(map_size).valid
+        return verdict.valid
 
     return is_valid
 
@@ -162,6 +163,7 @@ class RandomSearch:
         is_valid: RoadCheck | None = None,
         max_redraws: int = MAX_REDRAWS,
     ) -> None:
+        self.options = options_of(locals())
         self._rng = np.random.default_rng(require_whole("seed", seed, 0))
         self._roads = RandomRoads(
             map_size=map_size,

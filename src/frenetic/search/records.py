@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,10 @@ class Candidate:
         values = np.array(self.curvatures, dtype=np.float64)
         values.setflags(write=False)
         object.__setattr__(self, "curvatures", values)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew, so that the values are read-only again.
+        return Candidate, (self.id, self.curvatures, self.step, self.origin)
 
 
 @dataclass(frozen=True)

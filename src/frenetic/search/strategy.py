@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import operator
-from typing import Protocol, SupportsIndex, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
-from frenetic.search.records import Candidate, Evaluation, FloatArray, Origin
+from frenetic.arrays import FloatArray
+from frenetic.search.records import Candidate, Evaluation, Origin
 
 
 @runtime_checkable
@@ -106,6 +108,15 @@ class Ledger:
                 f"of at least 0, got {evaluation.budget_spent}"
             )
         return self._outstanding.pop(candidate_id)
+
+
+def options_of(arguments: Mapping[str, Any]) -> dict[str, int | float | str | bool]:
+    """The plain options among the arguments of an ``__init__``, for a campaign's record."""
+    return {
+        name: value
+        for name, value in arguments.items()
+        if isinstance(value, (bool, int, float, str))
+    }
 
 
 def require(holds: bool, name: str, value: object, allowed: str) -> None:

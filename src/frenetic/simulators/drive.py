@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import TypeAlias
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
+from frenetic.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class Rules:
         return self.timeout_base + road_length / self.timeout_speed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64."""
 
@@ -87,7 +86,7 @@ class Trajectory:
     def __post_init__(self) -> None:
         n = len(self.time)
         for item in fields(self):
-            column = np.ascontiguousarray(getattr(self, item.name), dtype=np.float64)
+            column = np.array(getattr(self, item.name), dtype=np.float64)
             if column.shape != (n,):
                 raise ValueError(
                     f"column {item.name} has shape {column.shape}, the time column ({n},)"
@@ -97,6 +96,10 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Made anew, so that the columns are read-only again.
+        return Trajectory, tuple(getattr(self, name) for name in self.names())
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
@@ -108,12 +111,17 @@ class Trajectory:
         """A trajectory from an (n, 11) array whose columns are in the order of `names()`."""
         return cls(*(rows[:, k] for k in range(rows.shape[1])))
 
+    @classmethod
+    def empty(cls) -> Trajectory:
+        """A trajectory without records."""
+        return cls.from_rows(np.empty((0, len(cls.names()))))
+
     def to_rows(self) -> FloatArray:
         """The records as an (n, 11) array in the order of `names()`."""
         return np.column_stack([getattr(self, name) for name in self.names()])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Drive:
     """One execution of a road test."""
 

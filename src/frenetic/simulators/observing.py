@@ -11,10 +11,11 @@ import math
 import numpy as np
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
 from frenetic.oracle import RUNNING, assess_record, rules_array
 from frenetic.road import Road
-from frenetic.simulators.drive import CarBody, FloatArray, Rules
+from frenetic.simulators.drive import CarBody, Rules
 
 
 @njit(cache=True)

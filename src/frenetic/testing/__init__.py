@@ -1,13 +1,26 @@
 """Conformance suites for strategies, simulators and drivers, and stand-ins to start from.
 
 The suites need pytest (``pip install pytest``): subclass one in a test file and say how to make
-yours.
+yours. The stand-ins need nothing.
 """
 
-from frenetic.testing.driver_contract import DriverContract
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from frenetic.testing.dummy import DummyDriver, DummySimulator, converse, operators_of
-from frenetic.testing.simulator_contract import SimulatorContract
-from frenetic.testing.strategy_contract import StrategyContract
+
+if TYPE_CHECKING:
+    from frenetic.testing.driver_contract import DriverContract
+    from frenetic.testing.simulator_contract import SimulatorContract
+    from frenetic.testing.strategy_contract import StrategyContract
+
+_CONTRACTS = {
+    "DriverContract": "frenetic.testing.driver_contract",
+    "SimulatorContract": "frenetic.testing.simulator_contract",
+    "StrategyContract": "frenetic.testing.strategy_contract",
+}
 
 __all__ = [
     "DriverContract",
@@ -18,3 +31,9 @@ __all__ = [
     "converse",
     "operators_of",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _CONTRACTS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_CONTRACTS[name]), name)

@@ -6,12 +6,10 @@ in either.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
+from frenetic.arrays import FloatArray
 from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.laws import decide
 from frenetic.drivers.layers import disturb
@@ -27,8 +25,6 @@ from frenetic.simulators.embedded.vehicle import (
     advance,
 )
 from frenetic.simulators.observing import assess_now, look_ahead
-
-FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 STEP = 0.01
 """s, of the RK4 integration: 100 Hz."""

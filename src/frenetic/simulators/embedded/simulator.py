@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
+from dataclasses import asdict, replace
 from types import TracebackType
-from typing import Self, TypeAlias
+from typing import Any, Self
 
 import numpy as np
-import numpy.typing as npt
 
+from frenetic.arrays import FloatArray
 from frenetic.drivers.driver import Driver, DriveSetup, checked_controls
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form
@@ -30,8 +31,6 @@ from frenetic.simulators.embedded.vehicle import (
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
-FloatArray: TypeAlias = npt.NDArray[np.float64]
-
 logger = logging.getLogger(__name__)
 
 _NO_ERRORS = np.empty((0, 2))
@@ -43,6 +42,7 @@ class EmbeddedSimulator:
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
         vehicle: the car, a BMW 320i by default.
+        friction: of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
         wall_limit: s of wall time that a drive with a driver written in Python may take; then it
             is an ERROR. Built-in drivers end by the rules.
     """
@@ -52,10 +52,13 @@ class EmbeddedSimulator:
         *,
         rules: Rules | None = None,
         vehicle: Vehicle | None = None,
+        friction: float | None = None,
         wall_limit: float = 60.0,
     ) -> None:
         self.rules = rules or Rules()
         self.vehicle = vehicle or Vehicle()
+        if friction is not None:
+            self.vehicle = replace(self.vehicle, friction=friction)
         if not (math.isfinite(wall_limit) and wall_limit > 0.0):
             raise ValueError(f"wall_limit is {wall_limit}: a positive number of seconds is needed")
         self.wall_limit = wall_limit
@@ -64,8 +67,16 @@ class EmbeddedSimulator:
         self._car = np.array([self.car.length, self.car.width, self.car.centre_ahead])
         self._room = np.empty(0)  # memory for the records, used again and again
 
+    @property
+    def options(self) -> dict[str, Any]:
+        """What it was made with, beside the rules."""
+        return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit}
+
     def __enter__(self) -> Self:
-        """Nothing has to be started."""
+        """Compiles what is not compiled yet."""
+        from frenetic.compilation import compile_kernels
+
+        compile_kernels()
         return self
 
     def __exit__(
@@ -108,8 +119,7 @@ class EmbeddedSimulator:
             n = self._drive_compiled(road, compiled, setup, rules, room)
         else:
             n, error = self._drive_python(road, driver, setup, room)
-        columns = room[:, :n].copy()
-        return Drive(Trajectory(*columns), self.car, self.rules, error)
+        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, error)
 
     def _drive_compiled(
         self,

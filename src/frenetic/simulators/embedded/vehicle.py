@@ -42,7 +42,8 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from frenetic.simulators.drive import CarBody, FloatArray
+from frenetic.arrays import FloatArray
+from frenetic.simulators.drive import CarBody
 
 GRAVITY: Final = 9.81
 """m/s²."""

@@ -1,0 +1,36 @@
+"""A place for compiled kernels where numba finds none, as in a read-only container."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, MutableMapping
+from pathlib import Path
+
+VARIABLE = "NUMBA_CACHE_DIR"
+
+
+def ensure_kernel_cache(
+    environment: MutableMapping[str, str] = os.environ,
+    is_writable: Callable[[Path], bool] = lambda folder: os.access(folder, os.W_OK),
+) -> None:
+    """Sets NUMBA_CACHE_DIR to a temporary folder if numba could cache nowhere else.
+
+    Numba keeps its cache beside the sources, or else in the user's cache folder, and refuses to
+    compile if it can do neither. A temporary folder lasts as long as the process, so kernels are
+    compiled in every one; set the variable yourself to keep them.
+    """
+    if environment.get(VARIABLE) or is_writable(Path(__file__).parent):
+        return
+    cache = environment.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME")
+    folder = Path(cache) if cache else Path("~").expanduser() / ".cache"
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    if is_writable(folder):
+        return
+    temporary = tempfile.mkdtemp(prefix="frenetic-kernels-")
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    environment[VARIABLE] = temporary
