@@ -15,7 +15,7 @@ from numba import njit
 
 from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
-from frenetic.road.geometry import pose_at, project_global, project_near, reach_of
+from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.overlap import share_outside
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def assess_record(
     else:
         moved = math.hypot(x - xs[i - 1], y - ys[i - 1])
         s, d = project_near(table, ds, x, y, s_before, reach_of(moved))
-    _, _, road_heading, _ = pose_at(table, ds, s)
+    road_heading = heading_at(table, ds, s)
     share = share_outside(
         table, ds, 0.0, -lane_width, s, d, road_heading, x, y, heading, car[0], car[1], car[2]
     )

@@ -153,6 +153,17 @@ def pose_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float
 
 
 @njit(cache=True)
+def heading_at(table: FloatArray, ds: float, s: float) -> float:
+    """Heading of the centre line at ``s``; straight beyond both ends."""
+    last = len(table) - 1
+    i = min(max(int(s / ds), 0), last - 1)
+    u = min(max(s, 0.0), last * ds) - i * ds
+    rate = (table[i + 1, 3] - table[i, 3]) / ds
+    heading: float = table[i, 2] + u * (table[i, 3] + 0.5 * rate * u)
+    return heading
+
+
+@njit(cache=True)
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
     """(x, y, cosine and sine of the heading, curvature) at ``s``: `pose_at` without an angle."""
     last = len(table) - 1
@@ -197,18 +208,24 @@ def _refine(
     least = -math.inf if best == 0 else (best - 1) * ds
     most = math.inf if best == last else (best + 1) * ds
     s = best * ds
+    x, y, kappa = table[best, 0], table[best, 1], table[best, 3]
+    c, n = table[best, 4], table[best, 5]
     offset = 0.0
     for _ in range(20):
-        x, y, c, n, kappa = frame_at(table, ds, s)
         along = (px - x) * c + (py - y) * n
         offset = (py - y) * c - (px - x) * n
         # d(along)/ds = -(1 - kappa * offset); kept away from 0 where the point is near the centre
         # of the osculating circle, so that the iteration stays a descent.
-        move = along / max(1.0 - kappa * offset, 0.1)
-        target = min(max(s + move, least), most)
-        if abs(target - s) < 1e-10:
+        target = min(max(s + along / max(1.0 - kappa * offset, 0.1), least), most)
+        move = abs(target - s)
+        # Less than a nanometre is rounding; it must not carry a car off the road's start.
+        if move > 1e-9:
+            s = target
+        # The error left after a Newton step is of the order of its square, and the offset's is that
+        # of s squared.
+        if move < 1e-6:
             break
-        s = target
+        x, y, c, n, kappa = frame_at(table, ds, s)
     return s, offset
 
 
