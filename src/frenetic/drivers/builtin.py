@@ -58,7 +58,37 @@ def _check(driver: object, allow_zero: tuple[str, ...] = ()) -> None:
 
 
 @dataclass
-class Planner(BuiltIn):
+class SpeedPlanner(BuiltIn):
+    """What the built-in drivers share: a speed for the curves in view."""
+
+    aggression: float = 1.0
+    """Scales both budgets; much more than 1 asks for more than the tyres can give."""
+    lateral_acceleration: float = 8.0
+    """m/s^2 in curves, at aggression 1."""
+    braking: float = 2.2
+    """m/s^2 before curves, at aggression 1."""
+    smoothing: float = 4.0
+    """m of road on each side over which a curve's curvature is averaged."""
+    speed_gain: float = 1.5
+    """1/s, acceleration per m/s of speed error."""
+
+    may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing",)
+
+    def __post_init__(self) -> None:
+        _check(self, self.may_be_zero)
+
+    def plan(self) -> list[float]:
+        """The parameters of the speed plan, the first of every law."""
+        return [
+            self.aggression * self.lateral_acceleration,
+            self.aggression * self.braking,
+            self.speed_gain,
+            round(self.smoothing / laws.SPACING),
+        ]
+
+
+@dataclass
+class Planner(SpeedPlanner):
     """Knows the road ahead as BeamNG.AI does; steers by pure pursuit.
 
     Its speed keeps the lateral acceleration that the road ahead will ask for within a budget, and
@@ -69,54 +99,28 @@ class Planner(BuiltIn):
 
     law: ClassVar[int] = laws.PLANNER
 
-    aggression: float = 1.0
-    """Scales both budgets; much more than 1 asks for more than the tyres can give."""
-    lateral_acceleration: float = 8.0
-    """m/s^2 in curves, at aggression 1."""
-    braking: float = 2.2
-    """m/s^2 before curves, at aggression 1."""
-    smoothing: float = 4.0
-    """m of road on each side over which a curve's curvature is averaged."""
     lookahead_time: float = 0.3
     """s of driving to the point that is steered for."""
     lookahead_min: float = 5.0
     """m, lookahead distance at rest."""
-    speed_gain: float = 1.5
-    """1/s, acceleration per m/s of speed error."""
 
-    def __post_init__(self) -> None:
-        _check(self, allow_zero=("smoothing", "lookahead_time"))
+    may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing", "lookahead_time")
 
     def parameters(self) -> FloatArray:
         """The parameters of `laws.planner`."""
-        return np.array(
-            [
-                self.aggression * self.lateral_acceleration,
-                self.aggression * self.braking,
-                self.speed_gain,
-                round(self.smoothing / laws.SPACING),
-                self.lookahead_time,
-                self.lookahead_min,
-            ]
-        )
+        return np.array([*self.plan(), self.lookahead_time, self.lookahead_min])
 
 
 @dataclass
-class Stanley(BuiltIn):
+class Stanley(SpeedPlanner):
     """Plans its speed like `Planner` and steers by Stanley's law (Hoffmann et al., ACC 2007)."""
 
     law: ClassVar[int] = laws.STANLEY
 
-    aggression: float = 1.0
-    """Scales both budgets; much more than 1 asks for more than the tyres can give."""
     lateral_acceleration: float = 6.0
     """m/s^2 in curves, at aggression 1."""
     braking: float = 2.8
     """m/s^2 before curves, at aggression 1."""
-    smoothing: float = 4.0
-    """m of road on each side over which a curve's curvature is averaged."""
-    speed_gain: float = 1.5
-    """1/s, acceleration per m/s of speed error."""
     offset_gain: float = 1.5
     """1/s, how fast a lateral offset is worked off."""
     softening: float = 2.0
@@ -124,22 +128,11 @@ class Stanley(BuiltIn):
     yaw_damping: float = 0.05
     """s, steering against yaw rate beyond the road's."""
 
-    def __post_init__(self) -> None:
-        _check(self, allow_zero=("smoothing", "yaw_damping"))
+    may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing", "yaw_damping")
 
     def parameters(self) -> FloatArray:
         """The parameters of `laws.stanley`."""
-        return np.array(
-            [
-                self.aggression * self.lateral_acceleration,
-                self.aggression * self.braking,
-                self.speed_gain,
-                round(self.smoothing / laws.SPACING),
-                self.offset_gain,
-                self.softening,
-                self.yaw_damping,
-            ]
-        )
+        return np.array([*self.plan(), self.offset_gain, self.softening, self.yaw_damping])
 
 
 @dataclass

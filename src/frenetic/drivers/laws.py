@@ -85,6 +85,26 @@ def pedals(speed: float, wanted: float, gain: float, setup: FloatArray) -> tuple
 
 
 @njit(cache=True)
+def planned_pedals(
+    speed: float,
+    curvature_ahead: FloatArray,
+    rows: int,
+    parameters: FloatArray,
+    setup: FloatArray,
+) -> tuple[float, float]:
+    """(throttle, brake) that keep to the planned speed."""
+    wanted = planned_speed(
+        curvature_ahead,
+        rows,
+        setup[SPEED_LIMIT],
+        parameters[LATERAL],
+        parameters[BRAKING],
+        int(parameters[SMOOTHING]),
+    )
+    return pedals(speed, wanted, parameters[SPEED_GAIN], setup)
+
+
+@njit(cache=True)
 def planner(
     speed: float,
     ahead: FloatArray,
@@ -98,15 +118,7 @@ def planner(
     Pure pursuit (R. C. Coulter, CMU-RI-TR-92-01): the front wheels take the arc that leads the
     rear axle through the lane's centre a lookahead distance away.
     """
-    wanted = planned_speed(
-        curvature_ahead,
-        rows,
-        setup[SPEED_LIMIT],
-        parameters[LATERAL],
-        parameters[BRAKING],
-        int(parameters[SMOOTHING]),
-    )
-    throttle, brake = pedals(speed, wanted, parameters[SPEED_GAIN], setup)
+    throttle, brake = planned_pedals(speed, curvature_ahead, rows, parameters, setup)
     lookahead = parameters[LOOKAHEAD_MIN] + parameters[LOOKAHEAD_TIME] * speed
     place = min(lookahead / SPACING, rows - 1.0)
     i = max(min(int(place), rows - 2), 0)
@@ -138,15 +150,7 @@ def stanley(
     heading error plus the angle that takes the front axle back to the line, the lane's own
     curvature fed forward, and the yaw rate damped.
     """
-    wanted = planned_speed(
-        curvature_ahead,
-        rows,
-        setup[SPEED_LIMIT],
-        parameters[LATERAL],
-        parameters[BRAKING],
-        int(parameters[SMOOTHING]),
-    )
-    throttle, brake = pedals(speed, wanted, parameters[SPEED_GAIN], setup)
+    throttle, brake = planned_pedals(speed, curvature_ahead, rows, parameters, setup)
     wheelbase = setup[FRONT_AXLE] + setup[REAR_AXLE]
     offset = lateral_offset + setup[FRONT_AXLE] * math.sin(heading_error)
     kappa = curvature_ahead[0]
