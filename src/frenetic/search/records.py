@@ -16,7 +16,7 @@ class Origin:
     """Where a candidate comes from."""
 
     operator: str
-    """Name of the operator that made it, as in DESIGN section 4: ``random``, ``P1`` .. ``C2``."""
+    """Name of the operator that made it, as in Listing 1: ``random``, ``P1`` .. ``C2``."""
     parents: tuple[int, ...] = ()
     """Ids of the candidates it was made from."""
     generation: int = 0

@@ -24,7 +24,7 @@ class CarBody:
 
 @dataclass(frozen=True)
 class Rules:
-    """When a drive ends and what counts as failing it (DESIGN: "Ending a drive")."""
+    """When a drive ends and what counts as failing it."""
 
     speed_limit: float = 70.0
     """km/h, what the driver is told to keep."""
