@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -346,6 +347,48 @@ def stored_tests(folder: Path) -> int:
         return 0
 
 
+# resume
+
+
+def test_campaign_goes_on_with_more_simulations(frenetic: Frenetic) -> None:
+    options = ["--seed", "3", "--driver", "stanley", "--noise", "0.1", "--strategy-option"]
+    frenetic("run", "--simulations", "40", *options, "cross_freq=5", "--out", "c")
+    answer = frenetic("resume", "c", "--simulations", "30")
+    assert answer.code == 0
+    assert "70 simulations" in answer.out
+    assert "Going on after " in answer.err
+    document = frenetic("show", "c", "--json").json
+    assert document["passed"] + document["failed"] == 70
+    again = frenetic("resume", "c", "--simulations", "5", "--json").json
+    assert (again["simulations"], again["seed"]) == (75, 3)
+
+
+def test_resume_refuses_what_makes_no_sense(frenetic: Frenetic) -> None:
+    refused(frenetic("resume", "nowhere"), "nowhere does not exist")
+    frenetic("run", "--simulations", "5", "--seed", "1", "--out", "c")
+    refused(frenetic("resume", "c"), "the budget of c is spent", "--simulations")
+    refused(frenetic("resume", "c", "--simulations", "0"), "simulations is 0")
+    before = frenetic("show", "c", "--json").json
+    with sqlite3.connect("c/campaign.sqlite") as database:
+        database.execute("UPDATE candidate SET step = 9.0 WHERE id = 2")
+    database.close()
+    refused(frenetic("resume", "c", "--simulations", "5"), "another road as candidate 2")
+    assert frenetic("show", "c", "--json").json["tests"] == before["tests"]
+
+
+def test_resume_of_a_campaign_from_python_says_how(frenetic: Frenetic) -> None:
+    from frenetic import Budget, Campaign, EmbeddedSimulator, Planner, RandomSearch
+
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=3),
+        folder="c",
+    ).run()
+    refused(frenetic("resume", "c", "--simulations", "5"), "Campaign.resume()")
+
+
 # drive
 
 
@@ -498,7 +541,7 @@ def test_listings(frenetic: Frenetic, command: str, names: list[str]) -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["", "run", "drive", "validate", "show", "drivers", "strategies", "simulators"],
+    ["", "run", "resume", "drive", "validate", "show", "drivers", "strategies", "simulators"],
 )
 def test_every_command_has_help(frenetic: Frenetic, command: str) -> None:
     answer = frenetic(*command.split(), "--help")

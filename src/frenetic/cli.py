@@ -24,10 +24,11 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES, Registry
 
 if TYPE_CHECKING:
-    from frenetic.campaign import CampaignStore, Progress, Summary, TestRecord
+    from frenetic.campaign import Campaign, CampaignStore, Progress, Summary, TestRecord
     from frenetic.drivers import Driver
     from frenetic.oracle import Result
     from frenetic.road import Road
+    from frenetic.search import Strategy
     from frenetic.simulators import Simulator
 
 P = ParamSpec("P")
@@ -254,8 +255,7 @@ def run(
     campaigns/. The first of --simulations, --time and --failures that is reached ends the search;
     so does Ctrl-C, and nothing found is lost.
     """
-    from frenetic.campaign import Budget, Campaign, CampaignStore, new_folder
-    from frenetic.report.failures import FAILURES, GALLERY, telling_failures, write_failures
+    from frenetic.campaign import Budget, Campaign, new_folder
 
     if simulations is None and seconds is None and failures is None:
         simulations = DEFAULT_SIMULATIONS
@@ -266,11 +266,7 @@ def run(
     the_simulator = _make_simulator(
         simulator, simulator_options, speed_limit, oob_tolerance, wall_limit
     )
-    available = {"seed": seed, "map_size": map_size}
-    takes = STRATEGIES.option_names(STRATEGIES.load(strategy))
-    taken = {k: v for k, v in available.items() if takes is None or k in takes}
-    options = _own_options(strategy_options, "strategy", available)
-    the_strategy = STRATEGIES.make(strategy, **(options | taken))
+    the_strategy = _make_strategy(strategy, strategy_options, seed=seed, map_size=map_size)
     folder = new_folder() if out is None else out
     with _as_usage_error():
         campaign = Campaign(
@@ -298,6 +294,22 @@ def run(
                 },
             },
         )
+    text = f"Searching with {strategy} for roads on which {driver} fails, seed {seed}"
+    _search(campaign, campaign.run, text, as_json, seed)
+
+
+def _search(
+    campaign: Campaign,
+    search: Callable[..., Summary],
+    announcement: str,
+    as_json: bool,
+    seed: object,
+) -> None:
+    """Runs or resumes a campaign, shows how it goes and what it found."""
+    from frenetic.campaign import CampaignStore
+    from frenetic.report.failures import FAILURES, GALLERY, telling_failures, write_failures
+
+    folder = campaign.folder
     log = _Log()
     trouble: FreneticError | None = None
     summary: Summary | None = None
@@ -305,17 +317,13 @@ def run(
 
         def started() -> None:
             compiled()
-            log.print(
-                f"Searching with {strategy} for roads on which {driver} fails, seed {seed},"
-                f" results in {folder}",
-                markup=False,
-            )
+            log.print(f"{announcement}, results in {folder}", markup=False)
 
         def stopping() -> None:
             log.print("Stopping after this test; press Ctrl-C again to leave at once.")
 
         try:
-            summary = campaign.run(show, on_start=started, on_interrupt=stopping)
+            summary = search(show, on_start=started, on_interrupt=stopping)
         except CampaignError as error:
             # What was stored until then is still worth a look.
             if not campaign.started:
@@ -341,6 +349,86 @@ def run(
         raise trouble
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
+
+
+@cli.command(short_help="Go on with a campaign that was interrupted or is to be extended.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--simulations", type=int, metavar="N", help="N more drives.")
+@click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
+@click.option("--failures", type=int, metavar="N", help="N more failures.")
+@_json_option
+def resume(
+    campaign: Path,
+    simulations: int | None,
+    seconds: float | None,
+    failures: int | None,
+    as_json: bool,
+) -> None:
+    """Go on with the CAMPAIGN in a folder, whatever ended it: Ctrl-C, a crash, its budget.
+
+    Its log is replayed to a fresh strategy, so that an interrupted campaign ends as it would have
+    without the interruption. With options, its budget becomes what is spent and so much more.
+    """
+    from frenetic.campaign import Budget, Campaign, CampaignStore
+    from frenetic.outcome import Outcome
+
+    with CampaignStore.open(campaign) as store:
+        config, facts, counts = store.config, store.facts, store.counts()
+        spent = sum(record.seconds for record in store.tests())
+    command = config.get("command")
+    if not isinstance(command, Mapping):
+        raise click.UsageError(
+            f"{campaign} was started from Python: resume it there, with Campaign.resume()"
+        )
+    number = counts.by_outcome
+    given = {"simulations": simulations, "time": seconds, "failures": failures}
+    done: dict[str, Any] = {
+        "simulations": counts.told - number[Outcome.INVALID],
+        "time": spent,
+        "failures": number[Outcome.FAIL],
+    }
+    with _as_usage_error():
+        for name, more in given.items():
+            if more is not None and more <= 0:
+                raise ValueError(f"{name} is {more}: more than 0 is needed")
+        last = facts.get("budget", config.get("budget"))
+        limits: dict[str, Any] = dict(last) if isinstance(last, Mapping) else {}
+        if any(more is not None for more in given.values()):
+            limits = {k: None if v is None else done[k] + v for k, v in given.items()}
+        budget = Budget(**limits)
+        if budget.spent(done["simulations"], spent, done["failures"]) >= 1.0:
+            raise ValueError(
+                f"the budget of {campaign} is spent: say how much more, with --simulations,"
+                " --time or --failures"
+            )
+        settings: dict[str, Any] = {**command, "map_size": config.get("map_size")}
+        the_campaign = Campaign(
+            strategy=_make_strategy(
+                settings["strategy"],
+                tuple(settings["strategy_options"].items()),
+                seed=config.get("seed"),
+                map_size=settings["map_size"],
+            ),
+            simulator=_make_simulator(
+                settings["simulator"],
+                tuple(settings["simulator_options"].items()),
+                settings["speed_limit"],
+                settings["oob_tolerance"],
+                settings["wall_limit"],
+            ),
+            driver=_make_driver(
+                settings["driver"],
+                tuple(settings["driver_options"].items()),
+                settings["noise"],
+                settings["delay"],
+                settings["view"],
+            ),
+            budget=budget,
+            folder=campaign,
+            map_size=settings["map_size"],
+        )
+    text = f"Going on after {counts.told} tests with {settings['strategy']}"
+    _search(the_campaign, the_campaign.resume, text, as_json, config.get("seed"))
 
 
 @cli.command(short_help="Drive one road from a file.")
@@ -525,7 +613,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
         return
     rules = config.get("rules")
     limits = rules if isinstance(rules, Mapping) else {}
-    budget = config.get("budget")
+    budget = facts.get("budget", config.get("budget"))
     limited = budget if isinstance(budget, Mapping) else {}
     spent = ", ".join(f"{value} {name}" for name, value in limited.items() if value is not None)
     if facts.get("interrupted"):
@@ -688,6 +776,16 @@ def _make_driver(
     from frenetic.drivers.loading import load_driver
 
     return load_driver(spec, dict(options), noise=noise, delay=delay, view=view)
+
+
+def _make_strategy(
+    spec: str, options: tuple[tuple[str, Any], ...], **available: object
+) -> Strategy:
+    takes = STRATEGIES.option_names(STRATEGIES.load(spec))
+    taken = {k: v for k, v in available.items() if takes is None or k in takes}
+    own = _own_options(options, "strategy", available)
+    strategy: Strategy = STRATEGIES.make(spec, **(own | taken))
+    return strategy
 
 
 def _make_simulator(

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 import platform
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from datetime import datetime
@@ -161,6 +163,39 @@ def _plain(value: object) -> JSONValue:
     return repr(value)[:200]
 
 
+class _Progressing:
+    """How far a campaign has come, as it goes."""
+
+    def __init__(self) -> None:
+        self.counts = dict.fromkeys(Outcome, 0)
+        self.told = 0
+        self.min_moobd: float | None = None
+        self.seconds = 0.0  # spent before this process went on
+        self.budget_spent = 0.0
+        self.outstanding: deque[Candidate] = deque()  # asked, not told
+
+    @property
+    def simulations(self) -> int:
+        return self.told - self.counts[Outcome.INVALID]
+
+    def count(self, outcome: Outcome, moobd: float | None) -> None:
+        self.counts[outcome] += 1
+        self.told += 1
+        if moobd is not None:
+            self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
+
+    def progress(self, seconds: float) -> Progress:
+        return Progress(
+            invalid=self.counts[Outcome.INVALID],
+            passed=self.counts[Outcome.PASS],
+            failed=self.counts[Outcome.FAIL],
+            errors=self.counts[Outcome.ERROR],
+            min_moobd=self.min_moobd,
+            seconds=seconds,
+            budget_spent=self.budget_spent,
+        )
+
+
 class Campaign:
     """One search with its budget.
 
@@ -248,41 +283,159 @@ class Campaign:
         """
         with CampaignStore.create(self.folder, self.configuration()) as store:
             self.started = True
-            interrupted = False
-            budget_spent = 0.0
-            start = time.perf_counter()
-            try:
-                with catch_interrupt(on_interrupt) as interrupt, self.tester.simulator:
-                    if on_start is not None:
-                        on_start()
-                    start = time.perf_counter()
-                    for progress in self._tests(store, start):
-                        budget_spent = progress.budget_spent
-                        if on_progress is not None:
-                            on_progress(progress)
-                        if interrupt.requested and budget_spent < 1.0:
-                            interrupted = True
-                            break
-            except (KeyboardInterrupt, SystemError) as error:
-                # Raised while compiled code returns, an interrupt arrives as its SystemError.
-                if not isinstance(error.__cause__ or error, KeyboardInterrupt):
-                    raise
-                interrupted = True
-            # What is stored counts, also when an interrupt came between storing and counting.
-            stored = store.counts()
-            summary = Summary(
-                invalid=stored.by_outcome[Outcome.INVALID],
-                passed=stored.by_outcome[Outcome.PASS],
-                failed=stored.by_outcome[Outcome.FAIL],
-                errors=stored.by_outcome[Outcome.ERROR],
-                min_moobd=stored.lowest_moobd,
-                seconds=time.perf_counter() - start,
-                budget_spent=budget_spent,
-                seed=self.seed,
-                folder=self.folder,
-                interrupted=interrupted,
-            )
-            store.finish(seconds=round(summary.seconds, 3), interrupted=interrupted)
+            return self._search(store, _Progressing(), on_progress, on_start, on_interrupt)
+
+    def resume(
+        self,
+        on_progress: Callable[[Progress], None] | None = None,
+        *,
+        on_start: Callable[[], None] | None = None,
+        on_interrupt: Callable[[], None] | None = None,
+    ) -> Summary:
+        """Goes on with the campaign in the folder, whatever ended it.
+
+        The strategy, which has to be fresh, is asked and told what the log says; where it proposes
+        other roads than it did, nothing is continued. A candidate that was asked but never told is
+        tested next. With a budget in simulations, a campaign that was interrupted at any moment
+        ends with the tests of one that was not. Time spent before counts.
+
+        Args:
+            on_progress: called after every test.
+            on_start: called when the log is replayed and the simulator has started.
+            on_interrupt: called at the first Ctrl-C.
+
+        Raises:
+            CampaignError: there is no such campaign, another process writes it, it was made with
+                other parts, the strategy replays differently, or as for `run`.
+        """
+        with CampaignStore.open(self.folder, readonly=False) as store:
+            self._require_same_parts(store.config)
+            state = self._replay(store)
+            self.started = True
+            return self._search(store, state, on_progress, on_start, on_interrupt)
+
+    def _require_same_parts(self, config: Mapping[str, JSONValue]) -> None:
+        """Raises a `CampaignError` if a log was not made by parts like these."""
+        ours = json.loads(json.dumps(self.configuration()))
+        for name in (
+            "strategy",
+            "driver",
+            "simulator",
+            "rules",
+            "map_size",
+            "margin",
+            "lane_width",
+        ):
+            if ours[name] != config.get(name):
+                raise CampaignError(
+                    f"{self.folder} was made with another {name.replace('_', ' ')}:"
+                    f" {json.dumps(config.get(name))[:300]}, not {json.dumps(ours[name])[:300]}"
+                )
+
+    def _replay(self, store: CampaignStore) -> _Progressing:
+        """Asks and tells the strategy what the log says; returns how far that brought it."""
+        state = _Progressing()
+        asked = store.candidates_with_place()
+        following = next(asked, None)
+        outstanding: dict[int, Candidate] = {}
+
+        def ask_until(told: int) -> None:
+            nonlocal following
+            while following is not None and following[1] <= told:
+                logged = following[0]
+                self._require_same_road(store, logged, self._ask())
+                outstanding[logged.id] = logged
+                following = next(asked, None)
+
+        for record in store.tests():
+            ask_until(state.told)
+            candidate = outstanding.pop(record.candidate.id, None)
+            if candidate is None:
+                raise CampaignError(
+                    f"{self.folder} is damaged: candidate {record.candidate.id} was told before it"
+                    " was asked"
+                )
+            evaluation = Evaluation(candidate, record.outcome, record.moobd, record.budget_spent)
+            self._tell(evaluation)
+            state.count(record.outcome, record.moobd)
+            state.seconds += record.seconds
+        ask_until(state.told)
+        state.outstanding.extend(outstanding.values())
+        state.budget_spent = self.budget.spent(
+            state.simulations, state.seconds, state.counts[Outcome.FAIL]
+        )
+        return state
+
+    def _require_same_road(
+        self, store: CampaignStore, logged: Candidate, proposed: Candidate
+    ) -> None:
+        same = (
+            proposed.id == logged.id
+            and proposed.step == logged.step
+            and proposed.origin == logged.origin
+            and np.array_equal(proposed.curvatures, logged.curvatures)
+        )
+        if same:
+            return
+        theirs = store.config.get("versions")
+        ours = package_versions()
+        differing = (
+            [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
+            if isinstance(theirs, Mapping)
+            else []
+        )
+        raise CampaignError(
+            f"{self.folder} cannot be resumed: the strategy now proposes another road as candidate"
+            f" {logged.id} than it did; "
+            + (f"versions differ: {', '.join(differing)}" if differing else "was it changed?")
+        )
+
+    def _search(
+        self,
+        store: CampaignStore,
+        state: _Progressing,
+        on_progress: Callable[[Progress], None] | None,
+        on_start: Callable[[], None] | None,
+        on_interrupt: Callable[[], None] | None,
+    ) -> Summary:
+        """Tests until the budget is spent; the rest of `run` and `resume`."""
+        interrupted = False
+        start = time.perf_counter() - state.seconds
+        try:
+            with catch_interrupt(on_interrupt) as interrupt, self.tester.simulator:
+                if on_start is not None:
+                    on_start()
+                start = time.perf_counter() - state.seconds
+                for progress in self._tests(store, state, start):
+                    if on_progress is not None:
+                        on_progress(progress)
+                    if interrupt.requested and state.budget_spent < 1.0:
+                        interrupted = True
+                        break
+        except (KeyboardInterrupt, SystemError) as error:
+            # Raised while compiled code returns, an interrupt arrives as its SystemError.
+            if not isinstance(error.__cause__ or error, KeyboardInterrupt):
+                raise
+            interrupted = True
+        # What is stored counts, also when an interrupt came between storing and counting.
+        stored = store.counts()
+        summary = Summary(
+            invalid=stored.by_outcome[Outcome.INVALID],
+            passed=stored.by_outcome[Outcome.PASS],
+            failed=stored.by_outcome[Outcome.FAIL],
+            errors=stored.by_outcome[Outcome.ERROR],
+            min_moobd=stored.lowest_moobd,
+            seconds=time.perf_counter() - start,
+            budget_spent=state.budget_spent,
+            seed=self.seed,
+            folder=self.folder,
+            interrupted=interrupted,
+        )
+        store.finish(
+            seconds=round(summary.seconds, 3),
+            interrupted=interrupted,
+            budget=asdict(self.budget),
+        )
         return summary
 
     def _ask(self) -> Candidate:
@@ -306,36 +459,26 @@ class Campaign:
         except Exception as error:
             raise CampaignError(f"the strategy raised {describe_error(error)}") from error
 
-    def _tests(self, store: CampaignStore, start: float) -> Iterator[Progress]:
+    def _tests(self, store: CampaignStore, state: _Progressing, start: float) -> Iterator[Progress]:
         """Runs test after test; yields how far the campaign has come after each."""
-        counts = dict.fromkeys(Outcome, 0)
-        least: float | None = None
-        broken = refused = told = 0
-        budget_spent = 0.0
-        while budget_spent < 1.0:
+        broken = refused = 0
+        while state.budget_spent < 1.0:
             before = time.perf_counter()
-            candidate = self._ask()
-            store.asked(candidate)
+            if state.outstanding:
+                candidate = state.outstanding.popleft()
+            else:
+                candidate = self._ask()
+                store.asked(candidate)
             tested = self.tester.test(candidate)
             result = tested.result
-            counts[result.outcome] += 1
-            told += 1
-            if result.moobd is not None:
-                least = result.moobd if least is None else min(least, result.moobd)
-            simulations = told - counts[Outcome.INVALID]
+            state.count(result.outcome, result.moobd)
             now = time.perf_counter()
-            budget_spent = self.budget.spent(simulations, now - start, counts[Outcome.FAIL])
-            store.told(tested.record(candidate, told, budget_spent, now - before))
-            self._tell(Evaluation(candidate, result.outcome, result.moobd, budget_spent))
-            yield Progress(
-                invalid=counts[Outcome.INVALID],
-                passed=counts[Outcome.PASS],
-                failed=counts[Outcome.FAIL],
-                errors=counts[Outcome.ERROR],
-                min_moobd=least,
-                seconds=time.perf_counter() - start,
-                budget_spent=budget_spent,
+            state.budget_spent = self.budget.spent(
+                state.simulations, now - start, state.counts[Outcome.FAIL]
             )
+            store.told(tested.record(candidate, state.told, state.budget_spent, now - before))
+            self._tell(Evaluation(candidate, result.outcome, result.moobd, state.budget_spent))
+            yield state.progress(time.perf_counter() - start)
             if result.outcome is Outcome.INVALID:
                 refused += 1
             elif result.outcome is Outcome.ERROR:

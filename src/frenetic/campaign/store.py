@@ -469,6 +469,18 @@ class CampaignStore:
             ids = self._connection.execute("SELECT id FROM candidate ORDER BY id").fetchall()
         return (self.candidate(candidate_id) for (candidate_id,) in ids)
 
+    def candidates_with_place(self) -> Iterator[tuple[Candidate, int]]:
+        """Return all candidates in the order of asking, each with how many tells came before."""
+        self._write_asked()
+        with _translated(self._path):
+            rows = self._connection.execute(
+                "SELECT id, asked_after FROM candidate ORDER BY id"
+            ).fetchall()
+        for candidate_id, place in rows:
+            if not isinstance(place, int):
+                raise self._damaged(f"the place of candidate {candidate_id} has the wrong type")
+            yield self.candidate(candidate_id), place
+
     def counts(self) -> Counts:
         """Return how many tests there are of which outcome, and the lowest MOOBD."""
         with _translated(self._path):
@@ -722,7 +734,8 @@ def _now() -> str:
 def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
         raise CampaignError(
-            f"{path.parent} already holds a campaign; choose another folder with --out"
+            f"{path.parent} already holds a campaign; choose another folder with --out, or "
+            "go on with that one: frenetic resume"
         )
 
 
@@ -821,7 +834,8 @@ def _translated(path: Path) -> Iterator[None]:
 
 _EXPLAINED: Final[Mapping[int, str]] = {
     sqlite3.SQLITE_FULL: (
-        "cannot grow, the disk is full: free some space; what was stored is safe"
+        "cannot grow, the disk is full: free some space and resume the campaign; what was stored "
+        "is safe"
     ),
     sqlite3.SQLITE_READONLY: "cannot be written ({}): check the permissions of the file and folder",
     sqlite3.SQLITE_PERM: "cannot be used ({}): check the permissions of the file and folder",
