@@ -24,7 +24,14 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES, Registry
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Campaign, CampaignStore, Progress, Summary, TestRecord
+    from frenetic.campaign import (
+        Budget,
+        Campaign,
+        CampaignStore,
+        Progress,
+        Summary,
+        TestRecord,
+    )
     from frenetic.drivers import Driver
     from frenetic.oracle import Result
     from frenetic.road import Road
@@ -65,8 +72,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _fail(message: str) -> NoReturn:
-    click.echo(f"frenetic: {' '.join(message.split())}", err=True)
+    _complain(message)
     sys.exit(2)
+
+
+def _complain(message: str) -> None:
+    click.echo(f"frenetic: {' '.join(message.split())}", err=True)
 
 
 class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
@@ -255,45 +266,29 @@ def run(
     campaigns/. The first of --simulations, --time and --failures that is reached ends the search;
     so does Ctrl-C, and nothing found is lost.
     """
-    from frenetic.campaign import Budget, Campaign, new_folder
+    from frenetic.campaign import Budget, new_folder
 
     if simulations is None and seconds is None and failures is None:
         simulations = DEFAULT_SIMULATIONS
     seed = secrets.randbelow(2**31) if seed is None else seed
     with _as_usage_error():
         budget = Budget(simulations=simulations, time=seconds, failures=failures)
-    the_driver = _make_driver(driver, driver_options, noise, delay, view)
-    the_simulator = _make_simulator(
-        simulator, simulator_options, speed_limit, oob_tolerance, wall_limit
-    )
-    the_strategy = _make_strategy(strategy, strategy_options, seed=seed, map_size=map_size)
+    command = {
+        "strategy": strategy,
+        "strategy_options": dict(strategy_options),
+        "driver": driver,
+        "driver_options": dict(driver_options),
+        "noise": noise,
+        "delay": delay,
+        "view": view,
+        "simulator": simulator,
+        "simulator_options": dict(simulator_options),
+        "speed_limit": speed_limit,
+        "oob_tolerance": oob_tolerance,
+        "wall_limit": wall_limit,
+    }
     folder = new_folder() if out is None else out
-    with _as_usage_error():
-        campaign = Campaign(
-            strategy=the_strategy,
-            simulator=the_simulator,
-            driver=the_driver,
-            budget=budget,
-            folder=folder,
-            map_size=map_size,
-            description={
-                "seed": seed,
-                "command": {
-                    "strategy": strategy,
-                    "strategy_options": dict(strategy_options),
-                    "driver": driver,
-                    "driver_options": dict(driver_options),
-                    "noise": noise,
-                    "delay": delay,
-                    "view": view,
-                    "simulator": simulator,
-                    "simulator_options": dict(simulator_options),
-                    "speed_limit": speed_limit,
-                    "oob_tolerance": oob_tolerance,
-                    "wall_limit": wall_limit,
-                },
-            },
-        )
+    campaign = _make_campaign(command, seed, map_size, budget, folder)
     text = f"Searching with {strategy} for roads on which {driver} fails, seed {seed}"
     _search(campaign, campaign.run, text, as_json, seed)
 
@@ -369,7 +364,7 @@ def resume(
     Its log is replayed to a fresh strategy, so that an interrupted campaign ends as it would have
     without the interruption. With options, its budget becomes what is spent and so much more.
     """
-    from frenetic.campaign import Budget, Campaign, CampaignStore
+    from frenetic.campaign import Budget, CampaignStore
     from frenetic.outcome import Outcome
 
     with CampaignStore.open(campaign) as store:
@@ -401,33 +396,9 @@ def resume(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-        settings: dict[str, Any] = {**command, "map_size": config.get("map_size")}
-        the_campaign = Campaign(
-            strategy=_make_strategy(
-                settings["strategy"],
-                tuple(settings["strategy_options"].items()),
-                seed=config.get("seed"),
-                map_size=settings["map_size"],
-            ),
-            simulator=_make_simulator(
-                settings["simulator"],
-                tuple(settings["simulator_options"].items()),
-                settings["speed_limit"],
-                settings["oob_tolerance"],
-                settings["wall_limit"],
-            ),
-            driver=_make_driver(
-                settings["driver"],
-                tuple(settings["driver_options"].items()),
-                settings["noise"],
-                settings["delay"],
-                settings["view"],
-            ),
-            budget=budget,
-            folder=campaign,
-            map_size=settings["map_size"],
-        )
-    text = f"Going on after {counts.told} tests with {settings['strategy']}"
+    map_size: Any = config.get("map_size")
+    the_campaign = _make_campaign(command, config.get("seed"), map_size, budget, campaign)
+    text = f"Going on after {counts.told} tests with {command['strategy']}"
     _search(the_campaign, the_campaign.resume, text, as_json, config.get("seed"))
 
 
@@ -471,9 +442,9 @@ def drive(
     from frenetic.outcome import Outcome
     from frenetic.road.files import read_road
 
-    the_driver = _make_driver(driver, driver_options, noise, delay, view)
+    the_driver = _make_driver(driver, dict(driver_options), noise, delay, view)
     the_simulator = _make_simulator(
-        simulator, simulator_options, speed_limit, oob_tolerance, wall_limit
+        simulator, dict(simulator_options), speed_limit, oob_tolerance, wall_limit
     )
     loaded = read_road(road).road()
     _check_map_size(map_size)
@@ -509,14 +480,24 @@ def drive(
 def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None) -> None:
     click.echo(f"{result.outcome}  {result.reason}")
     facts: list[tuple[str, str]] = [("road", f"{the_road.length:.1f} m, {road}")]
+    facts += _facts_of_drive(result, result.duration if result.outcome.is_driven else None)
+    if plot is not None:
+        facts.append(("picture", str(plot)))
+    _print_facts(facts)
+
+
+def _facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[tuple[str, str]]:
+    """What there is to say of a drive, fresh or recorded."""
+    facts = []
     if result.moobd is not None and result.moobd_distance is not None:
         facts += [
             ("MOOBD", f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m"),
             ("oob share", f"{result.max_oob_share:.0%} at most"),
-            ("time", f"{result.duration:.2f} s"),
         ]
-    if result.departure is not None:
-        place = result.departure
+    if duration is not None:
+        facts.append(("time", f"{duration:.2f} s"))
+    place = result.departure
+    if place is not None:
         facts.append(
             (
                 "left lane",
@@ -524,9 +505,7 @@ def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None) 
                 f" at ({place.x:.1f}, {place.y:.1f})",
             )
         )
-    if plot is not None:
-        facts.append(("picture", str(plot)))
-    _print_facts(facts)
+    return facts
 
 
 @cli.command(short_help="Say whether roads are valid, as the competition does.")
@@ -561,7 +540,7 @@ def validate(files: tuple[Path, ...], map_size: float, as_json: bool) -> None:
         click.echo(json.dumps(verdicts))
     if unreadable:
         for message in unreadable:
-            click.echo(f"frenetic: {' '.join(message.split())}", err=True)
+            _complain(message)
         raise click.exceptions.Exit(2)
     if not all(verdict["valid"] for verdict in verdicts):
         raise click.exceptions.Exit(1)
@@ -703,22 +682,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         ("origin", f"{origin.operator}{parents}, generation {origin.generation}"),
         ("road", f"{test.road.length:.1f} m, {len(test.road.curvatures)} curvatures"),
     ]
-    if record.moobd is not None and record.moobd_distance is not None:
-        facts += [
-            ("MOOBD", f"{record.moobd:.3f} m, at {record.moobd_distance:.1f} m"),
-            ("oob share", f"{record.max_oob_share:.0%} at most"),
-        ]
-    if record.duration is not None:
-        facts.append(("time", f"{record.duration:.2f} s"))
-    if record.departure_side is not None:
-        facts.append(
-            (
-                "left lane",
-                f"to the {record.departure_side} after {record.departure_distance:.1f} m and"
-                f" {record.departure_time:.2f} s, at"
-                f" ({record.departure_x:.1f}, {record.departure_y:.1f})",
-            )
-        )
+    facts += _facts_of_drive(record, record.duration)
     facts += [
         ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
         ("picture", drawn),
@@ -766,31 +730,51 @@ def _check_map_size(map_size: float) -> None:
         )
 
 
+def _make_campaign(
+    command: Mapping[str, Any], seed: object, map_size: float, budget: Budget, folder: Path
+) -> Campaign:
+    """The campaign of a command line, as it was given or as a campaign has recorded it."""
+    from frenetic.campaign import Campaign
+
+    driver = _make_driver(*(command[k] for k in ("driver", "driver_options", *_LAYERS)))
+    simulator = _make_simulator(*(command[k] for k in ("simulator", "simulator_options", *_LIMITS)))
+    strategy: Strategy = _make_part(
+        STRATEGIES,
+        command["strategy"],
+        command["strategy_options"],
+        {"seed": seed, "map_size": map_size},
+    )
+    with _as_usage_error():
+        return Campaign(
+            strategy=strategy,
+            simulator=simulator,
+            driver=driver,
+            budget=budget,
+            folder=folder,
+            map_size=map_size,
+            description={"seed": seed, "command": dict(command)},  # type: ignore[dict-item]
+        )
+
+
+_LAYERS = ("noise", "delay", "view")
+_LIMITS = ("speed_limit", "oob_tolerance", "wall_limit")
+
+
 def _make_driver(
     spec: str,
-    options: tuple[tuple[str, Any], ...],
+    options: Mapping[str, Any],
     noise: float | None,
     delay: float | None,
     view: float | None,
 ) -> Driver:
     from frenetic.drivers.loading import load_driver
 
-    return load_driver(spec, dict(options), noise=noise, delay=delay, view=view)
-
-
-def _make_strategy(
-    spec: str, options: tuple[tuple[str, Any], ...], **available: object
-) -> Strategy:
-    takes = STRATEGIES.option_names(STRATEGIES.load(spec))
-    taken = {k: v for k, v in available.items() if takes is None or k in takes}
-    own = _own_options(options, "strategy", available)
-    strategy: Strategy = STRATEGIES.make(spec, **(own | taken))
-    return strategy
+    return load_driver(spec, options, noise=noise, delay=delay, view=view)
 
 
 def _make_simulator(
     spec: str,
-    options: tuple[tuple[str, Any], ...],
+    options: Mapping[str, Any],
     speed_limit: float,
     oob_tolerance: float,
     wall_limit: float,
@@ -799,25 +783,25 @@ def _make_simulator(
 
     with _as_usage_error():
         rules = Rules(speed_limit=speed_limit, oob_tolerance=oob_tolerance)
-    available = {"rules": rules, "wall_limit": wall_limit}
-    takes = SIMULATORS.option_names(SIMULATORS.load(spec))
-    taken = {k: v for k, v in available.items() if takes is None or k in takes}
-    simulator: Simulator = SIMULATORS.make(
-        spec, **(_own_options(options, "simulator", available) | taken)
+    simulator: Simulator = _make_part(
+        SIMULATORS, spec, options, {"rules": rules, "wall_limit": wall_limit}
     )
     return simulator
 
 
-def _own_options(
-    options: tuple[tuple[str, Any], ...], kind: str, elsewhere: Mapping[str, object]
-) -> dict[str, Any]:
-    """The options of a part, none of which may have a command-line option of its own."""
-    for name, _ in options:
-        if name in elsewhere:
+def _make_part(
+    registry: Registry, spec: str, options: Mapping[str, Any], available: Mapping[str, object]
+) -> Any:
+    """A part with its options, and with those of the command that its class takes."""
+    for name in options:
+        if name in available:
             raise click.UsageError(
-                f"--{kind}-option {name} is not allowed: it follows from the options of the command"
+                f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
+                " the command"
             )
-    return dict(options)
+    takes = registry.option_names(registry.load(spec))
+    taken = {k: v for k, v in available.items() if takes is None or k in takes}
+    return registry.make(spec, **options, **taken)
 
 
 @contextmanager

@@ -187,13 +187,12 @@ class Assessment:
 def assess(road: Road, drive: Drive) -> Assessment:
     """The drive record by record: place, lateral offset, oob distance and oob share."""
     t = drive.trajectory
-    body = drive.car
     end, rows = _assess(
         road.table,
         road.sub_step,
         road.lane_width,
         rules_array(drive.rules, road.length),
-        np.array([body.length, body.width, body.centre_ahead]),
+        drive.car.to_array(),
         t.time,
         t.x,
         t.y,

@@ -20,7 +20,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic.errors import DriverError, FreneticError, UnknownNameError
+from frenetic.errors import FreneticError, UnknownNameError, describe_error
 
 USER_MODULE: Final = "frenetic_user_"
 """What the names of modules begin with that are loaded from a user's file."""
@@ -110,7 +110,7 @@ class Registry:
             raise
         except Exception as error:
             raise FreneticError(
-                f"{self.kind} {spec!r} cannot be made: {type(error).__name__}: {_line(error)}"
+                f"{self.kind} {spec!r} cannot be made: {describe_error(error)}"
             ) from error
         missing = [name for name in self.methods if not callable(getattr(made, name, None))]
         if missing:
@@ -158,7 +158,7 @@ class Registry:
             ) from error
         except (Exception, SystemExit) as error:
             raise FreneticError(
-                f"{self.kind} {spec!r}: importing it raised {type(error).__name__}: {_line(error)}"
+                f"{self.kind} {spec!r}: importing it raised {describe_error(error)}"
             ) from error
         found = getattr(module, attribute, None)
         if not callable(found):
@@ -192,7 +192,7 @@ def _load_own_module(name: str) -> Any:
 def _load_file(name: str) -> Any:
     path = Path(name).expanduser()
     if not path.is_file():
-        raise DriverError(f"there is no file {name!r}")
+        raise FreneticError(f"there is no file {name!r}")
     path = path.resolve()
     # The same in every process, so that what is made of it can be sent from one to another.
     digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]
@@ -201,7 +201,7 @@ def _load_file(name: str) -> Any:
         return sys.modules[module_name]
     spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None:
-        raise DriverError(f"{name!r} cannot be read as Python")
+        raise FreneticError(f"{name!r} cannot be read as Python")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     # As for ``python file.py``: it may import its neighbours.

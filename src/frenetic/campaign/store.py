@@ -37,6 +37,7 @@ import numpy as np
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
+from frenetic.oracle import Departure, Side
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import Trajectory
@@ -45,7 +46,6 @@ JSONValue: TypeAlias = (
     "bool | int | float | str | Sequence[JSONValue] | Mapping[str, JSONValue] | None"
 )
 Order: TypeAlias = Literal["told", "moobd"]
-Side: TypeAlias = Literal["left", "right"]
 
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
@@ -187,6 +187,20 @@ class TestRecord:
     """s of wall time that the test took."""
     trajectory: Trajectory | None = None
     """None if nothing was driven, or if the record was read without it."""
+
+    @property
+    def departure(self) -> Departure | None:
+        """Where the car left its lane, None if it did not."""
+        place = (
+            self.departure_time,
+            self.departure_distance,
+            self.departure_x,
+            self.departure_y,
+        )
+        if self.departure_side is None or None in place:
+            return None
+        time, distance, x, y = (float(v) for v in place if v is not None)
+        return Departure(time, distance, x, y, self.departure_side)
 
 
 @dataclass(frozen=True)
@@ -464,22 +478,16 @@ class CampaignStore:
 
     def candidates(self) -> Iterator[Candidate]:
         """Return all candidates that were asked up to this moment, in the order of asking."""
-        self._write_asked()
-        with _translated(self._path):
-            ids = self._connection.execute("SELECT id FROM candidate ORDER BY id").fetchall()
-        return (self.candidate(candidate_id) for (candidate_id,) in ids)
+        return (candidate for candidate, _ in self.candidates_with_place())
 
     def candidates_with_place(self) -> Iterator[tuple[Candidate, int]]:
-        """Return all candidates in the order of asking, each with how many tells came before."""
+        """Return what `candidates` does, each with how many results were told before it."""
         self._write_asked()
         with _translated(self._path):
             rows = self._connection.execute(
                 "SELECT id, asked_after FROM candidate ORDER BY id"
             ).fetchall()
-        for candidate_id, place in rows:
-            if not isinstance(place, int):
-                raise self._damaged(f"the place of candidate {candidate_id} has the wrong type")
-            yield self.candidate(candidate_id), place
+        return ((self.candidate(candidate_id), place) for candidate_id, place in rows)
 
     def counts(self) -> Counts:
         """Return how many tests there are of which outcome, and the lowest MOOBD."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 from frenetic.analysis import most_different, segment_profile
@@ -104,15 +104,7 @@ def road_document(test: StoredTest, config: Mapping[str, JSONValue]) -> dict[str
         "moobd": record.moobd,
         "max_oob_share": record.max_oob_share,
         "duration": record.duration,
-        "departure": None
-        if record.departure_side is None
-        else {
-            "time": record.departure_time,
-            "distance": record.departure_distance,
-            "x": record.departure_x,
-            "y": record.departure_y,
-            "side": record.departure_side,
-        },
+        "departure": None if record.departure is None else asdict(record.departure),
         "origin": {
             "operator": candidate.origin.operator,
             "parents": list(candidate.origin.parents),

@@ -126,33 +126,6 @@ def build_table(
 
 
 @njit(cache=True)
-def pose_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float]:
-    """(x, y, heading, curvature) of the centre line at ``s``; straight beyond both ends."""
-    last = len(table) - 1
-    length = last * ds
-    if s < 0.0:
-        return table[0, 0] + s * table[0, 4], table[0, 1] + s * table[0, 5], table[0, 2], 0.0
-    if s > length:
-        u = s - length
-        return (
-            table[last, 0] + u * table[last, 4],
-            table[last, 1] + u * table[last, 5],
-            table[last, 2],
-            0.0,
-        )
-    i = min(int(s / ds), last - 1)
-    u = s - i * ds
-    rate = (table[i + 1, 3] - table[i, 3]) / ds
-    ahead, left = _sub_chord(table[i, 3], rate, u)
-    return (
-        table[i, 0] + ahead * table[i, 4] - left * table[i, 5],
-        table[i, 1] + ahead * table[i, 5] + left * table[i, 4],
-        table[i, 2] + u * (table[i, 3] + 0.5 * rate * u),
-        table[i, 3] + rate * u,
-    )
-
-
-@njit(cache=True)
 def heading_at(table: FloatArray, ds: float, s: float) -> float:
     """Heading of the centre line at ``s``; straight beyond both ends."""
     last = len(table) - 1
@@ -165,7 +138,7 @@ def heading_at(table: FloatArray, ds: float, s: float) -> float:
 
 @njit(cache=True)
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
-    """(x, y, cosine and sine of the heading, curvature) at ``s``: `pose_at` without an angle."""
+    """(x, y, cosine and sine of the heading, curvature) at ``s``; straight beyond both ends."""
     last = len(table) - 1
     length = last * ds
     if s < 0.0:

@@ -220,8 +220,9 @@ class Road:
 
     def pose_at(self, distance: float) -> Pose:
         """The centre line's pose ``distance`` m along it; it is straight beyond the ends."""
-        x, y, heading, _ = geometry.pose_at(self.table, self.sub_step, float(distance))
-        return Pose(x, y, heading)
+        place = (self.table, self.sub_step, float(distance))
+        x, y, *_ = geometry.frame_at(*place)
+        return Pose(x, y, geometry.heading_at(*place))
 
     def curvature_at(self, distances: npt.ArrayLike) -> FloatArray:
         """Curvature in 1/m at ``distances`` (any shape) in m along the road; 0 beyond its ends."""

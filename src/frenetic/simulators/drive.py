@@ -21,6 +21,10 @@ class CarBody:
     centre_ahead: float = 0.0
     """m, how far the rectangle's centre lies ahead of the centre of mass."""
 
+    def to_array(self) -> FloatArray:
+        """(3,) length, width and centre_ahead, as the kernels want it."""
+        return np.array([self.length, self.width, self.centre_ahead])
+
 
 @dataclass(frozen=True)
 class Rules:

@@ -113,7 +113,7 @@ class Observer:
     def __init__(self, road: Road, rules: Rules, car: CarBody, records: int) -> None:
         self._road = road
         self._rules = rules_array(rules, road.length)
-        self._car = np.array([car.length, car.width, car.centre_ahead])
+        self._car = car.to_array()
         self._places = np.empty((3, records))
         self._seen = 0
         self._heading = self._s = self._offset = self._heading_error = 0.0

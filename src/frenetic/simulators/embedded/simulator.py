@@ -64,7 +64,7 @@ class EmbeddedSimulator:
         self.wall_limit = wall_limit
         self._vehicle = self.vehicle.to_array()
         self.car = self.vehicle.body()
-        self._car = np.array([self.car.length, self.car.width, self.car.centre_ahead])
+        self._car = self.car.to_array()
         self._room = np.empty(0)  # memory for the records, used again and again
 
     @property
@@ -74,9 +74,7 @@ class EmbeddedSimulator:
 
     def __enter__(self) -> Self:
         """Compiles what is not compiled yet."""
-        from frenetic.compilation import compile_kernels
-
-        compile_kernels()
+        self._compile()
         return self
 
     def __exit__(
@@ -86,6 +84,12 @@ class EmbeddedSimulator:
         trace: TracebackType | None,
     ) -> None:
         """Nothing has to be ended."""
+
+    @staticmethod
+    def _compile() -> None:
+        from frenetic.compilation import compile_kernels  # which needs this module
+
+        compile_kernels()
 
     def setup(self, road: Road) -> DriveSetup:
         """What a driver is told before a drive along the road."""
@@ -155,16 +159,10 @@ class EmbeddedSimulator:
         room: FloatArray,
     ) -> tuple[int, str | None]:
         """The compiled rollout's loop with calls of the driver in between: (records, error)."""
+        self._compile()  # not on the driver's time
         written = 0
-        # The first record is seen and the first step is made before the driver's time starts, as
-        # the kernels may have to be compiled.
         state = kernels.start_state(road.table, road.lane_width)
         controls = (0.0, 0.0, 0.0)
-        kernels.write_record(room, 0, state, *controls)
-        first = Observer(road, self.rules, self.car, 1)
-        first.see(0.0, state[X], state[Y], state[HEADING])
-        first.observation(state[SPEED], state[YAW_RATE], state[STEERING])
-        kernels.advance_period(state.copy(), *controls, self._vehicle)
 
         def loop() -> None:
             nonlocal written, controls
