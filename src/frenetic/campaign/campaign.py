@@ -25,7 +25,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.registry import USER_MODULE
-from frenetic.road.road import MAP_SIZE, MARGIN
+from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import Strategy
 from frenetic.simulators.simulator import Simulator

@@ -14,8 +14,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import RoadError, describe_error
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road
-from frenetic.road.road import MAP_SIZE, MARGIN
+from frenetic.road import MAP_SIZE, MARGIN, Pose, Road
 from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.simulator import Simulator

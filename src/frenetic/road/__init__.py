@@ -1,9 +1,9 @@
 """What a test is: roads from curvature, their geometry, fitting the map, validity, lanes."""
 
-from frenetic.road.fitting import RigidMotion, fit_to_map
+from frenetic.road.fitting import MARGIN, RigidMotion, fit_to_map
 from frenetic.road.geometry import integrate
-from frenetic.road.road import MAP_SIZE, MARGIN, Lane, Pose, Road
-from frenetic.road.validity import Verdict, check_validity
+from frenetic.road.road import Lane, Pose, Road
+from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 __all__ = [
     "MAP_SIZE",

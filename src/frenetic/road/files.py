@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic.errors import RoadError
-from frenetic.road.road import MAP_SIZE, MAX_SAMPLES, START, Pose, Road
-from frenetic.road.validity import Verdict, check_validity
+from frenetic.road.road import MAX_SAMPLES, START, Pose, Road
+from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 MAX_BYTES: Final = 64 * 2**20
 """Largest road file that is read; test files of the competition carry long records."""

@@ -25,10 +25,12 @@ from numba import njit
 
 from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road.validity import as_points
+from frenetic.road.validity import MAP_SIZE, as_points
 
-__all__ = ["RigidMotion", "fit_to_map"]
+__all__ = ["MARGIN", "RigidMotion", "fit_to_map"]
 
+MARGIN: Final = 10.0
+"""m that a road's centre line keeps from the map's edge: half its width and some air."""
 
 _QUARTER: Final = math.pi / 2  # [rad]
 
@@ -55,7 +57,7 @@ class RigidMotion:
 
 
 def fit_to_map(
-    points: npt.ArrayLike, map_size: float = 200.0, margin: float = 10.0
+    points: npt.ArrayLike, map_size: float = MAP_SIZE, margin: float = MARGIN
 ) -> RigidMotion | None:
     """Return how to move a road so that it lies in the map, None if it fits in no pose.
 

@@ -13,9 +13,9 @@ import numpy.typing as npt
 from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import geometry
-from frenetic.road.fitting import fit_to_map
+from frenetic.road.fitting import MARGIN, fit_to_map
 from frenetic.road.recovery import curvature_from_points
-from frenetic.road.validity import Verdict, check_validity
+from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 MAX_SAMPLES = 10_000
 """Most curvature samples of a road."""
@@ -23,10 +23,6 @@ MAX_LENGTH = 50_000.0
 """m, longest road."""
 MAX_CURVATURE = 10.0
 """1/m, sharpest curve that can be represented; valid roads stay below 0.07."""
-MAP_SIZE = 200.0
-"""m, side of the competition's square map."""
-MARGIN = 10.0
-"""m that a road's centre line keeps from the map's edge: half its width and some air."""
 MAX_COORDINATE = 1e7
 """m, how far from the origin a given point may be."""
 MIN_DISTANCE = 1e-6

@@ -31,8 +31,11 @@ from numba import njit
 from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
 
-__all__ = ["Verdict", "check_validity", "interpolate", "min_radius"]
+__all__ = ["MAP_SIZE", "Verdict", "check_validity", "interpolate", "min_radius"]
 
+
+MAP_SIZE: Final = 200.0
+"""m, side of the competition's square map."""
 
 _MAX_POINTS: Final = 500
 _NODE_DISTANCE: Final = 1.0  # [m] along the polyline of the road points
@@ -82,7 +85,7 @@ _VERDICTS: Final = (
 )
 
 
-def check_validity(points: npt.ArrayLike, map_size: float = 200.0) -> Verdict:
+def check_validity(points: npt.ArrayLike, map_size: float = MAP_SIZE) -> Verdict:
     """Return the competition's verdict on a road; the message names the first rule it breaks.
 
     In this order: 2 to 500 points, no two consecutive ones the same; the 8 m wide road around the

@@ -13,7 +13,7 @@ import numpy as np
 
 from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
-from frenetic.road.road import MAP_SIZE
+from frenetic.road import MAP_SIZE
 from frenetic.search.operators import (
     CURVATURE_BOUND,
     FAIL_OPERATORS,

@@ -10,7 +10,7 @@ import numpy as np
 
 from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road.road import MAP_SIZE, Road
+from frenetic.road import MAP_SIZE, Road
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, options_of, require, require_whole
