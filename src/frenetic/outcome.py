@@ -1,4 +1,4 @@
-"""The four ways in which a road test can end."""
+"""The ways in which a road test can end."""
 
 from __future__ import annotations
 
@@ -16,8 +16,15 @@ class Outcome(StrEnum):
     """The road was refused, so nothing was driven."""
     ERROR = "ERROR"
     """The simulator or the driver broke; nothing is known about the road."""
+    DROPPED = "DROPPED"
+    """The strategy lost interest in the road before it was driven; nothing is known about it."""
 
     @property
     def is_driven(self) -> bool:
         """Whether a drive took place that was judged: PASS or FAIL."""
         return self in (Outcome.PASS, Outcome.FAIL)
+
+    @property
+    def is_test(self) -> bool:
+        """Whether the road counts as tested: every outcome but DROPPED."""
+        return self is not Outcome.DROPPED

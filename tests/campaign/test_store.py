@@ -59,6 +59,9 @@ def make_record(id: int, outcome: Outcome | None = None) -> TestRecord:  # noqa:
         reason=f"reason {id}: κ → θ",
         budget_spent=id / 100,
         seconds=0.125,
+        attempts=1 + id % 2,
+        worker=f"worker {id}",
+        elapsed=id / 8,
     )
     if not outcome.is_driven:
         return record
@@ -580,19 +583,41 @@ def test_damaged_files_raise_nothing_but_campaign_errors(finished: Path, tmp_pat
 # Schema
 
 
-def test_an_older_schema_is_migrated_by_the_next_writer(
-    finished: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("readonly", [False, True])
+def test_an_older_schema_is_migrated_when_it_is_opened(
+    finished: Path, monkeypatch: pytest.MonkeyPatch, readonly: bool
 ) -> None:
     note = ("ALTER TABLE campaign ADD COLUMN note TEXT", "UPDATE campaign SET note = 'new'")
     monkeypatch.setattr(store_module, "MIGRATIONS", (*MIGRATIONS, note))
-    with pytest.raises(CampaignError, match=r"older version.*open it once for writing"):
+    with (
+        FileLock(finished / "campaign.lock"),
+        pytest.raises(CampaignError, match=r"older version.*cannot be brought up to date"),
+    ):
         CampaignStore.open(finished)
-    with CampaignStore.open(finished, readonly=False) as store:
+    with CampaignStore.open(finished, readonly=readonly) as store:
         assert store.counts().told == 10
         (version,) = store._connection.execute("PRAGMA user_version").fetchone()
         assert version == len(MIGRATIONS) + 1
     with CampaignStore.open(finished) as store:
         assert_same(store.test(4), make_record(4))
+
+
+def test_a_campaign_of_the_first_version_is_read(
+    finished: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with monkeypatch.context() as first:
+        first.setattr(store_module, "MIGRATIONS", MIGRATIONS[:1])
+        CampaignStore.create(tmp_path / "old", CONFIG).close()
+    execute(tmp_path / "old", "INSERT INTO candidate VALUES (1, 'P1', '[]', 0, 10, x'', 0)")
+    execute(
+        tmp_path / "old",
+        "INSERT INTO test VALUES (1, 1, 'INVALID', 'too sharp', 0, NULL, NULL, NULL, NULL, NULL,"
+        " NULL, NULL, NULL, NULL, NULL, NULL, NULL, 0.5, '2026-01-01')",
+    )
+    with CampaignStore.open(tmp_path / "old") as store:
+        record = store.test(1)
+    assert (record.attempts, record.worker, record.elapsed) == (1, None, None)
+    assert record.seconds == 0.5
 
 
 def test_a_migration_that_breaks_changes_nothing(

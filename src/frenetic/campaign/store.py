@@ -119,11 +119,16 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         ORDER BY told
         """,
     ),
+    (
+        "ALTER TABLE test ADD COLUMN attempts INTEGER NOT NULL DEFAULT 1 CHECK (attempts >= 0)",
+        "ALTER TABLE test ADD COLUMN worker TEXT",  # who drove it
+        "ALTER TABLE test ADD COLUMN elapsed REAL",  # s of the campaign's time when it was told
+    ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
 
 _INSERT_CANDIDATE: Final = "INSERT INTO candidate VALUES (?, ?, ?, ?, ?, ?, ?)"
-_INSERT_TEST: Final = f"INSERT INTO test VALUES ({', '.join('?' * 19)})"  # noqa: S608
+_INSERT_TEST: Final = f"INSERT INTO test VALUES ({', '.join('?' * 22)})"  # noqa: S608
 _INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?)"
 _SELECT_CANDIDATE: Final = (
     "SELECT id, operator, parents, generation, step, curvatures FROM candidate WHERE id = ?"
@@ -131,7 +136,7 @@ _SELECT_CANDIDATE: Final = (
 _SELECT_TEST: Final = """
     SELECT told, outcome, reason, budget_spent, x, y, heading, moobd, max_oob_share, duration,
         moobd_distance, departure_time, departure_distance, departure_x, departure_y,
-        departure_side, seconds
+        departure_side, seconds, attempts, worker, elapsed
     FROM test WHERE candidate_id = ?
 """
 _SELECT_TRAJECTORY: Final = "SELECT data FROM trajectory WHERE candidate_id = ?"
@@ -185,6 +190,12 @@ class TestRecord:
     """The side of the lane on which it left."""
     seconds: float
     """s of wall time that the test took."""
+    attempts: int = 1
+    """How often it was tried; 0 if it was dropped before."""
+    worker: str | None = None
+    """Who drove it, None where that is not known."""
+    elapsed: float | None = None
+    """s of the campaign's time when this was told; None in logs of old versions."""
     trajectory: Trajectory | None = None
     """None if nothing was driven, or if the record was read without it."""
 
@@ -210,11 +221,21 @@ class Counts:
     asked: int
     """Candidates that were asked and recorded."""
     told: int
-    """Tests whose result was told."""
+    """Candidates whose result was told, dropped ones included."""
     by_outcome: Mapping[Outcome, int]
     """Tests per outcome, each outcome present."""
     lowest_moobd: float | None
     """Smallest minimum oob distance of all tests in m; None before the first drive."""
+
+    @property
+    def tests(self) -> int:
+        """Road tests, refused ones included, dropped ones not."""
+        return self.told - self.by_outcome[Outcome.DROPPED]
+
+    @property
+    def simulations(self) -> int:
+        """Drives, broken ones included."""
+        return self.tests - self.by_outcome[Outcome.INVALID]
 
 
 class CampaignStore:
@@ -284,7 +305,7 @@ class CampaignStore:
 
     @classmethod
     def open(cls, folder: Path, readonly: bool = True) -> Self:
-        """Return the campaign in `folder`; for writing, its schema is brought up to date first.
+        """Return the campaign in `folder`; a schema of an older version is brought up to date.
 
         Raises a `CampaignError` if there is none, if its database is damaged, from a newer version
         or no campaign at all (it is left as it is), or, for writing, if another process writes it.
@@ -317,14 +338,25 @@ class CampaignStore:
             with _translated(path):
                 version = _check_identity(connection, path)
             if version < len(MIGRATIONS):
-                raise CampaignError(
-                    f"{path} was written by an older version of frenetic (schema {version}, this "
-                    f"one reads {len(MIGRATIONS)}): open it once for writing to bring it up to date"
-                )
+                connection.close()
+                cls._update_schema(folder, version)
+                with _translated(path):
+                    connection = _connect_to_read(path)
             return cls(folder, connection, None)
         except BaseException:
             connection.close()
             raise
+
+    @classmethod
+    def _update_schema(cls, folder: Path, version: int) -> None:
+        try:
+            cls.open(folder, readonly=False).close()
+        except CampaignError as error:
+            raise CampaignError(
+                f"{folder / DATABASE} was written by an older version of frenetic (schema "
+                f"{version}, this one reads {len(MIGRATIONS)}) and cannot be brought up to date: "
+                f"{error}"
+            ) from error
 
     @classmethod
     def _open_locked(cls, folder: Path, lock: FileLock) -> Self:
@@ -398,8 +430,10 @@ class CampaignStore:
         self._asked[candidate.id] = (*_candidate_row(candidate), self._told)
         self._last_asked = candidate.id
 
-    def told(self, record: TestRecord) -> None:
+    def told(self, record: TestRecord, trajectory: bytes | None = None) -> None:
         """Store a result with its trajectory, durably (see this module's text): one transaction.
+
+        A `trajectory` that another process has encoded already goes in place of the record's.
 
         Raises a `CampaignError` if it cannot be written, if the candidate was not asked before or
         has a result already, or if another result has the same `told`; a `ValueError` if a number
@@ -407,7 +441,9 @@ class CampaignStore:
         """
         self._require_writer()
         row = _test_row(record)
-        data = None if record.trajectory is None else encode(record.trajectory)
+        data = trajectory
+        if data is None and record.trajectory is not None:
+            data = encode(record.trajectory)
         with self._transaction() as connection:
             connection.execute(_INSERT_TEST, row)
             if data is not None:
@@ -581,11 +617,14 @@ class CampaignStore:
                 raise self._damaged(f"candidate {candidate_id} is missing")
             blob = self._fetch(_SELECT_TRAJECTORY, candidate_id) if with_trajectory else None
         name = f"of test {candidate_id}"
-        told, outcome, reason, budget_spent, x, y, heading, *optional, side, seconds = row
+        told, outcome, reason, budget_spent, x, y, heading, *others = row
+        *optional, side, seconds, attempts, worker, elapsed = others
         if not isinstance(told, int) or not isinstance(reason, str):
             raise self._damaged(f"the order or reason {name} has the wrong type")
         if side not in (None, *get_args(Side)):
             raise self._damaged(f"the departure_side {name} is {side!r}")
+        if not isinstance(attempts, int) or not isinstance(worker, str | None):
+            raise self._damaged(f"the attempts or worker {name} has the wrong type")
         pose = None
         if x is not None or y is not None or heading is not None:
             pose = (
@@ -607,6 +646,9 @@ class CampaignStore:
             **numbers,
             departure_side=side,
             seconds=self._real(seconds, f"seconds {name}"),
+            attempts=attempts,
+            worker=worker,
+            elapsed=None if elapsed is None else self._real(elapsed, f"elapsed {name}"),
             trajectory=self._to_trajectory(blob, name),
         )
 
@@ -704,8 +746,8 @@ def _candidate_row(candidate: Candidate) -> tuple[object, ...]:
 def _test_row(record: TestRecord) -> tuple[object, ...]:
     pose = record.pose or (None, None, None)
     optional = [getattr(record, name) for name in _OPTIONAL]
-    names = ("budget_spent", "x", "y", "heading", *_OPTIONAL, "seconds")
-    numbers = [record.budget_spent, *pose, *optional, record.seconds]
+    names = ("budget_spent", "x", "y", "heading", *_OPTIONAL, "seconds", "elapsed")
+    numbers = [record.budget_spent, *pose, *optional, record.seconds, record.elapsed]
     for k, value in enumerate(numbers):
         if value is not None:
             if not math.isfinite(value):
@@ -717,10 +759,13 @@ def _test_row(record: TestRecord) -> tuple[object, ...]:
         str(record.outcome),
         # A broken driver's message may hold file names that are no text: keep them readable.
         record.reason.encode("utf-8", "backslashreplace").decode("utf-8"),
-        *numbers[:-1],
+        *numbers[:-2],
         record.departure_side,
-        numbers[-1],
+        numbers[-2],
         _now(),
+        int(record.attempts),
+        record.worker,
+        numbers[-1],
     )
 
 
