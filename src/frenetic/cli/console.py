@@ -1,0 +1,184 @@
+"""What is printed: results on stdout, progress and mistakes on stderr."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn, TextIO
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from frenetic.durations import format_duration
+
+if TYPE_CHECKING:
+    from frenetic.campaign import Progress, TestRecord
+    from frenetic.oracle import Result
+
+ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
+PLAIN_INTERVAL = 5.0  # s between two lines of progress where there is no terminal
+
+
+def fail(message: str) -> NoReturn:
+    """Ends the program with one line about a mistake of the user."""
+    complain(message)
+    sys.exit(2)
+
+
+def complain(message: str) -> None:
+    """Prints one line about a mistake of the user to stderr."""
+    click.echo(f"frenetic: {' '.join(message.split())}", err=True)
+
+
+class Results(Console):
+    """The console for results: as wide as needed where they go into a file or a pipe."""
+
+    def __init__(self) -> None:
+        super().__init__(highlight=False, width=None if sys.stdout.isatty() else 120)
+
+    def on_broken_pipe(self) -> None:
+        """Leaves it to `main`."""
+        raise BrokenPipeError
+
+
+class Log(Console):
+    """The console for what is going on; a campaign goes on when nobody reads it any more."""
+
+    def __init__(self) -> None:
+        super().__init__(stderr=True, highlight=False, soft_wrap=True)
+
+    def on_broken_pipe(self) -> None:
+        """Falls silent."""
+        self.quiet = True
+        silence(sys.stderr)
+
+
+def silence(stream: TextIO) -> None:
+    """Lets a stream that nobody reads lead nowhere, so that nothing fails at exit either."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
+
+
+@contextmanager
+def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
+    """Says that the simulator is being compiled, unless what it gives is called soon."""
+    text = "Compiling the simulator; this happens once, takes about 20 s and is cached."
+    timer = threading.Timer(ANNOUNCE_AFTER, log.print, [text])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield timer.cancel
+    finally:
+        timer.cancel()
+
+
+def progress_text(progress: Progress) -> str:
+    """How a search goes, in one line."""
+    least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
+    left = progress.seconds_left
+    return (
+        f"tests {progress.tests}, invalid {progress.invalid}, failures {progress.failed},"
+        f" best MOOBD {least}, {progress.tests_per_second:.0f} tests/s,"
+        f" {'?' if left is None else format_duration(left)} left"
+    )
+
+
+@contextmanager
+def live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
+    """Shows progress: a bar on a terminal, now and then a plain line elsewhere."""
+    if log.is_terminal:
+        from rich.live import Live
+        from rich.progress_bar import ProgressBar
+
+        bar = ProgressBar(total=1.0, width=40)
+        with Live(console=log, refresh_per_second=8, transient=True) as live:
+
+            def update(progress: Progress) -> None:
+                bar.update(progress.budget_spent)
+                lines = Table.grid()
+                lines.add_row(bar)
+                lines.add_row(progress_text(progress))
+                live.update(lines)
+
+            yield update
+        return
+    last: float | None = None
+
+    def line(progress: Progress) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if last is None:
+            last = now  # the first test: nothing to tell yet
+        elif now - last >= PLAIN_INTERVAL:
+            last = now
+            log.print(progress_text(progress))
+
+    yield line
+
+
+def print_failures(listed: Sequence[TestRecord]) -> None:
+    """Prints a table of failures."""
+    table = Table(
+        title="The most severe and most different failures",
+        title_justify="left",
+        title_style="bold",
+        box=None,
+        pad_edge=False,
+    )
+    for column in ("test", "MOOBD (m)", "left on", "after (m)", "of (m)", "origin"):
+        table.add_column(column, justify="left" if column in ("left on", "origin") else "right")
+    for record in listed:
+        candidate = record.candidate
+        place = record.departure_distance
+        table.add_row(
+            str(candidate.id),
+            "-" if record.moobd is None else f"{record.moobd:.2f}",
+            record.departure_side or "-",
+            "-" if place is None else f"{place:.0f}",
+            f"{(len(candidate.curvatures) - 1) * candidate.step:.0f}",
+            candidate.origin.operator,
+        )
+    Results().print(table)
+
+
+def facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[tuple[str, str]]:
+    """What there is to say of a drive, fresh or recorded."""
+    facts = []
+    if result.moobd is not None and result.moobd_distance is not None:
+        facts += [
+            ("MOOBD", f"{result.moobd:.3f} m, at {result.moobd_distance:.1f} m"),
+            ("oob share", f"{result.max_oob_share:.0%} at most"),
+        ]
+    if duration is not None:
+        facts.append(("time", f"{duration:.2f} s"))
+    place = result.departure
+    if place is not None:
+        facts.append(
+            (
+                "left lane",
+                f"to the {place.side} after {place.distance:.1f} m and {place.time:.2f} s,"
+                f" at ({place.x:.1f}, {place.y:.1f})",
+            )
+        )
+    return facts
+
+
+def print_facts(facts: Sequence[tuple[str, str]]) -> None:
+    """Prints names and values, one pair a line."""
+    for name, value in facts:
+        click.echo(f"{name:<11}{value}")
+
+
+def shell(path: Path) -> str:
+    """A path as it can be pasted into a shell."""
+    import shlex
+
+    text = str(path)
+    return f'"{text}"' if sys.platform == "win32" and " " in text else shlex.quote(text)

@@ -1,0 +1,37 @@
+"""The commands that list what there is: drivers, strategies, simulators."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import click
+from rich.table import Table
+
+from frenetic.cli.console import Results
+from frenetic.cli.options import json_option
+from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES, Registry
+
+
+def _listing(name: str, registry: Registry, summary: str) -> click.Command:
+    @click.command(name, short_help=summary, help=f"{summary} Others are installed as packages.")
+    @json_option
+    def listing(as_json: bool) -> None:
+        entries = registry.entries()
+        if as_json:
+            click.echo(json.dumps([asdict(entry) for entry in entries]))
+            return
+        table = Table(box=None, pad_edge=False)
+        for column in ("name", "from", "what it is"):
+            table.add_column(column, overflow="fold")
+        for entry in entries:
+            table.add_row(entry.name, entry.origin, entry.summary or entry.target)
+        Results().print(table)
+        click.echo(f"Your own: package.module:Class or path/to/file.py:Class as --{registry.kind}.")
+
+    return listing
+
+
+drivers = _listing("drivers", DRIVERS, "List the drivers, the systems under test.")
+strategies = _listing("strategies", STRATEGIES, "List the search strategies.")
+simulators = _listing("simulators", SIMULATORS, "List the simulators.")
