@@ -162,7 +162,7 @@ def test_store(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
 
 def record(driven: Driven, candidate: Candidate, number: int) -> TestRecord:
     tested = tester.Tested(driven.result, driven.road.pose, driven.drive.trajectory)
-    return tested.record(candidate, number, 0.5, 0.001)
+    return tested.record(candidate, told=number, budget_spent=0.5, seconds=0.001)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])

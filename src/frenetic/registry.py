@@ -144,7 +144,7 @@ class Registry:
         place, _, attribute = target.rpartition(":")
         try:
             if place.endswith(".py"):
-                module = _load_file(place)
+                module = load_user_file(place)
             elif own:
                 module = _load_own_module(place)
             else:
@@ -189,7 +189,21 @@ def _load_own_module(name: str) -> Any:
     return importlib.import_module(name)
 
 
-def _load_file(name: str) -> Any:
+def user_files() -> list[str]:
+    """The files of users' own modules that this process has loaded."""
+    return [
+        module.__file__
+        for name, module in sys.modules.items()
+        if name.startswith(USER_MODULE) and module.__file__ is not None
+    ]
+
+
+def load_user_file(name: str) -> Any:
+    """The module in a user's file; loaded once, under the same name in every process.
+
+    Raises:
+        FreneticError: there is no such file, or it is no Python.
+    """
     path = Path(name).expanduser()
     if not path.is_file():
         raise FreneticError(f"there is no file {name!r}")

@@ -110,7 +110,7 @@ def test_campaign_of_errors_gives_up_and_keeps_what_it_has(tmp_path: Path) -> No
 def test_campaign_that_only_proposes_refused_roads_gives_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.campaign.campaign.MAX_INVALID_IN_A_ROW", 25)
+    monkeypatch.setattr("frenetic.campaign.dispatch.MAX_INVALID_IN_A_ROW", 25)
     with pytest.raises(CampaignError, match=r"last 25 roads were refused.*self-intersecting"):
         campaign(tmp_path, Scripted(LOOP), Budget(simulations=1)).run()
 

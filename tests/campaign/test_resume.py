@@ -42,7 +42,7 @@ def contents(folder: Path) -> dict[str, list[tuple[object, ...]]]:
         columns = [
             row[1]
             for row in connection.execute("PRAGMA table_info(test)")
-            if row[1] not in ("seconds", "finished_at")
+            if row[1] not in ("seconds", "finished_at", "elapsed", "worker")
         ]
         queries = {
             "candidate": "SELECT * FROM candidate ORDER BY id",

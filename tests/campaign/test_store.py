@@ -240,7 +240,9 @@ def test_counts(store: CampaignStore) -> None:
         Outcome.FAIL: 2,
         Outcome.INVALID: 3,
         Outcome.ERROR: 2,
+        Outcome.DROPPED: 0,
     }
+    assert (counts.tests, counts.simulations) == (10, 7)
     assert counts.lowest_moobd == min(r.moobd for r in store.tests() if r.moobd is not None)
 
 

@@ -1,11 +1,13 @@
 """One search with its budget, on disk."""
 
 from frenetic.campaign.budget import Budget
-from frenetic.campaign.campaign import Campaign, Progress, Summary, new_folder
+from frenetic.campaign.campaign import LOOKAHEAD, Campaign, new_folder
+from frenetic.campaign.progress import Progress, Summary
 from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.campaign.tester import RoadTester
 
 __all__ = [
+    "LOOKAHEAD",
     "Budget",
     "Campaign",
     "CampaignStore",

@@ -3,106 +3,44 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
+import os
 import platform
 import sys
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, fields, is_dataclass
 from datetime import datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Final
-
-import numpy as np
+from typing import Any, Final
 
 from frenetic.campaign.budget import Budget
-from frenetic.campaign.interrupt import catch_interrupt
+from frenetic.campaign.dispatch import Dispatcher, Order
+from frenetic.campaign.interrupt import Interrupt, catch_interrupt
+from frenetic.campaign.log import CampaignLog, Event
+from frenetic.campaign.progress import Progress, Summary, Tally
+from frenetic.campaign.replay import replay
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.versions import package_versions
+from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
+from frenetic.compilation import compile_kernels
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError, describe_error
+from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.registry import USER_MODULE
 from frenetic.road import MAP_SIZE, MARGIN
-from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy
 from frenetic.simulators.simulator import Simulator
 
 CAMPAIGNS: Final = Path("campaigns")
 """Where campaigns go that are given no folder."""
-MAX_ERRORS_IN_A_ROW: Final = 10
-"""Drives that may break one after the other before a campaign gives up."""
-MAX_INVALID_IN_A_ROW: Final = 5_000
-"""Refused roads one after the other after which a campaign gives up."""
-
-PACKAGES: Final = ("frenetic-roads", "numpy", "numba", "scipy")
-"""Distributions whose versions a campaign records: its results depend on them."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a campaign has come."""
-
-    invalid: int = 0
-    passed: int = 0
-    failed: int = 0
-    errors: int = 0
-    min_moobd: float | None = None
-    """m, of all drives so far."""
-    seconds: float = 0.0
-    """Of wall time since the start."""
-    budget_spent: float = 0.0
-    """0..1."""
-
-    @property
-    def simulations(self) -> int:
-        """Drives, broken ones included."""
-        return self.passed + self.failed + self.errors
-
-    @property
-    def tests(self) -> int:
-        """Road tests, refused ones included."""
-        return self.simulations + self.invalid
-
-    @property
-    def tests_per_second(self) -> float:
-        """Road tests per second of wall time."""
-        return self.tests / self.seconds if self.seconds > 0.0 else 0.0
-
-    @property
-    def seconds_left(self) -> float | None:
-        """Estimated from the share of the budget that is spent; None while nothing is."""
-        if self.budget_spent <= 0.0:
-            return None
-        return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
-
-
-@dataclass(frozen=True)
-class Summary(Progress):
-    """What a campaign ended with."""
-
-    seed: int | None = None
-    folder: Path = field(default_factory=Path)
-    interrupted: bool = False
-    """Whether it was stopped before its budget was spent."""
-
-    def as_json(self) -> dict[str, JSONValue]:
-        """The summary as one JSON object."""
-        return {
-            "simulations": self.simulations,
-            "invalid": self.invalid,
-            "passed": self.passed,
-            "failed": self.failed,
-            "errors": self.errors,
-            "min_moobd": self.min_moobd,
-            "seconds": round(self.seconds, 3),
-            "tests_per_second": round(self.tests_per_second, 1),
-            "seed": self.seed,
-            "interrupted": self.interrupted,
-            "folder": str(self.folder),
-        }
+LOOKAHEAD: Final = 16
+"""Candidates outstanding at once in an ordered campaign."""
+_START_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
 def new_folder(parent: Path = CAMPAIGNS) -> Path:
@@ -114,17 +52,6 @@ def new_folder(parent: Path = CAMPAIGNS) -> Path:
             break
         folder = parent / f"{stamp}-{number}"
     return folder
-
-
-def package_versions() -> dict[str, str]:
-    """Versions of Python and of what a campaign's results depend on."""
-    versions = {"python": platform.python_version()}
-    for name in PACKAGES:
-        try:
-            versions[name] = version(name)
-        except PackageNotFoundError:
-            versions[name] = "unknown"
-    return versions
 
 
 def describe(part: object) -> dict[str, JSONValue]:
@@ -163,39 +90,6 @@ def _plain(value: object) -> JSONValue:
     return repr(value)[:200]
 
 
-class _Progressing:
-    """How far a campaign has come, as it goes."""
-
-    def __init__(self) -> None:
-        self.counts = dict.fromkeys(Outcome, 0)
-        self.told = 0
-        self.min_moobd: float | None = None
-        self.seconds = 0.0  # spent before this process went on
-        self.budget_spent = 0.0
-        self.outstanding: deque[Candidate] = deque()  # asked, not told
-
-    @property
-    def simulations(self) -> int:
-        return self.told - self.counts[Outcome.INVALID]
-
-    def count(self, outcome: Outcome, moobd: float | None) -> None:
-        self.counts[outcome] += 1
-        self.told += 1
-        if moobd is not None:
-            self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
-
-    def progress(self, seconds: float) -> Progress:
-        return Progress(
-            invalid=self.counts[Outcome.INVALID],
-            passed=self.counts[Outcome.PASS],
-            failed=self.counts[Outcome.FAIL],
-            errors=self.counts[Outcome.ERROR],
-            min_moobd=self.min_moobd,
-            seconds=seconds,
-            budget_spent=self.budget_spent,
-        )
-
-
 class Campaign:
     """One search with its budget.
 
@@ -208,7 +102,22 @@ class Campaign:
         map_size: m, side of the square map into which roads are fitted; by default the strategy's.
         margin: m that a road's centre line keeps from the map's edge.
         lane_width: m, of each of the two lanes.
+        workers: how many roads are driven at once. 1 drives them in this process; more are
+            processes on this machine, into which driver and simulator are copied.
+        cluster: address of a Dask scheduler whose workers drive, in place of `workers`; see
+            `frenetic.campaign.workers.cluster`.
+        ordered: whether results are told in the order of asking, with `lookahead` candidates
+            outstanding at once. The campaign then depends on the seed, but not on the number and
+            speed of the workers. Otherwise the strategy is asked for as many candidates as there
+            are free workers and told as results come; with one worker that is one by one.
+        lookahead: candidates outstanding at once in an ordered campaign; more workers than that are
+            of no use to it.
+        drive_limit: s of wall time after which a worker that tests one road is taken to hang; by
+            default half as long again as the simulator's own ``wall_limit``, and 10 s.
         description: what else to record as the campaign's configuration.
+
+    Raises:
+        ValueError: an option is out of range.
     """
 
     def __init__(
@@ -222,8 +131,22 @@ class Campaign:
         map_size: float | None = None,
         margin: float = MARGIN,
         lane_width: float = 4.0,
+        workers: int = 1,
+        cluster: str | None = None,
+        ordered: bool = False,
+        lookahead: int = LOOKAHEAD,
+        drive_limit: float | None = None,
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
+        for name, number in (("workers", workers), ("lookahead", lookahead)):
+            if isinstance(number, bool) or number != int(number) or number < 1:
+                raise ValueError(f"{name} is {number}: a whole number of at least 1 is needed")
+        if drive_limit is None:
+            drive_limit = 1.5 * getattr(simulator, "wall_limit", 60.0) + 10.0
+        if not drive_limit > 0.0:
+            raise ValueError(
+                f"drive_limit is {drive_limit}: a positive number of seconds is needed"
+            )
         options = getattr(strategy, "options", None)
         known = options if isinstance(options, Mapping) else {}
         theirs = known.get("map_size")
@@ -237,6 +160,10 @@ class Campaign:
         self.strategy = strategy
         self.tester = RoadTester(simulator, driver, map_size, margin, lane_width)
         self.budget = budget
+        self.workers = workers
+        self.cluster = cluster
+        self.order = Order(lookahead if ordered else None)
+        self.drive_limit = drive_limit
         self.folder = new_folder() if folder is None else Path(folder)
         self.seed: int | None = known.get("seed")
         self.started = False
@@ -256,6 +183,9 @@ class Campaign:
             "map_size": self.tester.map_size,
             "margin": self.tester.margin,
             "lane_width": self.tester.lane_width,
+            "workers": self.workers,
+            "cluster": self.cluster,
+            "lookahead": self.order.lookahead,
             "versions": package_versions(),
             **self.description,
         }
@@ -269,7 +199,9 @@ class Campaign:
     ) -> Summary:
         """Searches until the budget is spent or Ctrl-C is pressed, and stores every test.
 
-        The first Ctrl-C ends the campaign after the test at hand, the second at once.
+        At the first Ctrl-C nothing is asked any more and what runs is finished; the second ends the
+        campaign at once. Several workers may bring a few more results after a budget of time or
+        failures is spent, unless the campaign is ordered.
 
         Args:
             on_progress: called after every test.
@@ -278,12 +210,16 @@ class Campaign:
             on_interrupt: called at the first Ctrl-C.
 
         Raises:
-            CampaignError: the folder cannot be used or written, it holds a campaign already, or
-                nothing but broken drives or refused roads comes any more. What was stored stays.
+            CampaignError: the folder cannot be used or written, it holds a campaign already, no
+                worker can be started, or nothing but broken drives or refused roads comes any more.
+                What was stored stays.
         """
-        with CampaignStore.create(self.folder, self.configuration()) as store:
+        with ExitStack() as stack:
+            store = stack.enter_context(CampaignStore.create(self.folder, self.configuration()))
+            log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
-            return self._search(store, _Progressing(), on_progress, on_start, on_interrupt)
+            self._log_start(log, Event.STARTED, Tally())
+            return self._search(store, log, Tally(), {}, on_progress, on_start, on_interrupt)
 
     def resume(
         self,
@@ -308,11 +244,14 @@ class Campaign:
             CampaignError: there is no such campaign, another process writes it, it was made with
                 other parts, the strategy replays differently, or as for `run`.
         """
-        with CampaignStore.open(self.folder, readonly=False) as store:
+        with ExitStack() as stack:
+            store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
             self._require_same_parts(store.config)
-            state = self._replay(store)
+            tally, outstanding = replay(store, self.strategy, self.budget)
+            log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
-            return self._search(store, state, on_progress, on_start, on_interrupt)
+            self._log_start(log, Event.RESUMED, tally)
+            return self._search(store, log, tally, outstanding, on_progress, on_start, on_interrupt)
 
     def _require_same_parts(self, config: Mapping[str, JSONValue]) -> None:
         """Raises a `CampaignError` if a log was not made by parts like these."""
@@ -325,6 +264,7 @@ class Campaign:
             "map_size",
             "margin",
             "lane_width",
+            "lookahead",
         ):
             if ours[name] != config.get(name):
                 raise CampaignError(
@@ -332,91 +272,51 @@ class Campaign:
                     f" {json.dumps(config.get(name))[:300]}, not {json.dumps(ours[name])[:300]}"
                 )
 
-    def _replay(self, store: CampaignStore) -> _Progressing:
-        """Asks and tells the strategy what the log says; returns how far that brought it."""
-        state = _Progressing()
-        asked = store.candidates_with_place()
-        following = next(asked, None)
-        outstanding: dict[int, Candidate] = {}
-
-        def ask_until(told: int) -> None:
-            nonlocal following
-            while following is not None and following[1] <= told:
-                logged = following[0]
-                self._require_same_road(store, logged, self._ask())
-                outstanding[logged.id] = logged
-                following = next(asked, None)
-
-        for record in store.tests():
-            ask_until(state.told)
-            candidate = outstanding.pop(record.candidate.id, None)
-            if candidate is None:
-                raise CampaignError(
-                    f"{self.folder} is damaged: candidate {record.candidate.id} was told before it"
-                    " was asked"
-                )
-            evaluation = Evaluation(candidate, record.outcome, record.moobd, record.budget_spent)
-            self._tell(evaluation)
-            state.count(record.outcome, record.moobd)
-            state.seconds += record.seconds
-        ask_until(state.told)
-        state.outstanding.extend(outstanding.values())
-        state.budget_spent = self.budget.spent(
-            state.simulations, state.seconds, state.counts[Outcome.FAIL]
-        )
-        return state
-
-    def _require_same_road(
-        self, store: CampaignStore, logged: Candidate, proposed: Candidate
-    ) -> None:
-        same = (
-            proposed.id == logged.id
-            and proposed.step == logged.step
-            and proposed.origin == logged.origin
-            and np.array_equal(proposed.curvatures, logged.curvatures)
-        )
-        if same:
-            return
-        theirs = store.config.get("versions")
-        ours = package_versions()
-        differing = (
-            [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
-            if isinstance(theirs, Mapping)
-            else []
-        )
-        raise CampaignError(
-            f"{self.folder} cannot be resumed: the strategy now proposes another road as candidate"
-            f" {logged.id} than it did; "
-            + (f"versions differ: {', '.join(differing)}" if differing else "was it changed?")
-        )
-
     def _search(
         self,
         store: CampaignStore,
-        state: _Progressing,
+        log: CampaignLog,
+        tally: Tally,
+        outstanding: dict[int, Candidate],
         on_progress: Callable[[Progress], None] | None,
         on_start: Callable[[], None] | None,
         on_interrupt: Callable[[], None] | None,
     ) -> Summary:
         """Tests until the budget is spent; the rest of `run` and `resume`."""
         interrupted = False
-        start = time.perf_counter() - state.seconds
+        start = time.perf_counter() - tally.seconds
         try:
-            with catch_interrupt(on_interrupt) as interrupt, self.tester.simulator:
-                if on_start is not None:
-                    on_start()
-                start = time.perf_counter() - state.seconds
-                for progress in self._tests(store, state, start):
-                    if on_progress is not None:
-                        on_progress(progress)
-                    if interrupt.requested and state.budget_spent < 1.0:
-                        interrupted = True
-                        break
+            with _logging_to(log), catch_interrupt(on_interrupt) as interrupt:
+                with self._workers(log) as workers:
+                    if not isinstance(workers, ThisProcess):
+                        compile_kernels()  # which the strategy needs here, while they start
+                    _await_start(workers, interrupt)
+                    if on_start is not None:
+                        on_start()
+                    start = time.perf_counter() - tally.seconds
+                    dispatcher = Dispatcher(
+                        strategy=self.strategy,
+                        workers=workers,
+                        store=store,
+                        log=log,
+                        budget=self.budget,
+                        order=self.order,
+                        interrupt=interrupt,
+                        tally=tally,
+                        outstanding=outstanding,
+                    )
+                    for progress in dispatcher.tests():
+                        if on_progress is not None:
+                            on_progress(progress)
+                interrupted = interrupt.requested and tally.budget_spent < 1.0
         except (KeyboardInterrupt, SystemError) as error:
             # Raised while compiled code returns, an interrupt arrives as its SystemError.
             if not isinstance(error.__cause__ or error, KeyboardInterrupt):
                 raise
             interrupted = True
+        except CampaignError as error:
+            log.write(Event.GAVE_UP, str(error), level="error")
+            raise
         # What is stored counts, also when an interrupt came between storing and counting.
         stored = store.counts()
         summary = Summary(
@@ -424,9 +324,10 @@ class Campaign:
             passed=stored.by_outcome[Outcome.PASS],
             failed=stored.by_outcome[Outcome.FAIL],
             errors=stored.by_outcome[Outcome.ERROR],
+            dropped=stored.by_outcome[Outcome.DROPPED],
             min_moobd=stored.lowest_moobd,
             seconds=time.perf_counter() - start,
-            budget_spent=state.budget_spent,
+            budget_spent=tally.budget_spent,
             seed=self.seed,
             folder=self.folder,
             interrupted=interrupted,
@@ -436,61 +337,57 @@ class Campaign:
             interrupted=interrupted,
             budget=asdict(self.budget),
         )
+        log.progress(summary, force=True)
+        fields: dict[str, Any] = summary.as_json()
+        log.write(
+            Event.INTERRUPTED if interrupted else Event.FINISHED,
+            f"{summary.simulations} simulations, {summary.failed} failures",
+            **fields,
+        )
         return summary
 
-    def _ask(self) -> Candidate:
-        try:
-            candidate = self.strategy.ask()
-        except Exception as error:
-            raise CampaignError(f"the strategy raised {describe_error(error)}") from error
-        if not isinstance(candidate, Candidate):
-            raise CampaignError(
-                f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
-            )
-        if not (np.isfinite(candidate.curvatures).all() and np.isfinite(candidate.step)):
-            raise CampaignError(
-                f"the strategy proposed candidate {candidate.id} with values that are not finite"
-            )
-        return candidate
+    def _workers(self, log: CampaignLog) -> Workers:
+        if self.cluster is not None:
+            from frenetic.campaign.workers.cluster import ClusterWorkers  # an optional extra
 
-    def _tell(self, evaluation: Evaluation) -> None:
-        try:
-            self.strategy.tell(evaluation)
-        except Exception as error:
-            raise CampaignError(f"the strategy raised {describe_error(error)}") from error
+            return ClusterWorkers(self.tester, self.cluster, drive_limit=self.drive_limit, log=log)
+        if self.workers == 1:
+            return ThisProcess(self.tester)
+        return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
 
-    def _tests(self, store: CampaignStore, state: _Progressing, start: float) -> Iterator[Progress]:
-        """Runs test after test; yields how far the campaign has come after each."""
-        broken = refused = 0
-        while state.budget_spent < 1.0:
-            before = time.perf_counter()
-            if state.outstanding:
-                candidate = state.outstanding.popleft()
-            else:
-                candidate = self._ask()
-                store.asked(candidate)
-            tested = self.tester.test(candidate)
-            result = tested.result
-            state.count(result.outcome, result.moobd)
-            now = time.perf_counter()
-            state.budget_spent = self.budget.spent(
-                state.simulations, now - start, state.counts[Outcome.FAIL]
-            )
-            store.told(tested.record(candidate, state.told, state.budget_spent, now - before))
-            self._tell(Evaluation(candidate, result.outcome, result.moobd, state.budget_spent))
-            yield state.progress(time.perf_counter() - start)
-            if result.outcome is Outcome.INVALID:
-                refused += 1
-            elif result.outcome is Outcome.ERROR:
-                broken, refused = broken + 1, 0
-            else:
-                broken = refused = 0
-            if broken >= MAX_ERRORS_IN_A_ROW:
-                raise CampaignError(
-                    f"the last {broken} drives broke, so the campaign gives up: {result.reason}"
-                )
-            if refused >= MAX_INVALID_IN_A_ROW:
-                raise CampaignError(
-                    f"the last {refused} roads were refused, so the campaign gives up:"
-                    f" {result.reason}; is a map of {self.tester.map_size:g} m too small?"
-                )
+    def _log_start(self, log: CampaignLog, event: Event, tally: Tally) -> None:
+        configuration = self.configuration()
+        fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
+        text = f"{event} after {tally.told} results" if tally.told else str(event)
+        log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
+
+
+_LOGGED: Final = (
+    "seed",
+    "strategy",
+    "driver",
+    "simulator",
+    "budget",
+    "workers",
+    "cluster",
+    "lookahead",
+    "versions",
+)
+"""What the log's first line says of the configuration."""
+
+
+@contextmanager
+def _logging_to(log: CampaignLog) -> Iterator[None]:
+    """Lets the library's messages go into the campaign's log, too."""
+    logger, handler = logging.getLogger("frenetic"), log.handler()
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+
+
+def _await_start(workers: Workers, interrupt: Interrupt) -> None:
+    """Waits until one worker is ready."""
+    while not workers.free and not interrupt.requested:
+        workers.wait(_START_POLL)

@@ -542,6 +542,21 @@ class CampaignStore:
             lowest_moobd=min(moobds, default=None),
         )
 
+    def elapsed(self) -> float:
+        """Return the s of the campaign's time that were spent when the last result was told."""
+        with _translated(self._path):
+            rows = self._connection.execute("SELECT seconds, elapsed FROM test ORDER BY told")
+            total = 0.0
+            for seconds, elapsed in rows:
+                name = "time that a test took"
+                # Logs of old versions know only what each test took.
+                total = (
+                    total + self._real(seconds, name)
+                    if elapsed is None
+                    else self._real(elapsed, name)
+                )
+        return total
+
     def close(self) -> None:
         """Write what is left to write and let go of the database; closing twice does no harm."""
         try:

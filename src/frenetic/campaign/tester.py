@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import logging
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from frenetic.campaign.store import TestRecord
+from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers.driver import Driver
 from frenetic.errors import RoadError, describe_error
 from frenetic.oracle import Result, judge
@@ -33,14 +34,32 @@ class Tested:
     pose: Pose | None
     """Where on the map the road starts; None if it fits nowhere."""
     trajectory: Trajectory | None
-    """None if nothing was driven."""
+    """None if nothing was driven, or if it is packed."""
+    packed: bytes | None = None
+    """The trajectory as `encode` gives it: small enough to travel between processes."""
+    simulator_broke: bool = False
+    """Whether it was the simulator that broke, so that another attempt may go better."""
+
+    def pack(self) -> Tested:
+        """The same with a packed trajectory."""
+        if self.trajectory is None:
+            return self
+        return replace(self, trajectory=None, packed=encode(self.trajectory))
 
     def record(
-        self, candidate: Candidate, told: int, budget_spent: float, seconds: float
+        self,
+        candidate: Candidate,
+        *,
+        told: int,
+        budget_spent: float,
+        seconds: float,
+        attempts: int = 1,
+        worker: str | None = None,
+        elapsed: float | None = None,
     ) -> TestRecord:
         """The test as a campaign keeps it; ``seconds`` of wall time were spent on it."""
         result, departure = self.result, self.result.departure
-        driven = self.trajectory is not None
+        driven = self.trajectory is not None or self.packed is not None
         return TestRecord(
             candidate=candidate,
             told=told,
@@ -58,6 +77,9 @@ class Tested:
             departure_y=departure.y if departure else None,
             departure_side=departure.side if departure else None,
             seconds=seconds,
+            attempts=attempts,
+            worker=worker,
+            elapsed=elapsed,
             trajectory=self.trajectory,
         )
 
@@ -91,21 +113,35 @@ class RoadTester:
         fitted, verdict = road.placed(self.map_size, self.margin)
         if fitted is None or not verdict.valid:
             return self._refused(verdict.message, fitted.pose if fitted else None)
-        drive = self.drive(fitted)
+        drive, broke = self._drive(fitted)
         # What a broken simulator recorded may be nothing that can be stored.
         whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
         trajectory = drive.trajectory if whole else None
-        return Tested(judge(fitted, drive), fitted.pose, trajectory)
+        return Tested(judge(fitted, drive), fitted.pose, trajectory, simulator_broke=broke)
 
     def drive(self, road: Road) -> Drive:
         """Drives a road as it is; a simulator that raises makes a drive with an error."""
+        return self._drive(road)[0]
+
+    def _drive(self, road: Road) -> tuple[Drive, bool]:
+        """The drive, and whether the simulator raised."""
         try:
-            return self.simulator.drive(road, self.driver)
+            return self.simulator.drive(road, self.driver), False
         except Exception as error:
             logger.debug("the simulator broke", exc_info=True)
             reason = f"the simulator raised {describe_error(error)}"
-            return Drive(Trajectory.empty(), self.simulator.car, self.simulator.rules, error=reason)
+            nothing = Trajectory.empty()
+            return Drive(nothing, self.simulator.car, self.simulator.rules, error=reason), True
 
     @staticmethod
     def _refused(reason: str, pose: Pose | None) -> Tested:
-        return Tested(Result(Outcome.INVALID, reason, None, None, None, 0.0, None), pose, None)
+        return Tested(_undriven(Outcome.INVALID, reason), pose, None)
+
+
+def untested(outcome: Outcome, reason: str) -> Tested:
+    """What is left of a candidate that was not tested: dropped, or lost in every attempt."""
+    return Tested(_undriven(outcome, reason), None, None)
+
+
+def _undriven(outcome: Outcome, reason: str) -> Result:
+    return Result(outcome, reason, None, None, None, 0.0, None)

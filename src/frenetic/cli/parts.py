@@ -22,10 +22,19 @@ LIMITS = ("speed_limit", "oob_tolerance", "wall_limit")
 
 
 def make_campaign(
-    command: Mapping[str, Any], seed: object, map_size: float, budget: Budget, folder: Path
+    command: Mapping[str, Any],
+    *,
+    seed: object,
+    map_size: float,
+    budget: Budget,
+    folder: Path,
+    lookahead: int | None,
+    workers: int,
+    cluster: str | None,
+    drive_limit: float | None,
 ) -> Campaign:
     """The campaign of a command line, as it was given or as a campaign has recorded it."""
-    from frenetic.campaign import Campaign
+    from frenetic.campaign import LOOKAHEAD, Campaign
 
     driver = make_driver(*(command[k] for k in ("driver", "driver_options", *LAYERS)))
     simulator = make_simulator(*(command[k] for k in ("simulator", "simulator_options", *LIMITS)))
@@ -43,6 +52,11 @@ def make_campaign(
             budget=budget,
             folder=folder,
             map_size=map_size,
+            workers=workers,
+            cluster=cluster,
+            ordered=lookahead is not None,
+            lookahead=lookahead or LOOKAHEAD,
+            drive_limit=drive_limit,
             description={"seed": seed, "command": dict(command)},  # type: ignore[dict-item]
         )
 

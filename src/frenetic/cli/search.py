@@ -6,7 +6,7 @@ import json
 import secrets
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
@@ -35,6 +35,36 @@ if TYPE_CHECKING:
 DEFAULT_SIMULATIONS = 1000
 
 
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def _worker_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options by which those who drive are chosen."""
+    options = [
+        click.option(
+            "--workers",
+            type=click.IntRange(1),
+            metavar="N",
+            help="Drive on N roads at once, in processes of their own. [default: the cores]",
+        ),
+        click.option(
+            "--cluster",
+            metavar="ADDRESS",
+            help="Drive on the workers of a running Dask cluster, such as tcp://10.0.0.1:8786.",
+        ),
+        click.option(
+            "--drive-limit",
+            type=Duration(),
+            help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit"
+            " and 10 s]",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 @click.command(short_help="Search for roads on which a driver fails.")
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
 @click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
@@ -54,6 +84,20 @@ DEFAULT_SIMULATIONS = 1000
     help="An option of the strategy, such as threshold=-0.2; may be repeated.",
 )
 @driver_options
+@_worker_options
+@click.option(
+    "--ordered/--unordered",
+    default=None,
+    help="Whether the results are used in the order of the proposals, so that a seed gives the same"
+    " campaign whatever the number of workers. [default: ordered if a seed is given]",
+)
+@click.option(
+    "--lookahead",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Propose N roads ahead in an ordered campaign; more workers are of no use then."
+    " [default: 16]",
+)
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @click.option(
     "--out",
@@ -79,6 +123,11 @@ def run(
     oob_tolerance: float,
     map_size: float,
     wall_limit: float,
+    workers: int | None,
+    cluster: str | None,
+    drive_limit: float | None,
+    ordered: bool | None,
+    lookahead: int | None,
     seed: int | None,
     out: Path | None,
     as_json: bool,
@@ -89,10 +138,13 @@ def run(
     campaigns/. The first of --simulations, --time and --failures that is reached ends the search;
     so does Ctrl-C, and nothing found is lost.
     """
-    from frenetic.campaign import Budget, new_folder
+    from frenetic.campaign import LOOKAHEAD, Budget, new_folder
 
     if simulations is None and seconds is None and failures is None:
         simulations = DEFAULT_SIMULATIONS
+    ordered = seed is not None if ordered is None else ordered
+    if lookahead is not None and not ordered:
+        raise click.UsageError("--lookahead is for an ordered campaign: add --ordered")
     seed = secrets.randbelow(2**31) if seed is None else seed
     with as_usage_error():
         budget = Budget(simulations=simulations, time=seconds, failures=failures)
@@ -111,7 +163,15 @@ def run(
         "wall_limit": wall_limit,
     }
     folder = new_folder() if out is None else out
-    campaign = make_campaign(command, seed, map_size, budget, folder)
+    campaign = make_campaign(
+        command,
+        seed=seed,
+        map_size=map_size,
+        budget=budget,
+        folder=folder,
+        lookahead=(lookahead or LOOKAHEAD) if ordered else None,
+        **_crew(workers, cluster, drive_limit),
+    )
     text = f"Searching with {strategy} for roads on which {driver} fails, seed {seed}"
     _search(campaign, campaign.run, text, as_json, seed)
 
@@ -121,36 +181,40 @@ def run(
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
+@_worker_options
 @json_option
 def resume(
     campaign: Path,
     simulations: int | None,
     seconds: float | None,
     failures: int | None,
+    workers: int | None,
+    cluster: str | None,
+    drive_limit: float | None,
     as_json: bool,
 ) -> None:
     """Go on with the CAMPAIGN in a folder, whatever ended it: Ctrl-C, a crash, its budget.
 
     Its log is replayed to a fresh strategy, so that an interrupted campaign ends as it would have
-    without the interruption. With options, its budget becomes what is spent and so much more.
+    without the interruption, exactly so if it has one worker or is ordered and its budget counts
+    simulations or failures. With options, its budget becomes what is spent and so much more.
     """
     from frenetic.campaign import Budget, CampaignStore
     from frenetic.outcome import Outcome
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
-        spent = sum(record.seconds for record in store.tests())
+        spent = store.elapsed()
     command = config.get("command")
     if not isinstance(command, Mapping):
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )
-    number = counts.by_outcome
     given = {"simulations": simulations, "time": seconds, "failures": failures}
     done: dict[str, Any] = {
-        "simulations": counts.told - number[Outcome.INVALID],
+        "simulations": counts.simulations,
         "time": spent,
-        "failures": number[Outcome.FAIL],
+        "failures": counts.by_outcome[Outcome.FAIL],
     }
     with as_usage_error():
         for name, more in given.items():
@@ -167,9 +231,30 @@ def resume(
                 " --time or --failures"
             )
     map_size: Any = config.get("map_size")
-    the_campaign = make_campaign(command, config.get("seed"), map_size, budget, campaign)
-    text = f"Going on after {counts.told} tests with {command['strategy']}"
+    lookahead: Any = config.get("lookahead")
+    the_campaign = make_campaign(
+        command,
+        seed=config.get("seed"),
+        map_size=map_size,
+        budget=budget,
+        folder=campaign,
+        lookahead=lookahead,
+        **_crew(workers, cluster, drive_limit),
+    )
+    text = f"Going on after {counts.tests} tests with {command['strategy']}"
     _search(the_campaign, the_campaign.resume, text, as_json, config.get("seed"))
+
+
+def _crew(workers: int | None, cluster: str | None, drive_limit: float | None) -> dict[str, Any]:
+    """Those who drive, as options of a campaign."""
+    from frenetic.campaign.workers import available_cores
+
+    if cluster is not None and workers is not None:
+        raise click.UsageError(
+            "--workers and --cluster exclude each other: the cluster has its own"
+        )
+    count = available_cores() if workers is None else workers
+    return {"workers": count, "cluster": cluster, "drive_limit": drive_limit}
 
 
 def _search(
@@ -194,7 +279,7 @@ def _search(
             log.print(f"{announcement}, results in {folder}", markup=False)
 
         def stopping() -> None:
-            log.print("Stopping after this test; press Ctrl-C again to leave at once.")
+            log.print("Finishing what runs; press Ctrl-C again to leave at once.")
 
         try:
             summary = search(show, on_start=started, on_interrupt=stopping)

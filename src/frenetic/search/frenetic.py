@@ -82,7 +82,8 @@ class Frenetic:
 
     When several candidates are outstanding, each decision follows from what has been told by then:
     a parent's next mutants may be asked before the earlier ones are told, and none is asked any
-    more once a failing one is told. Asked and told one by one, it is exactly Listing 1.
+    more once a failing one is told; those asked before are not wanted any more. Asked and told one
+    by one, it is exactly Listing 1.
 
     Our deviation, which ``max_redraws=0`` turns off: see `is_valid`.
 
@@ -197,6 +198,11 @@ class Frenetic:
             self._tests_since_crossover += 1
         if evaluation.moobd < self._threshold:
             self._remember(_Scored(evaluation.moobd, candidate.id, evaluation.outcome, candidate))
+
+    def is_wanted(self, candidate: Candidate) -> bool:
+        """Return whether no sibling has failed: a parent's mutants are tried until one fails."""
+        litter = self._litters.get(candidate.id)
+        return litter is None or not litter.has_failed
 
     @property
     def _in_random_phase(self) -> bool:

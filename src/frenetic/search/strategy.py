@@ -21,8 +21,8 @@ class Strategy(Protocol):
       returns a candidate, if need be a random one.
     - Candidates have ids 1, 2, 3, .. in the order of asking. Their curvatures are read-only, finite
       and at least two, and are never changed after they were handed out.
-    - Each candidate is told exactly once, in any order, whatever its outcome: INVALID and ERROR are
-      told as well, with ``moobd=None``.
+    - Each candidate is told exactly once, in any order, whatever its outcome: INVALID, ERROR and
+      DROPPED are told as well, with ``moobd=None``.
     - The same constructor arguments (the seed among them) and the same sequence of asks and tells
       give the same candidates, bit for bit. This is how a campaign is resumed: what was asked and
       told is replayed to a fresh strategy. So a strategy draws from a generator of its own and
@@ -43,6 +43,22 @@ class Strategy(Protocol):
         Raises:
             ValueError: The candidate was never asked, or was told already; nothing has changed.
 
+        """
+        ...
+
+
+@runtime_checkable
+class SelectiveStrategy(Strategy, Protocol):
+    """A strategy that may lose interest in a candidate while others are driven.
+
+    A campaign asks before it has a candidate driven. One that is not wanted any more is told as
+    DROPPED and not driven; it costs no simulation.
+    """
+
+    def is_wanted(self, candidate: Candidate) -> bool:
+        """Return whether a candidate that was asked and not yet told is still worth a drive.
+
+        It changes nothing, follows from what was asked and told alone, and once False stays False.
         """
         ...
 

@@ -1,0 +1,429 @@
+"""A campaign's log: what happens, line by line, for people and programs alike.
+
+The log is the file `campaign.log` in the campaign's folder: UTF-8, one JSON object per line (JSON
+Lines), only ever appended to. So it can be followed from another machine through a network share,
+where a database that is being written must not be opened. Each line begins with the same four keys,
+and the fields of its event follow:
+
+| key | holds |
+| --- | --- |
+| time | when, UTC, ISO 8601 with milliseconds |
+| level | debug, info, warning or error |
+| event | one of `Event` |
+| message | what happened, in a sentence |
+
+``frenetic watch`` shows it in one screen; other questions are one line of a shell or of Python:
+``jq 'select(.level == "error")' campaign.log``, ``pandas.read_json(path, lines=True)``.
+
+The log stays small. Progress is written every 5 s, some 420 bytes and 85 more per worker: a night
+of 8 hours takes 3 MB with one worker, 6 MB with eight and 33 MB with 64. Of any other event, the
+first 1000 of its level are written and then one of 100, with a field ``count`` that says how many
+there have been in this process: so 100,000 failures take 0.5 MB instead of 25.
+
+The campaign is more important than its log: nothing here raises. While lines cannot be written,
+because the disk is full, say, they are lost; how many is told as soon as it can be written again.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+import logging
+import math
+import os
+import re
+import threading
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from enum import StrEnum
+from io import FileIO
+from itertools import islice
+from numbers import Integral, Real
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
+
+if TYPE_CHECKING:
+    from frenetic.campaign.progress import Progress
+    from frenetic.campaign.store import JSONValue
+
+Level: TypeAlias = Literal["debug", "info", "warning", "error"]
+WorkerStatus: TypeAlias = Literal["starting", "idle", "driving", "lost"]
+
+LOG: Final = "campaign.log"
+"""Name of the log in a campaign's folder."""
+PROGRESS_INTERVAL: Final = 5.0
+"""s between two lines of progress."""
+RETRY_INTERVAL: Final = 5.0
+"""s until a log that could not be written is tried again."""
+FIRST: Final = 1000
+"""So many lines of an event and level are written whatever comes."""
+THINNED: Final = 100
+"""One of so many is written from then on."""
+MAX_TEXT: Final = 4000
+"""Characters of a text; more are cut out of its middle."""
+MAX_ITEMS: Final = 1000
+"""Entries of a list or mapping."""
+MAX_DEPTH: Final = 6
+"""Lists and mappings within each other."""
+MAX_LINE: Final = 1 << 18
+"""Bytes of a line; the fields of a longer one are left out."""
+
+# What JSON leaves as it is, but a terminal or another reader may not: C1 controls, separators of
+# lines, marks that turn the direction of writing, half characters.
+_UNSAFE: Final = re.compile(
+    "[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
+)
+
+
+class Event(StrEnum):
+    """What a line of the log tells, with the fields it comes with.
+
+    The last line of a campaign's process is one of FINISHED, INTERRUPTED and GAVE_UP; without any,
+    it still runs or was killed.
+    """
+
+    STARTED = "started"
+    """A campaign begins: strategy, driver, simulator, seed, budget, workers, process_id, host."""
+    RESUMED = "resumed"
+    """It goes on, in another process; fields as for STARTED."""
+    WORKER_STARTED = "worker_started"
+    """worker."""
+    WORKER_LOST = "worker_lost"
+    """worker, reason, and test if it was driving one."""
+    TEST_RETRIED = "test_retried"
+    """test, reason."""
+    TEST_ERROR = "test_error"
+    """An ERROR: test, reason."""
+    TEST_FAILED = "test_failed"
+    """A FAIL: test, moobd (m)."""
+    INTERRUPTED = "interrupted"
+    """Somebody stopped it before its budget was spent; the summary's fields."""
+    GAVE_UP = "gave_up"
+    """It cannot go on: reason, and the summary's fields."""
+    FINISHED = "finished"
+    """Its budget is spent; the summary's fields."""
+    PROGRESS = "progress"
+    """How far it has come, see `CampaignLog.progress`."""
+    LOG = "log"
+    """A record of Python's logging, or a word about this log itself: logger, traceback."""
+
+
+ENDINGS: Final = frozenset({Event.FINISHED, Event.INTERRUPTED, Event.GAVE_UP})
+"""What the last line of a campaign's process tells."""
+
+
+@dataclass(frozen=True)
+class WorkerState:
+    """What one worker does at the moment."""
+
+    name: str
+    state: WorkerStatus
+    tests: int
+    """Road tests it has done."""
+    seconds_in_state: float
+    """s since this state began."""
+
+
+class CampaignLog:
+    """The log in a campaign's folder, open for appending; a context manager that closes it.
+
+    May be used from several threads. In a process that was forked from the one that opened it, it
+    does nothing. Where a killed process has left half a line, the next one begins on a line of its
+    own.
+
+    Args:
+        folder: of the campaign. If it is not there, nothing is written until it is.
+        clock: s, monotonic; what intervals are measured by.
+    """
+
+    def __init__(self, folder: Path, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._path = Path(folder) / LOG
+        self._clock = clock
+        self._process = os.getpid()
+        # Reentrant: a handler of Ctrl-C may write while its thread is writing.
+        self._lock = threading.RLock()
+        self._file: FileIO | None = None
+        self._is_torn = False  # whether its last line has no end
+        self._is_closed = False
+        self._look_at = -math.inf  # when to look whether it is there and can be opened
+        self._progress_at = -math.inf
+        self._written: Counter[tuple[str, str]] = Counter()
+        self._lost = 0  # since the log could be written last
+        self._trouble = ""
+        self.lost_lines = 0
+        """How many lines could not be written since it was opened."""
+        self._is_there(urgent=True)
+
+    def write(
+        self, event: str, message: str, *, level: Level = "info", **fields: JSONValue
+    ) -> None:
+        """Writes a line, if it can be written and is not one of too many of its kind.
+
+        Args:
+            event: one of `Event`.
+            message: what happened, in a sentence.
+            level: how bad it is.
+            fields: of the event. Numbers that are not finite become null; whatever is no JSON
+                becomes a text.
+        """
+        if os.getpid() != self._process:
+            return
+        with self._lock:
+            self._written[event, level] += 1
+            count = self._written[event, level]
+            if count > FIRST and event != Event.PROGRESS:
+                if count % THINNED:
+                    return
+                fields["count"] = count
+            self._append(event, message, level, fields)
+            if count == FIRST and event != Event.PROGRESS:
+                note = f"from now on one of {THINNED} lines of {event} at this level is written"
+                self._append(Event.LOG, note, "info", {"logger": __name__})
+
+    def progress(
+        self,
+        progress: Progress,
+        *,
+        workers: Mapping[str, WorkerState] | None = None,
+        running: int = 0,
+        force: bool = False,
+    ) -> None:
+        """Writes how far the campaign has come, if `PROGRESS_INTERVAL` has passed since the last.
+
+        Args:
+            progress: of the campaign.
+            workers: what each of them does, by its name.
+            running: number of tests that are being driven.
+            force: writes it whenever it was written last.
+        """
+        now = self._clock()
+        if not force and now - self._progress_at < PROGRESS_INTERVAL:
+            return
+        self._progress_at = now
+        best = "" if progress.min_moobd is None else f", best MOOBD {progress.min_moobd:.2f} m"
+        self.write(
+            Event.PROGRESS,
+            f"{progress.tests} tests, {progress.failed} failures{best},"
+            f" {progress.budget_spent:.1%} of the budget spent",
+            tests=progress.tests,
+            simulations=progress.simulations,
+            passed=progress.passed,
+            failed=progress.failed,
+            invalid=progress.invalid,
+            errors=progress.errors,
+            dropped=progress.dropped,
+            min_moobd=progress.min_moobd,
+            seconds=round(progress.seconds, 3),
+            budget_spent=round(progress.budget_spent, 6),
+            tests_per_second=round(progress.tests_per_second, 3),
+            running=running,
+            workers=[
+                asdict(worker) | {"seconds_in_state": round(worker.seconds_in_state, 1)}
+                for worker in (workers or {}).values()
+            ],
+        )
+
+    def handler(self, level: int = logging.INFO) -> logging.Handler:
+        """A handler for the ``frenetic`` logger: writes its records as lines of their own.
+
+        Args:
+            level: of the least records that it takes. A logger that was told nothing sends it
+                warnings and errors only.
+        """
+        return _LogHandler(self, level)
+
+    def close(self) -> None:
+        """Writes no more. Does nothing when it is closed already."""
+        if os.getpid() != self._process:
+            return
+        with self._lock:
+            self._is_closed = True
+            self._drop_file()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _append(
+        self, event: str, message: str, level: Level, fields: Mapping[str, JSONValue]
+    ) -> None:
+        """Writes a line, after a word about those that were lost before it."""
+        if self._is_there(urgent=event in ENDINGS):
+            if self._lost:
+                note = f"{self._lost} lines are missing here, they could not be written"
+                missing = {"logger": __name__, "reason": self._trouble}
+                if self._put(_line(Event.LOG, note, "warning", missing)):
+                    self._lost = 0
+            if self._put(_line(event, message, level, fields)):
+                return
+        self._lost += 1
+        self.lost_lines += 1
+
+    def _put(self, line: bytes) -> bool:
+        """Writes a line with one call, so that lines never mix; whether that went well."""
+        file = self._file
+        if file is None:
+            return False
+        data = b"\n" + line if self._is_torn else line
+        try:
+            written = file.write(data)
+        except OSError as error:
+            self._give_way(error)
+            return False
+        except ValueError:  # closed meanwhile, by a handler of Ctrl-C that could not write either
+            return False
+        if written != len(data):
+            self._give_way(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+            return False
+        self._is_torn = False
+        return True
+
+    def _is_there(self, *, urgent: bool = False) -> bool:
+        """Whether the file is open, opened again if it is time to try that or urgent.
+
+        Somebody may have removed or replaced it: what is written to it then reaches nobody.
+        """
+        now = self._clock()
+        if self._is_closed:
+            return False
+        if now < self._look_at and not urgent:
+            return self._file is not None
+        self._look_at = now + RETRY_INTERVAL
+        try:
+            if self._file is None or not self._is_at_its_path(self._file):
+                self._drop_file()
+                self._file, self._is_torn = _open(self._path)
+        except OSError as error:
+            self._give_way(error)
+        return self._file is not None
+
+    def _is_at_its_path(self, file: FileIO) -> bool:
+        try:
+            return os.path.samestat(self._path.stat(), os.fstat(file.fileno()))
+        except FileNotFoundError:
+            return False
+
+    def _give_way(self, error: OSError) -> None:
+        """Leaves the file alone for a while."""
+        self._trouble = error.strerror or str(error)
+        self._look_at = self._clock() + RETRY_INTERVAL
+        self._drop_file()
+
+    def _drop_file(self) -> None:
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()
+            self._file = None
+
+
+class _LogHandler(logging.Handler):
+    """Writes records of Python's logging to a campaign's log."""
+
+    def __init__(self, log: CampaignLog, level: int) -> None:
+        super().__init__(level)
+        self._log = log
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Writes a record, with its traceback if it has one."""
+        try:
+            text = record.getMessage()
+        except Exception:  # arguments that do not fit the message
+            text = str(record.msg)
+        fields: dict[str, JSONValue] = {"logger": record.name}
+        if record.exc_info and record.exc_info[0] is not None:
+            fields["traceback"] = "".join(traceback.format_exception(*record.exc_info))
+        self._log.write(Event.LOG, text, level=_level(record.levelno), **fields)
+
+
+def _level(number: int) -> Level:
+    """The log's word for a level of Python's logging."""
+    if number >= logging.ERROR:
+        return "error"
+    if number >= logging.WARNING:
+        return "warning"
+    return "info" if number >= logging.INFO else "debug"
+
+
+def _open(path: Path) -> tuple[FileIO, bool]:
+    """The file, open for appending, and whether its last line has no end."""
+    file = FileIO(path, "a+")
+    try:
+        if file.seek(0, os.SEEK_END) == 0:
+            return file, False
+        file.seek(-1, os.SEEK_END)
+        return file, file.read(1) != b"\n"
+    except OSError:
+        file.close()
+        raise
+
+
+def _line(event: str, message: str, level: Level, fields: Mapping[str, JSONValue]) -> bytes:
+    """A line as it is written, its end included."""
+    record: dict[str, JSONValue] = {
+        "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        "level": level,
+        "event": _cut(event),
+        "message": _cut(" ".join(message.split())),
+    }
+    # A field's name cannot replace one of the first keys.
+    plain = {f"{k}_" if k in record else _cut(k): _plain(v, 0) for k, v in fields.items()}
+    line = _encode(record | plain)
+    if len(line) > MAX_LINE:
+        line = _encode(record | {"left_out": sorted(plain)[:MAX_ITEMS]})
+    return line
+
+
+def _encode(record: Mapping[str, JSONValue]) -> bytes:
+    text = json.dumps(record, ensure_ascii=False, allow_nan=False)
+    return _UNSAFE.sub(_escaped, text).encode() + b"\n"
+
+
+def _escaped(match: re.Match[str]) -> str:
+    """An unsafe character as JSON escapes it; half a character becomes the mark for that."""
+    code = ord(match[0])
+    return "\\ufffd" if 0xD800 <= code < 0xE000 else f"\\u{code:04x}"
+
+
+def _plain(value: object, depth: int) -> JSONValue:
+    """A value as JSON with finite numbers, or else what it looks like."""
+    try:
+        match value:
+            case None | bool():
+                return value
+            case str():
+                return _cut(value)
+            case Integral():
+                # Readers hold whole numbers in 64 bits.
+                number = int(value)
+                return number if number.bit_length() < 64 else _cut(hex(number))
+            case Real():
+                return float(value) if math.isfinite(value) else None
+            case Mapping() if depth < MAX_DEPTH:
+                entries = islice(value.items(), MAX_ITEMS)
+                return {_cut(str(key)): _plain(item, depth + 1) for key, item in entries}
+            case list() | tuple() if depth < MAX_DEPTH:
+                return [_plain(item, depth + 1) for item in islice(value, MAX_ITEMS)]
+            case Path():
+                return _cut(str(value))
+        return _cut(repr(value))
+    except Exception:  # whatever somebody's class does when it is looked at
+        return f"<{type(value).__name__}>"
+
+
+def _cut(text: str) -> str:
+    """A text of a length that a line can hold, its beginning and end."""
+    half = MAX_TEXT // 2
+    return text if len(text) <= MAX_TEXT else f"{text[:half]} ... {text[-half:]}"

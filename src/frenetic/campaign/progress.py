@@ -1,0 +1,119 @@
+"""How far a campaign has come, and what it ended with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from frenetic.campaign.store import JSONValue
+from frenetic.outcome import Outcome
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a campaign has come."""
+
+    invalid: int = 0
+    passed: int = 0
+    failed: int = 0
+    errors: int = 0
+    dropped: int = 0
+    """Candidates in which the strategy lost interest before they were driven."""
+    min_moobd: float | None = None
+    """m, of all drives so far."""
+    seconds: float = 0.0
+    """Of wall time since the start."""
+    budget_spent: float = 0.0
+    """0..1."""
+
+    @property
+    def simulations(self) -> int:
+        """Drives, broken ones included."""
+        return self.passed + self.failed + self.errors
+
+    @property
+    def tests(self) -> int:
+        """Road tests, refused ones included, dropped ones not."""
+        return self.simulations + self.invalid
+
+    @property
+    def tests_per_second(self) -> float:
+        """Road tests per second of wall time."""
+        return self.tests / self.seconds if self.seconds > 0.0 else 0.0
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Estimated from the share of the budget that is spent; None while nothing is."""
+        if self.budget_spent <= 0.0:
+            return None
+        return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
+
+
+@dataclass(frozen=True)
+class Summary(Progress):
+    """What a campaign ended with."""
+
+    seed: int | None = None
+    folder: Path = field(default_factory=Path)
+    interrupted: bool = False
+    """Whether it was stopped before its budget was spent."""
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The summary as one JSON object."""
+        return {
+            "simulations": self.simulations,
+            "invalid": self.invalid,
+            "passed": self.passed,
+            "failed": self.failed,
+            "errors": self.errors,
+            "dropped": self.dropped,
+            "min_moobd": self.min_moobd,
+            "seconds": round(self.seconds, 3),
+            "tests_per_second": round(self.tests_per_second, 1),
+            "seed": self.seed,
+            "interrupted": self.interrupted,
+            "folder": str(self.folder),
+        }
+
+
+class Tally:
+    """Counts the results of a campaign as they come."""
+
+    def __init__(self) -> None:
+        self.counts = dict.fromkeys(Outcome, 0)
+        self.told = 0
+        """Results told, dropped candidates included."""
+        self.min_moobd: float | None = None
+        self.seconds = 0.0
+        """Spent before this process went on."""
+        self.budget_spent = 0.0
+
+    @property
+    def simulations(self) -> int:
+        """Drives, broken ones included."""
+        return self.told - self.counts[Outcome.INVALID] - self.counts[Outcome.DROPPED]
+
+    @property
+    def failures(self) -> int:
+        """FAIL outcomes."""
+        return self.counts[Outcome.FAIL]
+
+    def count(self, outcome: Outcome, moobd: float | None) -> None:
+        """Takes one more result into account."""
+        self.counts[outcome] += 1
+        self.told += 1
+        if moobd is not None:
+            self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
+
+    def progress(self, seconds: float) -> Progress:
+        """How far that is, ``seconds`` after the start."""
+        return Progress(
+            invalid=self.counts[Outcome.INVALID],
+            passed=self.counts[Outcome.PASS],
+            failed=self.counts[Outcome.FAIL],
+            errors=self.counts[Outcome.ERROR],
+            dropped=self.counts[Outcome.DROPPED],
+            min_moobd=self.min_moobd,
+            seconds=seconds,
+            budget_spent=self.budget_spent,
+        )

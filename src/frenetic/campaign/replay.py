@@ -1,0 +1,80 @@
+"""Bringing a fresh strategy to where a campaign's log ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from frenetic.campaign.budget import Budget
+from frenetic.campaign.dispatch import ask, tell
+from frenetic.campaign.progress import Tally
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.versions import package_versions
+from frenetic.errors import CampaignError
+from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.strategy import Strategy
+
+
+def replay(
+    store: CampaignStore, strategy: Strategy, budget: Budget
+) -> tuple[Tally, dict[int, Candidate]]:
+    """Asks and tells a fresh strategy what the log says, in the same order.
+
+    Returns:
+        How far that brought it, and the candidates that were asked but not told, by id in the order
+        of asking.
+
+    Raises:
+        CampaignError: the strategy proposes another road than it did, or the log is damaged.
+    """
+    tally = Tally()
+    asked = store.candidates_with_place()
+    following = next(asked, None)
+    outstanding: dict[int, Candidate] = {}
+
+    def ask_until(told: int) -> None:
+        nonlocal following
+        while following is not None and following[1] <= told:
+            logged = following[0]
+            _require_same_road(store, logged, ask(strategy))
+            outstanding[logged.id] = logged
+            following = next(asked, None)
+
+    for record in store.tests():
+        ask_until(tally.told)
+        candidate = outstanding.pop(record.candidate.id, None)
+        if candidate is None:
+            raise CampaignError(
+                f"{store.folder} is damaged: candidate {record.candidate.id} was told before it"
+                " was asked"
+            )
+        tell(strategy, Evaluation(candidate, record.outcome, record.moobd, record.budget_spent))
+        tally.count(record.outcome, record.moobd)
+        tally.seconds = record.elapsed or tally.seconds + record.seconds
+    ask_until(tally.told)
+    tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
+    return tally, outstanding
+
+
+def _require_same_road(store: CampaignStore, logged: Candidate, proposed: Candidate) -> None:
+    same = (
+        proposed.id == logged.id
+        and proposed.step == logged.step
+        and proposed.origin == logged.origin
+        and np.array_equal(proposed.curvatures, logged.curvatures)
+    )
+    if same:
+        return
+    theirs = store.config.get("versions")
+    ours = package_versions()
+    differing = (
+        [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
+        if isinstance(theirs, Mapping)
+        else []
+    )
+    raise CampaignError(
+        f"{store.folder} cannot be resumed: the strategy now proposes another road as candidate"
+        f" {logged.id} than it did; "
+        + (f"versions differ: {', '.join(differing)}" if differing else "was it changed?")
+    )

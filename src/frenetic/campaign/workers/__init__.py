@@ -1,0 +1,7 @@
+"""Those who test roads: this process, several local ones, or a Dask cluster."""
+
+from frenetic.campaign.workers.here import ThisProcess
+from frenetic.campaign.workers.processes import LocalWorkers
+from frenetic.campaign.workers.workers import Attempt, Workers, available_cores
+
+__all__ = ["Attempt", "LocalWorkers", "ThisProcess", "Workers", "available_cores"]
