@@ -5,6 +5,14 @@ from __future__ import annotations
 from frenetic.search.frenetic import Frenetic
 from frenetic.search.random_search import RandomSearch
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Strategy
+from frenetic.search.strategy import SelectiveStrategy, Strategy
 
-__all__ = ["Candidate", "Evaluation", "Frenetic", "Origin", "RandomSearch", "Strategy"]
+__all__ = [
+    "Candidate",
+    "Evaluation",
+    "Frenetic",
+    "Origin",
+    "RandomSearch",
+    "SelectiveStrategy",
+    "Strategy",
+]

@@ -10,6 +10,7 @@ import platform
 import signal
 import sys
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
@@ -41,6 +42,9 @@ START_LIMIT: Final = 600.0
 """s that a worker may take to start its simulator."""
 CLOSING_LIMIT: Final = 30.0
 """s that workers have to finish what they are at and to end their simulators."""
+PREFETCH_BELOW: Final = 0.02
+"""s: a worker whose tests take less gets the next candidate before it has finished one, since to
+fall asleep and wake up costs it more time than the test of a road that is a little better chosen."""
 MOST_ON_WINDOWS: Final = 60
 """Workers: its kernel waits for so many objects at once."""
 
@@ -81,11 +85,12 @@ class LocalWorkers:
         self._log = log
         self._context = _context()
         self._workers = [_Worker(f"worker {number}") for number in range(1, count + 1)]
+        self._backlog: deque[Candidate] = deque()  # of workers that were lost before they began
 
     @property
     def free(self) -> int:
         """How many candidates can be submitted now."""
-        return sum(worker.state == "idle" for worker in self._workers)
+        return max(0, sum(worker.room for worker in self._workers) - len(self._backlog))
 
     def states(self) -> Mapping[str, WorkerState]:
         """What each worker does at the moment, by its name."""
@@ -97,9 +102,12 @@ class LocalWorkers:
 
     def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker."""
-        worker = next(worker for worker in self._workers if worker.state == "idle")
-        worker.turn("driving", self._drive_limit)
-        worker.candidate_id = candidate.id
+        worker = min(
+            (worker for worker in self._workers if worker.room), key=lambda one: len(one.queue)
+        )
+        worker.queue.append(candidate)
+        if worker.state == "idle":
+            worker.turn("driving", self._drive_limit)
         with suppress(OSError):  # it has died: `wait` will find out
             worker.connection.send(candidate)
 
@@ -109,6 +117,8 @@ class LocalWorkers:
         Raises:
             CampaignError: there are no workers left and none can be started.
         """
+        while self._backlog and any(worker.room for worker in self._workers):
+            self.submit(self._backlog.popleft())
         watched: dict[object, _Worker] = {}
         deadline = time.monotonic() + timeout
         for worker in self._workers:
@@ -189,14 +199,14 @@ class LocalWorkers:
         match message:
             case Ready():
                 worker.failed_starts = 0
-                worker.turn("idle")
+                self._turn_to_next(worker)
                 self._log.write(Event.WORKER_STARTED, f"{worker.name} started", worker=worker.name)
             case Finished(candidate_id, seconds, tested):
-                worker.tests += 1
+                worker.finish(seconds)
                 if tested.simulator_broke:
                     worker.turn("starting", START_LIMIT)
                 else:
-                    worker.turn("idle")
+                    self._turn_to_next(worker)
                 return [Attempt(candidate_id, worker.name, seconds, tested)]
             case Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", worker.name, text)
@@ -206,6 +216,12 @@ class LocalWorkers:
                 return self._lost(worker, reason)
         return []
 
+    def _turn_to_next(self, worker: _Worker) -> None:
+        if worker.queue:
+            worker.turn("driving", self._drive_limit)
+        else:
+            worker.turn("idle")
+
     def _lost(self, worker: _Worker, reason: str) -> list[Attempt]:
         """Ends a worker and starts another in its place; returns the attempt that is lost."""
         attempts = []
@@ -213,14 +229,17 @@ class LocalWorkers:
         loss = f"{worker.name} was lost: {reason}"
         if worker.state == "driving":
             seconds = time.monotonic() - worker.since
-            attempts.append(Attempt(worker.candidate_id, worker.name, seconds, None, loss))
-            fields["test"] = worker.candidate_id
+            candidate_id = worker.queue.popleft().id
+            attempts.append(Attempt(candidate_id, worker.name, seconds, None, loss))
+            fields["test"] = candidate_id
             worker.failed_starts = 0
         else:
             worker.failed_starts += 1
         self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
         worker.end()
         worker.loss = reason
+        self._backlog.extend(worker.queue)
+        worker.queue.clear()
         if worker.failed_starts < STARTS:
             self._start(worker)
         else:
@@ -241,13 +260,28 @@ class _Worker:
         """When this state began."""
         self.limit = math.inf
         """When this state has lasted too long, on the monotonic clock."""
-        self.candidate_id = 0
-        """What it drives or drove last."""
+        self.queue: deque[Candidate] = deque()
+        """What it drives, and what it drives next."""
         self.tests = 0
+        self.pace = math.inf
+        """s that its tests take: the longest of late, forgotten slowly."""
         self.failed_starts = 0
         """In a row."""
         self.loss = ""
         """How its last process was lost."""
+
+    @property
+    def room(self) -> int:
+        """How many candidates it can take now."""
+        if self.state not in ("idle", "driving"):
+            return 0
+        return max(0, (2 if self.pace < PREFETCH_BELOW else 1) - len(self.queue))
+
+    def finish(self, seconds: float) -> None:
+        """Takes note that a test is done."""
+        self.queue.popleft()
+        self.tests += 1
+        self.pace = max(seconds, 0.9 * self.pace) if self.tests > 1 else seconds
 
     def begin(self, process: BaseProcess, connection: Connection) -> None:
         self.process, self.connection = process, connection

@@ -1,0 +1,133 @@
+"""What more workers bring, and what storing costs.
+
+    python benchmarks/workers.py
+    python benchmarks/workers.py --workers 1 2 4 8 --simulations 5000
+
+Campaigns of the same seed, one after the other in turns, with each number of workers: in one
+process for 1, in processes of their own otherwise. `random` proposes the same roads whatever the
+number of workers; `frenetic` is run ordered, so it does the same work, too. The time is that from
+the first worker's being ready to the last result; starting is given beside it.
+
+The second table is for one worker: the share of that time which is spent on storing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
+from frenetic.compilation import compile_kernels
+from frenetic.drivers import Planner
+from frenetic.registry import STRATEGIES
+from frenetic.simulators import EmbeddedSimulator
+
+SEED = 2021
+STRATEGIES_MEASURED = ("random", "frenetic")
+
+R = TypeVar("R")
+
+
+class Measured(NamedTuple):
+    tests: int
+    seconds: float
+    """From the first ready worker to the last result."""
+    starting: float
+    """s before."""
+
+    @property
+    def rate(self) -> float:
+        return self.tests / self.seconds
+
+
+def measure(strategy: str, workers: int, simulations: int) -> Measured:
+    marks: list[float] = []
+    with tempfile.TemporaryDirectory() as folder:
+        campaign = Campaign(
+            strategy=STRATEGIES.make(strategy, seed=SEED),
+            simulator=EmbeddedSimulator(),
+            driver=Planner(),
+            budget=Budget(simulations=simulations),
+            folder=Path(folder) / "campaign",
+            workers=workers,
+            ordered=True,
+        )
+        last = 0.0
+
+        def note(_: Progress) -> None:
+            nonlocal last
+            last = time.perf_counter()
+
+        begin = time.perf_counter()
+        summary = campaign.run(note, on_start=lambda: marks.append(time.perf_counter()))
+    return Measured(summary.tests, last - marks[0], marks[0] - begin)
+
+
+class StoringTime:
+    """Adds up the time spent in the methods of a campaign's store that write."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def timed(self, method: Callable[..., R]) -> Callable[..., R]:
+        def call(*arguments: Any, **named: Any) -> R:
+            begin = time.perf_counter()
+            try:
+                return method(*arguments, **named)
+            finally:
+                self.seconds += time.perf_counter() - begin
+
+        return call
+
+
+def storing_share(strategy: str, simulations: int) -> float:
+    storing = StoringTime()
+    asked, told = CampaignStore.asked, CampaignStore.told
+    CampaignStore.asked = storing.timed(asked)  # type: ignore[method-assign]
+    CampaignStore.told = storing.timed(told)  # type: ignore[method-assign]
+    try:
+        measured = measure(strategy, 1, simulations)
+    finally:
+        CampaignStore.asked, CampaignStore.told = asked, told  # type: ignore[method-assign]
+    return storing.seconds / measured.seconds
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--simulations", type=int, default=3000)
+    parser.add_argument("--rounds", type=int, default=5)
+    options = parser.parse_args()
+    compile_kernels()
+    print(
+        f"{'strategy':<10}{'workers':>8}{'tests/s, best':>15}{'ratio':>7}{'median':>9}{'ratio':>7}"
+        f"{'starting':>10}"
+    )
+    for strategy in STRATEGIES_MEASURED:
+        rounds = [
+            {n: measure(strategy, n, options.simulations) for n in options.workers}
+            for _ in range(options.rounds)
+        ]
+        first: tuple[float, float] | None = None
+        for n in options.workers:
+            rates = [results[n].rate for results in rounds]
+            best, median = max(rates), statistics.median(rates)
+            first = first or (best, median)
+            starting = min(results[n].starting for results in rounds)
+            print(
+                f"{strategy:<10}{n:>8}{best:>15.0f}{best / first[0]:>7.2f}{median:>9.0f}"
+                f"{median / first[1]:>7.2f}{starting:>8.2f} s"
+            )
+    print(f"\n{'strategy':<10}{'share of storing, one worker':>30}")
+    for strategy in STRATEGIES_MEASURED:
+        shares = [storing_share(strategy, options.simulations) for _ in range(options.rounds)]
+        print(f"{strategy:<10}{min(shares):>18.1%} to {max(shares):.1%}")
+
+
+if __name__ == "__main__":
+    main()
