@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from frenetic.errors import RoadError
+from frenetic.road import Road
 from frenetic.road.files import MAX_BYTES, read_road
+from frenetic.road.opendrive import to_opendrive
 
 
 def write(folder: Path, content: object) -> Path:
@@ -35,6 +37,44 @@ def test_points_as_a_competition_file_or_a_bare_list(tmp_path: Path, wrap: bool)
     loaded = read_road(write(tmp_path, content))
     assert loaded.check_validity().valid
     assert np.allclose(loaded.road().points[0], [40.0, 40.0])
+
+
+@pytest.mark.parametrize("name", ["road.xodr", "ROAD.XODR", "road.xml", "road"])
+def test_opendrive_is_known_by_its_suffix_or_its_content(tmp_path: Path, name: str) -> None:
+    road = Road([0.0, 0.01, -0.02], 5.0, (1.0, 2.0, 3.0), lane_width=3.5)
+    path = tmp_path / name
+    path.write_text(to_opendrive(road), encoding="utf-8")
+    read = read_road(path).road()
+    assert read.curvatures.tolist() == [0.0, 0.01, -0.02]
+    assert (read.step, tuple(read.pose), read.lane_width) == (5.0, (1.0, 2.0, 3.0), 3.5)
+
+
+def test_opendrive_is_judged_where_it_fits(tmp_path: Path) -> None:
+    path = tmp_path / "road.xodr"
+    path.write_text(to_opendrive(Road([0.0] * 12, pose=(9000.0, -500.0, 1.0))), encoding="utf-8")
+    assert read_road(path).check_validity().valid
+    path.write_text(to_opendrive(Road([0.07] * 14)), encoding="utf-8")
+    assert read_road(path).check_validity().message == "The road is self-intersecting"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("a.xodr", "", "not XML"),
+        ("a.xodr", '{"curvatures": [0, 0]}', "not XML"),
+        ("a.json", "<html></html>", "no OpenDRIVE: its root is <html>"),
+        ("a.json", " \n<OpenDRIVE/>", "revMajor None"),
+    ],
+)
+def test_opendrive_that_cannot_be_read(
+    tmp_path: Path, name: str, content: str, complaint: str
+) -> None:
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(RoadError, match=complaint) as caught:
+        read_road(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_points_are_judged_where_they_lie_and_curvatures_where_they_fit(tmp_path: Path) -> None:

@@ -47,12 +47,13 @@ def drive(
     anyway: bool,
     as_json: bool,
 ) -> None:
-    """Drive one road from a JSON file and say what happened.
+    """Drive one road from a file and say what happened.
 
-    ROAD holds curvatures (1/m) and optionally a step (m), or road_points, or is a test file of the
-    competition or of a campaign's failures. It is moved into the map if it lies elsewhere; a road
-    that is invalid is not driven. The exit code is 0 if it was driven, 1 if it is INVALID or the
-    simulator or driver broke (ERROR).
+    ROAD is JSON and holds curvatures (1/m) and optionally a step (m), or road_points, or is a test
+    file of the competition or of a campaign's failures; or it is OpenDRIVE with a single road
+    (.xodr). It is moved into the map if it lies elsewhere; a road that is invalid is not driven.
+    The exit code is 0 if it was driven, 1 if it is INVALID or the simulator or driver broke
+    (ERROR).
     """
     from frenetic.campaign import RoadTester
     from frenetic.oracle import Result, judge

@@ -1,4 +1,4 @@
-"""Roads in JSON files: curvatures, road points, or a test file of the competition."""
+"""Roads in files: JSON with curvatures or road points, competition test files, OpenDRIVE."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic.errors import RoadError
+from frenetic.road.opendrive import from_opendrive
 from frenetic.road.road import MAX_SAMPLES, START, Pose, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
@@ -64,17 +65,22 @@ class RoadFile:
 
 
 def read_road(path: Path | str) -> RoadFile:
-    """Reads a road from a JSON file.
+    """Reads a road from a JSON or an OpenDRIVE file.
 
-    The file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
+    A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] in
-    m each), which a test file of the competition is; or just a list of points.
+    m each), which a test file of the competition is; or just a list of points. An OpenDRIVE file,
+    known by its suffix ``.xodr`` or by being XML, holds one road, see `from_opendrive`.
 
     Raises:
-        RoadError: the file is missing, unreadable, too large, no JSON, or holds no road.
+        RoadError: the file is missing, unreadable, too large, neither JSON nor OpenDRIVE, or holds
+            no road.
     """
     path = Path(path)
-    content = _load(path)
+    data = _load(path)
+    if path.suffix.lower() == ".xodr" or data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+        return _read_opendrive(path, data)
+    content = _parse_json(path, data)
     if isinstance(content, list):
         content = {"road_points": content}
     if not isinstance(content, Mapping):
@@ -98,23 +104,34 @@ def read_road(path: Path | str) -> RoadFile:
     )
 
 
-def _load(path: Path) -> Any:
+def _read_opendrive(path: Path, data: bytes) -> RoadFile:
+    try:
+        road = from_opendrive(data)
+    except RoadError as error:
+        raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
+    return RoadFile(path, road.curvatures, road.step, road.pose, None, road.lane_width)
+
+
+def _load(path: Path) -> bytes:
     try:
         if path.is_dir():
-            raise RoadError(f"{path} is a folder: a JSON file is needed")
+            raise RoadError(f"{path} is a folder: a JSON or OpenDRIVE file is needed")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise RoadError(f"{path} has more than {MAX_BYTES} bytes: no road file is that large")
-        text = data.decode("utf-8-sig")
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None
     except OSError as error:
         raise RoadError(f"{path} cannot be read: {error.strerror or error}") from None
+    return data
+
+
+def _parse_json(path: Path, data: bytes) -> Any:
+    try:
+        return json.loads(data.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise RoadError(f"{path} is not a text file: JSON in UTF-8 is needed") from None
-    try:
-        return json.loads(text)
     except json.JSONDecodeError as error:
         raise RoadError(
             f"{path} is not JSON: {error.msg} in line {error.lineno}, column {error.colno}"

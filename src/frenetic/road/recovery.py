@@ -64,14 +64,14 @@ def _along_spline(points: FloatArray) -> Recovered:
         ]
     )
     return (
-        _follow(line, step, CORRECTION),
+        follow_line(line, step, CORRECTION),
         step,
         (float(line[0, 0]), float(line[0, 1]), float(line[0, 2])),
     )
 
 
 @njit(cache=True)
-def _follow(line: FloatArray, step: float, reach: float) -> FloatArray:
+def follow_line(line: FloatArray, step: float, reach: float) -> FloatArray:
     """(n,) curvatures of a chain that keeps to ``line`` (n, 4): x, y, heading, curvature.
 
     Sampling the line's curvature and integrating it again drifts, as the curvature between

@@ -1,0 +1,84 @@
+"""The command that writes one road for other tools: export-road."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+if TYPE_CHECKING:
+    from frenetic.export import ExportedRoad
+
+# `frenetic.export.FORMATS`, which takes longer to import than help may.
+FORMATS: Final = ("opendrive", "competition", "csv", "json", "beamng")
+EXPORTS: Final = "exports"
+"""Folder in a campaign's folder for its exported roads."""
+
+
+@click.command("export-road", short_help="Write one road for other tools: OpenDRIVE, CSV, ...")
+@click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
+@click.argument("test_id", type=int, required=False, metavar="[ID]")
+@click.option("--format", "name", type=click.Choice(FORMATS), required=True, help="What to write.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="FILE",
+    help="Where to write it, - for stdout. [default: in the campaign's folder, beside the road]",
+)
+@click.option(
+    "--shoulder",
+    type=click.FloatRange(min=0.0),
+    metavar="M",
+    help="OpenDRIVE: m of ground beyond each lane, so that a car which leaves it does not fall.",
+)
+def export_road(
+    source: Path, test_id: int | None, name: str, out: Path | None, shoulder: float | None
+) -> None:
+    """Write the road of a CAMPAIGN's test, or of a ROAD file, for other tools.
+
+    A campaign is its folder and needs the ID of a test. The file's name is printed.
+    """
+    from frenetic.export import road_format, write_road
+
+    if shoulder is not None and name != "opendrive":
+        raise click.UsageError(f"--shoulder is for --format opendrive, not {name}")
+    exported, default = _exported(source, test_id, shoulder or 0.0)
+    the_format = road_format(name)
+    if out is not None and str(out) == "-":
+        # As bytes, so that every platform writes the same.
+        sys.stdout.buffer.write(the_format.render(exported).encode("utf-8"))
+        sys.stdout.buffer.flush()
+        return
+    path = default.with_name(default.name + the_format.suffix) if out is None else out
+    if path.exists() and source.exists() and path.samefile(source):
+        raise click.UsageError(f"{path} is the road itself: choose another file with --out")
+    write_road(exported, name, path)
+    click.echo(path)
+
+
+def _exported(source: Path, test_id: int | None, shoulder: float) -> tuple[ExportedRoad, Path]:
+    """What to write, and where without its suffix."""
+    from frenetic.export import ExportedRoad
+
+    if test_id is None:
+        from frenetic.road.files import read_road
+
+        if source.is_dir():
+            raise click.UsageError(
+                f"{source} is a folder: say which test of the campaign, or name a road file"
+            )
+        road = read_road(source).road()
+        return ExportedRoad(road, source.stem, shoulder=shoulder), source.with_suffix("")
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.stored import stored_test
+    from frenetic.report.failures import file_stem
+    from frenetic.simulators import Rules
+
+    with CampaignStore.open(source) as store:
+        test = stored_test(store, store.test(test_id))
+        speed_limit = Rules(**store.config["rules"]).speed_limit  # type: ignore[arg-type]
+    stem = file_stem(test_id)
+    exported = ExportedRoad(test.road, stem, speed_limit, shoulder, test)
+    return exported, source / EXPORTS / stem

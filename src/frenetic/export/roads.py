@@ -1,0 +1,174 @@
+"""One road as a file for other tools: OpenDRIVE, competition JSON, CSV, our own JSON, BeamNG."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from frenetic.campaign.stored import StoredTest
+from frenetic.errors import FreneticError, UnknownNameError
+from frenetic.export.competition import GROUND, competition_document, stored_test_document
+from frenetic.road import MAP_SIZE, Road
+from frenetic.road.geometry import CURVATURE
+from frenetic.road.opendrive import to_opendrive
+
+CSV_COLUMNS: Final = (
+    "distance_m",
+    "x_m",
+    "y_m",
+    "heading_rad",
+    "curvature_per_m",
+    "lane_x_m",
+    "lane_y_m",
+    "left_edge_x_m",
+    "left_edge_y_m",
+    "right_edge_x_m",
+    "right_edge_y_m",
+)
+"""Columns of the CSV format.
+
+Distance along, place, heading and curvature of the centre line; centre of the ego lane; left edge
+and right edge of the road. The ego lane lies between the centre line and the right edge.
+"""
+
+
+@dataclass(frozen=True)
+class ExportedRoad:
+    """A road and what else a file may say about it."""
+
+    road: Road
+    name: str
+    """Of the road, for a file that has a place for it."""
+    speed_limit: float = 70.0
+    """km/h."""
+    shoulder: float = 0.0
+    """m of ground beyond each lane; only OpenDRIVE knows it."""
+    test: StoredTest | None = None
+    """The campaign's test whose road it is, if it is one's."""
+
+
+@dataclass(frozen=True)
+class RoadFormat:
+    """A way to write down a road."""
+
+    name: str
+    suffix: str
+    """Of the file's name, different for each format."""
+    summary: str
+    """What it is, in one line."""
+    render: Callable[[ExportedRoad], str]
+    """The file's text."""
+
+
+def _opendrive(exported: ExportedRoad) -> str:
+    return to_opendrive(
+        exported.road,
+        name=exported.name,
+        speed_limit=exported.speed_limit,
+        shoulder=exported.shoulder,
+    )
+
+
+def _competition(exported: ExportedRoad) -> str:
+    if exported.test is not None:
+        document = stored_test_document(exported.test)
+    else:
+        # Where it lies, or else where 'frenetic drive' would move it.
+        fitted, verdict = exported.road.placed(MAP_SIZE)
+        document = competition_document(fitted or exported.road, 1, verdict)
+    return json.dumps(document) + "\n"
+
+
+def _csv(exported: ExportedRoad) -> str:
+    road = exported.road
+    table = road.table
+    width = road.lane_width
+    columns = np.column_stack(
+        [
+            np.arange(len(table)) * road.sub_step,
+            table[:, : CURVATURE + 1],
+            *(road.sample(road.sub_step, offset) for offset in (-0.5 * width, width, -width)),
+        ]
+    )
+    lines = [",".join(CSV_COLUMNS)]
+    lines += [",".join(f"{value:.9g}" for value in row) for row in columns.tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def _json(exported: ExportedRoad) -> str:
+    road = exported.road
+    document = {
+        "curvatures": road.curvatures.tolist(),
+        "step": road.step,
+        "pose": list(road.pose),
+        "lane_width": road.lane_width,
+    }
+    return json.dumps(document) + "\n"
+
+
+def _beamng(exported: ExportedRoad) -> str:
+    road = exported.road
+    width = 2.0 * road.lane_width
+    nodes = [[x, y, GROUND, width] for x, y in road.road_points.round(6).tolist()]
+    return "[\n" + ",\n".join(map(json.dumps, nodes)) + "\n]\n"
+
+
+FORMATS: Final[Mapping[str, RoadFormat]] = MappingProxyType(
+    {
+        item.name: item
+        for item in (
+            RoadFormat("opendrive", ".xodr", "OpenDRIVE 1.7, for simulators", _opendrive),
+            RoadFormat(
+                "competition",
+                ".competition.json",
+                "a test file of the competition, with the drive if it is a campaign's",
+                _competition,
+            ),
+            RoadFormat("csv", ".csv", "centre line, lane and edges, every metre or denser", _csv),
+            RoadFormat("json", ".json", "curvatures, as 'frenetic drive' reads them", _json),
+            RoadFormat("beamng", ".beamng.json", "nodes [x, y, z, width] for beamngpy", _beamng),
+        )
+    }
+)
+"""Name -> format."""
+
+
+def road_format(name: str) -> RoadFormat:
+    """The format with this name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if name not in FORMATS:
+        known = ", ".join(FORMATS)
+        raise UnknownNameError(f"no road format is called {name!r}: choose from {known}")
+    return FORMATS[name]
+
+
+def write_road(exported: ExportedRoad, name: str, path: Path) -> None:
+    """Writes a road to a file, in the format with this name; the file is there whole or not at all.
+
+    Raises:
+        UnknownNameError: there is no such format.
+        FreneticError: the file cannot be written.
+    """
+    # Bytes, since text files have other line ends on Windows.
+    data = road_format(name).render(exported).encode("utf-8")
+    partial = path.with_name(path.name + ".part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(data)
+        partial.replace(path)
+    except OSError as error:
+        with suppress(OSError):
+            partial.unlink()
+        raise FreneticError(
+            f"{path} cannot be written: {error.strerror or error}; choose a place with --out"
+        ) from None

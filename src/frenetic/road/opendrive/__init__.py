@@ -1,0 +1,6 @@
+"""Roads as OpenDRIVE files: writing our own, reading those of others that hold a single road."""
+
+from frenetic.road.opendrive.reading import from_opendrive
+from frenetic.road.opendrive.writing import to_opendrive
+
+__all__ = ["from_opendrive", "to_opendrive"]

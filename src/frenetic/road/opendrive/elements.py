@@ -1,0 +1,84 @@
+"""XML that strangers wrote: a tree of elements with their attributes, and nothing that can harm."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+from frenetic.errors import RoadError
+
+MAX_ELEMENTS: Final = 200_000
+"""Elements of a file that is read; a road has two per geometry."""
+MAX_DEPTH: Final = 50
+"""How deeply they may be nested."""
+
+
+def parse_xml(data: bytes) -> ElementTree.Element:
+    """The root element; text between the elements is left out.
+
+    A document type is refused, and with it every entity: what expands to gigabytes (the "billion
+    laughs"), and what would be fetched from elsewhere.
+
+    Raises:
+        RoadError: no well-formed XML, a document type, too many elements or too deep ones.
+    """
+    builder = ElementTree.TreeBuilder()
+    parser = expat.ParserCreate()
+    elements = depth = 0
+
+    def refuse_document_type(*_: object) -> None:
+        raise RoadError("it has a document type (DOCTYPE), which no OpenDRIVE file needs")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal elements, depth
+        elements += 1
+        depth += 1
+        if elements > MAX_ELEMENTS or depth > MAX_DEPTH:
+            raise RoadError(
+                f"more than {MAX_ELEMENTS} elements, or some nested deeper than {MAX_DEPTH}: no"
+                " file of a single road is that large"
+            )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = refuse_document_type
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        what = expat.ErrorString(error.code)
+        raise RoadError(
+            f"it is not XML: {what} in line {error.lineno}, column {error.offset + 1}"
+        ) from None
+    except (LookupError, ValueError) as error:
+        if isinstance(error, RoadError):
+            raise
+        raise RoadError("it is not XML in an encoding that can be read: save it as UTF-8") from None
+    return builder.close()
+
+
+def number(element: ElementTree.Element, name: str, default: float | None = None) -> float:
+    """A number among an element's attributes.
+
+    Raises:
+        RoadError: it is missing and there is no default, or it is no finite number.
+    """
+    text = element.get(name)
+    if text is None:
+        if default is None:
+            raise RoadError(f"a <{element.tag}> has no '{name}'")
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RoadError(f"a <{element.tag}> has {name}={text[:40]!r}: a finite number is needed")
+    return value

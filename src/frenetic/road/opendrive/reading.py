@@ -1,0 +1,243 @@
+"""Reading an OpenDRIVE file that holds a single road.
+
+What is read is the line between the two innermost lanes, and the width of lane -1, the innermost
+one on the right, which the car drives; other lanes, road marks, signals and objects are left out.
+Whatever would make another road of it (a junction, a slope, a lane of changing width) is refused.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Final
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from frenetic.errors import RoadError
+from frenetic.road.opendrive.elements import number, parse_xml
+from frenetic.road.opendrive.line import (
+    Clothoid,
+    Cubic,
+    Geometry,
+    Offset,
+    Polynomial,
+    exact_road,
+    follow,
+    trace,
+)
+from frenetic.road.opendrive.writing import STEP_CODE
+from frenetic.road.road import (
+    MAX_COORDINATE,
+    MAX_CURVATURE,
+    MAX_LENGTH,
+    MAX_SAMPLES,
+    MIN_DISTANCE,
+    Pose,
+    Road,
+)
+
+FLAT: Final = 0.01
+"""m, what a road that counts as flat may rise or fall in all, and a lane's width may change."""
+LEVEL: Final = 1e-3
+"""rad, what a road that counts as level may lean to a side."""
+
+
+def from_opendrive(data: bytes) -> Road:
+    """The road in an OpenDRIVE file.
+
+    A file that `to_opendrive` wrote gives the same road: curvatures to 1e-9 1/m (mostly bit for
+    bit), step, pose and lane width exactly. Of any other file, the road is at most 1 cm away from
+    the line in it; see `frenetic.road.opendrive.line`.
+
+    Args:
+        data: the file's content.
+
+    Raises:
+        RoadError: it is no such file, or the road in it has something that a `Road` has not; the
+            message does not name the file.
+    """
+    root = parse_xml(data)
+    road = _only_road(root)
+    _require_flat(road)
+    lane_width = _ego_lane_width(road)
+    geometries = _geometries(road)
+    offsets = _offsets(road)
+    if not offsets:
+        exact = exact_road(geometries, _step(road), lane_width)
+        if exact is not None:
+            return exact
+    return follow(trace(geometries, offsets), lane_width)
+
+
+def _only_road(root: Element) -> Element:
+    if root.tag != "OpenDRIVE":
+        raise RoadError(f"it is XML, but no OpenDRIVE: its root is <{root.tag:.40}>")
+    header = root.find("header")
+    major = None if header is None else header.get("revMajor")
+    if major != "1":
+        raise RoadError(f"its header says revMajor {major!r:.40}, but only OpenDRIVE 1.x is read")
+    junctions, roads = root.findall("junction"), root.findall("road")
+    if junctions:
+        raise RoadError("it has a junction: only a file with a single road is read")
+    if len(roads) != 1:
+        raise RoadError(f"it has {len(roads)} roads: only a file with a single road is read")
+    (road,) = roads
+    if road.get("junction", "-1") != "-1":
+        raise RoadError("its road belongs to a junction: only a road on its own is read")
+    if road.get("rule", "RHT") != "RHT":
+        raise RoadError(
+            f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
+        )
+    return road
+
+
+def _step(road: Element) -> float | None:
+    """The step that `to_opendrive` noted, if it did."""
+    for note in road.findall("userData"):
+        if note.get("code") == STEP_CODE:
+            step = number(note, "value")
+            return step if step > 0.0 else None
+    return None
+
+
+def _cubic(element: Element, names: str = "abcd", suffix: str = "") -> Cubic:
+    """The coefficients of a polynomial; those that are left out are 0."""
+    a, b, c, d = (number(element, name + suffix, 0.0) for name in names)
+    return a, b, c, d
+
+
+def _range(cubic: Cubic, span: float) -> tuple[float, float]:
+    """Least and largest value, to a hundredth, of a polynomial from 0 to ``span``."""
+    with np.errstate(all="ignore"):
+        values = np.polynomial.Polynomial(cubic)(np.linspace(0.0, max(span, 0.0), 101))
+    return float(values.min()), float(values.max())
+
+
+def _stretches(
+    elements: Sequence[Element], name: str, end: float
+) -> Iterator[tuple[Element, float]]:
+    """Elements that each hold from their ``name`` (m) to the next one's, and for how many m."""
+    places = [number(element, name) for element in elements]
+    for element, (here, following) in zip(
+        elements, itertools.pairwise([*places, end]), strict=True
+    ):
+        yield element, following - here
+
+
+def _require_flat(road: Element) -> None:
+    length = number(road, "length")
+    heights = [
+        value
+        for element, span in _stretches(road.findall("elevationProfile/elevation"), "s", length)
+        for value in _range(_cubic(element), span)
+    ]
+    if heights and not max(heights) - min(heights) <= FLAT:
+        raise RoadError("its road rises or falls (elevation): only a flat road is read")
+    for kind in ("superelevation", "crossfall"):
+        elements = road.findall(f"lateralProfile/{kind}")
+        for element, span in _stretches(elements, "s", length):
+            low, high = _range(_cubic(element), span)
+            if not max(-low, high) <= LEVEL:
+                raise RoadError(f"its road leans to a side ({kind}): only a level road is read")
+    if any(any(_cubic(shape)) for shape in road.findall("lateralProfile/shape")):
+        raise RoadError("its road is not level across (shape): only a level road is read")
+
+
+def _ego_lane_width(road: Element) -> float:
+    """M, the width of lane -1, which has to be a driving lane of constant width."""
+    sections = road.findall("lanes/laneSection")
+    if not sections:
+        raise RoadError("its road has no lanes")
+    widths: list[float] = []
+    for section, span in _stretches(sections, "s", number(road, "length")):
+        lanes = [lane for lane in section.findall("right/lane") if lane.get("id") == "-1"]
+        kind = lanes[0].get("type") if lanes else None
+        if kind != "driving":
+            what = "missing" if kind is None else f"of type {kind!r:.40}"
+            raise RoadError(
+                f"its lane -1, right of the centre, is {what}: a driving lane is needed there"
+            )
+        if lanes[0].get("direction", "standard") != "standard":
+            raise RoadError("its lane -1 is driven against the road: right-hand traffic is read")
+        elements = lanes[0].findall("width")
+        if not elements:
+            raise RoadError("its lane -1 has no width (borders instead of widths are not read)")
+        for element, stretch in _stretches(elements, "sOffset", span):
+            widths.extend(_range(_cubic(element), stretch))
+    if not max(widths) - min(widths) <= FLAT:
+        raise RoadError(
+            f"its lane -1 is {min(widths):.3g} to {max(widths):.3g} m wide: only a lane of"
+            " constant width is read"
+        )
+    return widths[0]
+
+
+def _offsets(road: Element) -> list[Offset]:
+    """How the lanes are shifted, empty if they are not."""
+    elements = road.findall("lanes/laneOffset")
+    ranges = [
+        _range(_cubic(element), span)
+        for element, span in _stretches(elements, "s", number(road, "length"))
+    ]
+    if all(max(-low, high) <= MIN_DISTANCE for low, high in ranges):
+        return []
+    return [Offset(number(element, "s"), _cubic(element)) for element in elements]
+
+
+def _geometries(road: Element) -> list[Geometry]:
+    """The geometries of the reference line that have a length, in their order."""
+    geometries: list[Geometry] = []
+    total = 0.0
+    elements = road.findall("planView/geometry")
+    if len(elements) > MAX_SAMPLES:
+        raise RoadError(f"its road has {len(elements)} geometries: at most {MAX_SAMPLES} are read")
+    for element in elements:
+        length = number(element, "length")
+        if length < 0.0:
+            raise RoadError(f"a <geometry> has length {length:g}: a positive number is needed")
+        total += length
+        if total > MAX_LENGTH:
+            raise RoadError(f"its road is longer than the {MAX_LENGTH:.0f} m that can be read")
+        if length > MIN_DISTANCE:
+            geometries.append(_geometry(element, length))
+    if not geometries:
+        raise RoadError("its road has no geometry")
+    return geometries
+
+
+def _geometry(element: Element, length: float) -> Geometry:
+    pose = Pose(number(element, "x"), number(element, "y"), number(element, "hdg"))
+    if max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE:
+        raise RoadError(
+            f"a <geometry> starts at ({pose.x:g}, {pose.y:g}): at most {MAX_COORDINATE:g} m from"
+            " the origin are read"
+        )
+    shapes = list(element)
+    shape = shapes[0] if shapes else element
+    if shape.tag == "line":
+        return Clothoid(pose, length, 0.0, 0.0)
+    if shape.tag == "arc":
+        curvature = number(shape, "curvature")
+        return _not_too_sharp(Clothoid(pose, length, curvature, curvature))
+    if shape.tag == "spiral":
+        start, end = number(shape, "curvStart"), number(shape, "curvEnd")
+        return _not_too_sharp(Clothoid(pose, length, start, end))
+    if shape.tag == "poly3":
+        return Polynomial(pose, length, (0.0, 1.0, 0.0, 0.0), _cubic(shape), None)
+    if shape.tag == "paramPoly3":
+        last = length if shape.get("pRange") == "arcLength" else 1.0
+        return Polynomial(pose, length, _cubic(shape, suffix="U"), _cubic(shape, suffix="V"), last)
+    known = "line, arc, spiral, poly3 and paramPoly3"
+    raise RoadError(
+        f"a <geometry> holds {shape.tag[:40] if shapes else 'nothing'}: {known} are read"
+    )
+
+
+def _not_too_sharp(clothoid: Clothoid) -> Clothoid:
+    sharpest = max(abs(clothoid.start), abs(clothoid.end))
+    if sharpest > MAX_CURVATURE:
+        raise RoadError(
+            f"a <geometry> has a curvature of {sharpest:g} 1/m: at most {MAX_CURVATURE:g} are read"
+        )
+    return clothoid

@@ -1,0 +1,175 @@
+"""frenetic export-road, and driving what it wrote."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from frenetic.cli import main
+from frenetic.cli.export_road import FORMATS as NAMES
+from frenetic.export import FORMATS
+
+
+@dataclass
+class Answer:
+    code: int
+    out: str
+    err: str
+
+
+Frenetic = Callable[..., Answer]
+
+
+@pytest.fixture
+def frenetic(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfdbinary: pytest.CaptureFixture[bytes]
+) -> Frenetic:
+    """Runs a command line in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> Answer:
+        capfdbinary.readouterr()
+        with pytest.raises(SystemExit) as stop:
+            main(list(arguments))
+        out, err = capfdbinary.readouterr()
+        assert isinstance(stop.value.code, int)
+        return Answer(stop.value.code, out.decode(), err.decode())
+
+    return call
+
+
+@pytest.fixture
+def campaign(frenetic: Frenetic) -> Frenetic:
+    """The same, in a folder with a campaign, c."""
+    assert frenetic("run", "--simulations", "60", "--seed", "3", "--out", "c").code == 0
+    return frenetic
+
+
+def failing_id() -> str:
+    document = json.loads(min(Path("c/failures").glob("*.json")).read_text())
+    return str(document["id"])
+
+
+def refused(answer: Answer, *words: str) -> None:
+    assert answer.code == 2
+    assert answer.out == ""
+    (line,) = answer.err.splitlines()
+    for word in words:
+        assert word in line
+
+
+def write(name: str, content: object) -> str:
+    Path(name).write_text(json.dumps(content))
+    return name
+
+
+def test_the_command_offers_the_formats_that_there_are() -> None:
+    assert set(NAMES) == set(FORMATS)
+
+
+def test_a_failing_road_fails_in_the_same_way_from_every_file(campaign: Frenetic) -> None:
+    test_id = failing_id()
+    stored = json.loads(Path(f"c/failures/test-{int(test_id):05d}.json").read_text())
+    for name in ("opendrive", "json", "competition"):
+        answer = campaign("export-road", "c", test_id, "--format", name)
+        assert answer.code == 0
+        path = Path(answer.out.strip())
+        assert path.parent == Path("c/exports")
+        assert path.name == f"test-{int(test_id):05d}{FORMATS[name].suffix}"
+        again = json.loads(campaign("drive", str(path), "--json").out)
+        # A competition file holds points, from which the curvatures are recovered.
+        tolerance = 1e-3 if name == "competition" else 1e-6
+        assert again["outcome"] == "FAIL"
+        assert again["moobd"] == pytest.approx(stored["moobd"], abs=tolerance)
+        assert campaign("validate", str(path)).code == 0
+
+
+def test_a_competition_file_holds_the_drive(campaign: Frenetic) -> None:
+    test_id = failing_id()
+    path = campaign("export-road", "c", test_id, "--format", "competition").out.strip()
+    document = json.loads(Path(path).read_text())
+    assert (document["id"], document["test_outcome"]) == (int(test_id), "FAIL")
+    assert document["description"].startswith("Car drove out of the lane ")
+    assert document["execution_data"][-1][12] is True  # is_oob
+
+
+def test_every_test_of_a_campaign_can_be_exported(campaign: Frenetic) -> None:
+    from frenetic.campaign import CampaignStore
+
+    with CampaignStore.open(Path("c")) as store:
+        ids = [record.candidate.id for record in store.tests()]
+    for test_id in ids:
+        assert campaign("export-road", "c", str(test_id), "--format", "competition").code == 0
+    assert len(list(Path("c/exports").iterdir())) == len(ids)
+
+
+def test_a_road_file_is_written_beside_itself(frenetic: Frenetic) -> None:
+    road = write("bend.json", {"curvatures": [0, 0.03, 0]})
+    for name, item in FORMATS.items():
+        if name != "json":
+            answer = frenetic("export-road", road, "--format", name)
+            assert (answer.code, answer.out) == (0, f"bend{item.suffix}\n")
+            assert Path(f"bend{item.suffix}").is_file()
+    assert frenetic("export-road", "bend.xodr", "--format", "json", "--out", "b/c.json").code == 0
+    assert json.loads(Path("b/c.json").read_text())["curvatures"] == [0.0, 0.03, 0.0]
+
+
+def test_stdout_gets_the_file_and_nothing_else(frenetic: Frenetic) -> None:
+    road = write("bend.json", {"curvatures": [0, 0.03, 0]})
+    frenetic("export-road", road, "--format", "opendrive", "--shoulder", "2")
+    answer = frenetic("export-road", road, "--format", "opendrive", "--shoulder", "2", "--out", "-")
+    assert answer.code == 0
+    assert answer.out == Path("bend.xodr").read_bytes().decode()
+    assert 'type="shoulder"' in answer.out
+    assert not Path("-").exists()
+
+
+def test_a_road_is_not_written_over_itself(frenetic: Frenetic) -> None:
+    road = write("bend.json", {"curvatures": [0, 0.03, 0], "note": "keep me"})
+    before = Path(road).read_bytes()
+    refused(frenetic("export-road", road, "--format", "json"), "bend.json is the road itself")
+    refused(
+        frenetic("export-road", road, "--format", "csv", "--out", "./bend.json"),
+        "bend.json is the road itself",
+    )
+    assert Path(road).read_bytes() == before
+
+
+def test_mistakes(campaign: Frenetic) -> None:
+    road = write("bend.json", {"curvatures": [0, 0.03, 0]})
+    csv = ("--format", "csv")
+    refused(campaign("export-road", "c", *csv), "c is a folder", "which test")
+    refused(campaign("export-road", "c", "100000", *csv), "no test of candidate 100000")
+    refused(campaign("export-road", road, "1", *csv), "bend.json is not a folder")
+    refused(campaign("export-road", "nowhere.json", *csv), "there is no file nowhere.json")
+    refused(campaign("export-road", "nowhere", "1", *csv), "nowhere does not exist")
+    refused(campaign("export-road", road), "Missing option '--format'")
+    refused(campaign("export-road", road, "--format", "fbx"), "'fbx'", "opendrive")
+    refused(campaign("export-road", road, *csv, "--shoulder", "2"), "--shoulder is for")
+    refused(
+        campaign("export-road", road, "--format", "opendrive", "--shoulder", "-2"), "--shoulder"
+    )
+    refused(campaign("export-road", road, *csv, "--out", "c"), "c cannot be written")
+    assert not Path("c/exports").exists()
+
+
+def test_opendrive_of_others_is_driven_and_what_is_not_supported_said(frenetic: Frenetic) -> None:
+    lane = '<lane id="-1" type="driving"><width sOffset="0" a="3.5"/></lane>'
+    text = (
+        '<OpenDRIVE><header revMajor="1" revMinor="6"/><road length="100" id="1" junction="-1">'
+        '<planView><geometry s="0" x="0" y="0" hdg="0" length="60"><line/></geometry>'
+        '<geometry s="60" x="60" y="0" hdg="0" length="40"><arc curvature="0.02"/></geometry>'
+        f'</planView><lanes><laneSection s="0"><right>{lane}</right></laneSection></lanes></road>'
+        "</OpenDRIVE>"
+    )
+    Path("theirs.xodr").write_text(text)
+    assert frenetic("validate", "theirs.xodr").out == "theirs.xodr: valid\n"
+    driven = json.loads(frenetic("drive", "theirs.xodr", "--json").out)
+    assert driven["outcome"] == "PASS"
+    assert driven["length"] == pytest.approx(100.0)
+    Path("city.xodr").write_text(text.replace("</OpenDRIVE>", '<junction id="3"/></OpenDRIVE>'))
+    refused(frenetic("drive", "city.xodr"), "city.xodr cannot be read as OpenDRIVE", "junction")

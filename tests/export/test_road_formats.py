@@ -1,0 +1,121 @@
+"""A road in each format says where it lies, in the units that the format promises."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from frenetic.errors import FreneticError, UnknownNameError
+from frenetic.export import FORMATS, ExportedRoad, road_format, write_road
+from frenetic.export.roads import CSV_COLUMNS
+from frenetic.road import Road
+from frenetic.road.files import read_road
+
+ROAD = Road([0.0, 0.01, 0.05, -0.03, -0.03], 10.0, (60.0, 70.0, 1.0), lane_width=3.5)
+
+
+def written(tmp_path: Path, name: str, road: Road = ROAD) -> Path:
+    path = tmp_path / f"road{road_format(name).suffix}"
+    write_road(ExportedRoad(road, "road", 50.0), name, path)
+    return path
+
+
+def test_formats_have_names_and_suffixes_of_their_own() -> None:
+    assert list(FORMATS) == ["opendrive", "competition", "csv", "json", "beamng"]
+    assert len({item.suffix for item in FORMATS.values()}) == len(FORMATS)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_bytes_twice(tmp_path: Path, name: str) -> None:
+    first = written(tmp_path, name).read_bytes()
+    again = written(tmp_path, name, Road(ROAD.curvatures, 10.0, ROAD.pose, lane_width=3.5))
+    assert again.read_bytes() == first
+    assert first.endswith(b"\n")
+    assert b"\r" not in first
+    assert [path.name for path in tmp_path.iterdir()] == [again.name]
+
+
+@pytest.mark.parametrize("name", ["opendrive", "json"])
+def test_what_we_read_back_is_the_same_road(tmp_path: Path, name: str) -> None:
+    read = read_road(written(tmp_path, name)).road()
+    assert read.curvatures.tolist() == ROAD.curvatures.tolist()
+    assert (read.step, read.pose, read.lane_width) == (10.0, ROAD.pose, 3.5)
+
+
+def test_opendrive_carries_the_speed_limit_and_the_shoulder() -> None:
+    text = FORMATS["opendrive"].render(ExportedRoad(ROAD, "mine", 50.0, 2.0))
+    assert 'max="50.0" unit="km/h"' in text
+    assert '<lane id="-2" type="shoulder"' in text
+    assert 'name="mine"' in text
+
+
+def test_json_holds_just_the_road(tmp_path: Path) -> None:
+    content = json.loads(written(tmp_path, "json").read_text())
+    assert list(content) == ["curvatures", "step", "pose", "lane_width"]
+
+
+@pytest.mark.parametrize("step", [0.3, 0.7, 3.0, 10.0])
+def test_csv_has_centre_line_lane_and_edges_every_metre(tmp_path: Path, step: float) -> None:
+    road = Road([0.0, 0.03, -0.05, 0.01], step, (60.0, 70.0, 1.0))
+    with written(tmp_path, "csv", road).open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert tuple(header) == CSV_COLUMNS
+    table = np.array(rows, dtype=float)
+    distance = table[:, 0]
+    assert (distance[0], distance[-1]) == (0.0, pytest.approx(road.length))
+    assert np.diff(distance).max() <= 1.0 + 1e-6
+    for row in table:
+        pose = road.pose_at(row[0])
+        assert row[1:4] == pytest.approx(tuple(pose), abs=1e-6)
+        assert row[4] == pytest.approx(float(road.curvature_at(row[0] - 1e-9)), abs=1e-6)
+    for columns, offset in ((slice(5, 7), -2.0), (slice(7, 9), 4.0), (slice(9, 11), -4.0)):
+        track = road.track(table[:, columns])
+        assert track[:, 1] == pytest.approx(offset, abs=1e-5)
+        assert track[:, 0] == pytest.approx(distance, abs=1e-5)
+
+
+def test_beamng_nodes_follow_the_centre_line(tmp_path: Path) -> None:
+    nodes = np.array(json.loads(written(tmp_path, "beamng").read_text()))
+    assert nodes[:, :2] == pytest.approx(ROAD.road_points, abs=1e-6)
+    assert (set(nodes[:, 2]), set(nodes[:, 3])) == ({-28.0}, {7.0})
+    assert np.hypot(*np.diff(nodes[:, :2], axis=0).T).max() <= 2.0
+
+
+def test_competition_puts_a_road_from_elsewhere_on_the_map(tmp_path: Path) -> None:
+    far = Road([0.0, 0.02, 0.0, -0.02, 0.0], pose=(5000.0, -300.0, 2.0))
+    document = json.loads(written(tmp_path, "competition", far).read_text())
+    assert document["is_valid"] is True
+    points = np.array(document["road_points"])
+    assert points.min() > 0.0
+    assert points.max() < 200.0
+    endless = json.loads(written(tmp_path, "competition", Road([0.0] * 50)).read_text())
+    assert endless["is_valid"] is False
+    assert "does not fit" in endless["validation_message"]
+
+
+def test_unknown_format() -> None:
+    with pytest.raises(UnknownNameError, match="no road format is called 'xodr': choose from open"):
+        road_format("xodr")
+
+
+def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
+    exported = ExportedRoad(ROAD, "road")
+    (tmp_path / "file").write_text("in the way")
+    (tmp_path / "folder").mkdir()
+    for place in ("file/road.csv", "folder"):
+        with pytest.raises(
+            FreneticError, match=r"cannot be written: .*; choose a place with --out"
+        ):
+            write_road(exported, "csv", tmp_path / place)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+    assert (tmp_path / "file").read_text() == "in the way"
+
+
+def test_a_file_that_was_there_is_replaced(tmp_path: Path) -> None:
+    path = written(tmp_path, "json")
+    write_road(ExportedRoad(Road([0.0, 0.02]), "other"), "json", path)
+    assert read_road(path).road().curvatures.tolist() == [0.0, 0.02]

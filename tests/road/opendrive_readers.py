@@ -1,0 +1,188 @@
+"""What other programs read in our OpenDRIVE files, and how far that is from our roads.
+
+    python tests/road/opendrive_readers.py
+
+prints the table of docs/exports.md. CARLA's map parser and SUMO's netconvert come with the extra
+``test``; CARLA's needs no server.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import numpy as np
+
+from frenetic.arrays import FloatArray
+from frenetic.road import Road
+from frenetic.road.opendrive import from_opendrive, to_opendrive
+from frenetic.search.operators import (
+    FAIL_OPERATORS,
+    LISTING_1,
+    PASS_OPERATORS,
+    mix,
+    random_curvatures,
+    splice,
+)
+
+SPACING: Final = 0.9  # m between the places that are compared; hits no sample twice
+
+
+def varied_roads() -> dict[str, Road]:
+    """Fifty roads: what a search comes up with, and what is extreme."""
+    rng = np.random.default_rng(2021)
+    mother, father = random_curvatures(rng, 25), random_curvatures(rng, 18)
+    searched = {f"random {n}": random_curvatures(rng, n) for n in (2, 3, 8, 15, 20, 25, 30, 35)}
+    for name, change in PASS_OPERATORS.items():
+        mutant = change(rng, mother, LISTING_1)
+        assert mutant is not None
+        searched[name] = mutant
+    searched |= {name: change(mother) for name, change in FAIL_OPERATORS.items()}
+    searched["C1"] = mix(rng, mother, father)
+    searched["C2a"], searched["C2b"] = splice(mother, father)
+    roads = {name: Road(values) for name, values in searched.items()}
+    chosen: dict[str, list[float]] = {
+        "straight": [0.0] * 12,
+        "straight, 2 samples": [0.0, 0.0],
+        "constant to the left": [0.03] * 10,
+        "constant to the right": [-0.03] * 10,
+        "as sharp as allowed": [0.07] * 8,
+        "wide arc": [0.0005] * 20,
+        "S-bend": [0.0, 0.05, 0.0, -0.05, 0.0],
+        "S-bend of arcs": [0.04, 0.04, 0.04, -0.04, -0.04, -0.04],
+        "from one extreme to the other": [0.07, -0.07] * 6,
+        "zero crossings": [0.01, -0.02, 0.03, -0.01, 0.005, -0.004],
+        "in and out": [0.0, 0.0, 0.06, 0.06, 0.0, 0.0],
+        "2 samples": [0.01, 0.06],
+        "2 samples across zero": [-0.05, 0.05],
+        "spiral inwards": [0.005 * i for i in range(14)],
+        "long": random_curvatures(rng, 200).tolist(),
+        "long and wide": [0.004 * math.sin(0.3 * i) for i in range(300)],
+        "nearly equal": [0.05, 0.05 + 2e-9, 0.05 + 1e-7, 0.05 + 1e-7 + 5e-10, 0.05],
+        "nearly straight": [0.0, 2e-9, 0.0, 5e-10, 1e-9, 2e-10, 2e-10],
+        "nearly equal, then not": [0.02, 0.02 + 1e-12, 0.03, 0.03 - 1e-11, 0.0],
+    }
+    roads |= {name: Road(values) for name, values in chosen.items()}
+    roads |= {
+        "short steps": Road([0.07 * math.sin(0.1 * i) for i in range(120)], 0.5),
+        "nearly equal, short steps": Road([0.2, 0.2 + 2e-9, 0.2 + 9e-9, 0.2], 0.5),
+        "long steps": Road([0.0, 0.03, -0.03, 0.0], 40.0),
+        "odd step": Road([0.01, 0.02, 0.02, -0.01], 7.3),
+        "a short road": Road([0.05, -0.05], 2.0),
+        "sharper than valid": Road([0.1, -0.1, 0.1, 0.05], 10.0),
+        "along spline points": Road.from_points([[0, 0], [30, 8], [55, -10], [90, 20]]),
+        "narrow lanes": Road(mother, lane_width=2.75),
+        "elsewhere": Road(father, pose=(812.5, -341.25, -2.5), lane_width=3.5),
+        "far away": Road(father, pose=(5000.0, 5000.0, 9.0)),
+    }
+    return roads
+
+
+@dataclass(frozen=True, eq=False)
+class ReadLane:
+    """The ego lane as another program sees it."""
+
+    centre: FloatArray
+    """(n, 2) m, from the road's start to its end."""
+    width: float
+    """m."""
+    speed: float | None = None
+    """m/s, the speed limit, if the program says."""
+
+
+def read_with_carla(text: str, road: Road) -> ReadLane:
+    """Lane -1 in CARLA's map at ``road.distances(SPACING)``, a millimetre off the ends."""
+    import carla
+
+    carla_map: Any = carla.Map("road", text)
+    distances = np.clip(road.distances(SPACING), 1e-3, road.length - 1e-3)
+    places = [carla_map.get_waypoint_xodr(1, -1, s) for s in distances.tolist()]
+    # CARLA's y points to the right.
+    centre = [(w.transform.location.x, -w.transform.location.y) for w in places]
+    return ReadLane(np.array(centre), places[0].lane_width)
+
+
+def read_with_sumo(text: str, *options: str) -> ReadLane:
+    """Lane -1 as SUMO's netconvert makes it, a polyline."""
+    import sumo
+
+    program = Path(sumo.SUMO_HOME) / "bin" / "netconvert"
+    with tempfile.TemporaryDirectory() as folder:
+        source, net = Path(folder, "road.xodr"), Path(folder, "road.net.xml")
+        source.write_text(text, encoding="utf-8")
+        command = [str(program), "--opendrive-files", str(source), "--output-file", str(net)]
+        command += ["--offset.disable-normalization", *options]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        lane = ElementTree.parse(net).find(".//edge[@id='-1']/lane")
+    assert lane is not None
+    shape = [[float(v) for v in p.split(",")[:2]] for p in (lane.get("shape") or "").split()]
+    width, speed = (float(lane.get(key, "nan")) for key in ("width", "speed"))
+    return ReadLane(np.array(shape), width, speed)
+
+
+def away_at_places(road: Road, lane: ReadLane) -> float:
+    """M, largest distance of the lane's points from where they belong along the road."""
+    distances = np.clip(road.distances(SPACING), 1e-3, road.length - 1e-3)
+    poses = [road.pose_at(s) for s in distances.tolist()]
+    half = 0.5 * road.lane_width
+    right = [[p.x + half * math.sin(p.heading), p.y - half * math.cos(p.heading)] for p in poses]
+    away = np.hypot(*(lane.centre - np.array(right)).T)
+    assert np.isfinite(away).all()
+    return float(away.max())
+
+
+def away_from_line(road: Road, lane: ReadLane) -> float:
+    """M, largest distance of the lane's polyline, ends included, from our lane's centre line."""
+    corners = lane.centre
+    steps = [max(1, math.ceil(math.dist(a, b) / 0.1)) for a, b in itertools.pairwise(corners)]
+    pieces = [
+        np.linspace(a, b, n, endpoint=False)
+        for (a, b), n in zip(itertools.pairwise(corners), steps, strict=True)
+    ]
+    track = road.track(np.concatenate([*pieces, corners[-1:]]))
+    ends = (abs(float(track[0, 0])), abs(float(track[-1, 0]) - road.length))
+    return max(*ends, float(np.abs(track[:, 1] + 0.5 * road.lane_width).max()))
+
+
+def away_when_read_back(road: Road) -> float:
+    """1/m, largest difference of a curvature that we read back."""
+    read = from_opendrive(to_opendrive(road).encode())
+    return float(np.abs(read.curvatures - road.curvatures).max())
+
+
+def main() -> None:
+    """Prints how far each reader is from our roads."""
+    roads = varied_roads()
+    texts = {name: to_opendrive(road) for name, road in roads.items()}
+
+    def worst(measure: Callable[[str], float]) -> tuple[float, str]:
+        return max((measure(name), name) for name in roads)
+
+    fine = ("--opendrive.curve-resolution", "0.5", "--precision", "4")
+    rows = {
+        "CARLA, lane centre by distance": lambda name: away_at_places(
+            roads[name], read_with_carla(texts[name], roads[name])
+        ),
+        "netconvert": lambda name: away_from_line(roads[name], read_with_sumo(texts[name])),
+        f"netconvert {' '.join(fine)}": lambda name: away_from_line(
+            roads[name], read_with_sumo(texts[name], *fine)
+        ),
+        "frenetic, curvature (1/m)": lambda name: away_when_read_back(roads[name]),
+    }
+    sys.stdout.write(f"{len(roads)} roads\n")
+    for title, measure in rows.items():
+        value, name = worst(measure)
+        sys.stdout.write(f"{title:60}{value:.2g}  ({name})\n")
+
+
+if __name__ == "__main__":
+    main()

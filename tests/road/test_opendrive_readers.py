@@ -1,0 +1,132 @@
+"""Programs that others wrote find our lane where we say it is, and nothing to complain of."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import sys
+import venv
+from pathlib import Path
+
+import numpy as np
+import opendrive_readers as readers
+import pytest
+
+from frenetic.road import Road
+from frenetic.road.opendrive import to_opendrive
+
+ROADS = readers.varied_roads()
+SHOULDERS = {name: 2.5 * (i % 2) for i, name in enumerate(ROADS)}  # m
+ASAM_CHECKER = "asam-qc-opendrive==1.0.0"
+NEW_IN_1_8 = "check_asam_xodr_junctions_connection_one_link_to_incoming"
+GONE_IN_1_8 = "check_asam_xodr_junctions_connection_one_connection_element"
+
+carla_has_a_wheel = pytest.mark.skipif(
+    sys.version_info >= (3, 13)
+    or sys.platform not in ("linux", "win32")
+    or platform.machine() not in ("x86_64", "AMD64"),
+    reason="CARLA is packaged for Linux and Windows on x86-64 and Python up to 3.12",
+)
+checker_can_be_installed = pytest.mark.skipif(
+    sys.version_info >= (3, 13), reason="the ASAM checker wants numpy 1, which ends at Python 3.12"
+)
+
+
+def test_the_roads_are_fifty_and_differ() -> None:
+    assert len({to_opendrive(road) for road in ROADS.values()}) == 50
+
+
+@carla_has_a_wheel
+@pytest.mark.parametrize("name", ROADS)
+def test_carla_finds_the_lane_within_a_centimetre(name: str) -> None:
+    road = ROADS[name]
+    lane = readers.read_with_carla(to_opendrive(road, shoulder=SHOULDERS[name]), road)
+    assert lane.width == pytest.approx(road.lane_width)
+    assert readers.away_at_places(road, lane) < 0.01
+
+
+@carla_has_a_wheel
+def test_carla_knows_the_lanes_and_their_marks() -> None:
+    import carla
+
+    carla_map = carla.Map("road", to_opendrive(ROADS["random 25"], shoulder=2.0))
+    kinds = {i: carla_map.get_waypoint_xodr(1, i, 50.0).lane_type for i in (-2, -1, 1, 2)}
+    driving, shoulder = carla.LaneType.Driving, carla.LaneType.Shoulder
+    assert kinds == {-2: shoulder, -1: driving, 1: driving, 2: shoulder}
+    ego = carla_map.get_waypoint_xodr(1, -1, 50.0)
+    assert ego.left_lane_marking.type == carla.LaneMarkingType.Broken
+    assert ego.right_lane_marking.type == carla.LaneMarkingType.Solid
+
+
+@pytest.mark.parametrize("name", ROADS)
+def test_netconvert_makes_the_lane_within_15_centimetres(name: str) -> None:
+    road = ROADS[name]
+    lane = readers.read_with_sumo(to_opendrive(road, shoulder=SHOULDERS[name]))
+    assert lane.width == pytest.approx(road.lane_width)
+    assert readers.away_from_line(road, lane) < 0.15
+
+
+def test_netconvert_reads_the_speed_limit() -> None:
+    lane = readers.read_with_sumo(to_opendrive(ROADS["straight"], speed_limit=90.0))
+    assert lane.speed == pytest.approx(90.0 / 3.6, abs=0.01)
+
+
+def test_a_reader_that_errs_is_noticed() -> None:
+    road, moved = Road([0.0, 0.02, 0.0]), Road([0.0, 0.02, 0.0], pose=(0.0, 0.2, 1.5))
+    lane = readers.ReadLane(moved.sample(readers.SPACING, -2.0), 4.0)
+    assert readers.away_from_line(road, lane) > 0.15
+    assert readers.away_at_places(road, lane) > 0.15
+
+
+@pytest.fixture
+def asam_python(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    """A Python that has the ASAM checker: an environment of its own, kept between runs."""
+    cache = getattr(request.config, "cache", None)
+    name = f"asam-{sys.version_info.major}.{sys.version_info.minor}"
+    folder = cache.mkdir(name) if cache is not None else tmp_path / name
+    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    complete = folder / "complete"
+    if not (complete.exists() and complete.read_text() == ASAM_CHECKER):
+        venv.create(folder, clear=True, with_pip=True)
+        install = [str(python), "-m", "pip", "install", "--quiet", ASAM_CHECKER]
+        done = subprocess.run(install, capture_output=True, text=True)
+        if done.returncode != 0:
+            reason = f"{' '.join(install)} failed: {done.stderr.strip()[-300:]}"
+            (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+        complete.write_text(ASAM_CHECKER)
+    return str(python)
+
+
+@checker_can_be_installed
+def test_the_asam_checker_finds_nothing(asam_python: str, tmp_path: Path) -> None:
+    files = {}
+    for i, (name, road) in enumerate(ROADS.items()):
+        text = to_opendrive(road, name=name, shoulder=SHOULDERS[name])
+        files[tmp_path / f"{i}.xodr"] = text
+        # Some rules hold in one version only, so a few roads are shown as the next version, too.
+        if i % 10 < 2:
+            files[tmp_path / f"{i}-8.xodr"] = text.replace('revMinor="7"', 'revMinor="8"')
+    bad = tmp_path / "bad.xodr"
+    files[bad] = to_opendrive(Road([0.0, 0.01])).replace('hdg="', 'heading="')
+    for path, text in files.items():
+        path.write_text(text, encoding="utf-8")
+    command = [asam_python, str(Path(__file__).with_name("asam_checks.py")), *map(str, files)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    answers = json.loads(done.stdout)
+    complaint = answers.pop(str(bad))
+    assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
+    assert len(answers) == 60
+    for path, answer in answers.items():
+        skipped = {name for name, (status, *_) in answer.items() if status == "skipped"}
+        assert skipped == {GONE_IN_1_8 if path.endswith("-8.xodr") else NEW_IN_1_8}
+        assert len(answer) == 23
+        assert all(status in ("completed", "skipped") for status, *_ in answer.values())
+        assert not any(issues for _, *issues in answer.values())
+
+
+def test_what_we_read_back_is_the_same_road() -> None:
+    assert max(readers.away_when_read_back(road) for road in ROADS.values()) < 1e-9
+    assert np.median([readers.away_when_read_back(road) for road in ROADS.values()]) == 0.0
