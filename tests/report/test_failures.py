@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.cli.console import print_failures
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.report.failures import (
+    distinct_failures,
     road_document,
     stored_test,
     telling_failures,
@@ -55,6 +57,32 @@ def test_telling_failures_are_few_failing_different_and_worst_first(store: Campa
     assert moobds == sorted(moobds)
     (worst,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1)
     assert chosen[0].candidate.id == worst.candidate.id
+
+
+def test_each_telling_failure_is_another_problem(store: CampaignStore) -> None:
+    clusters = distinct_failures(store)
+    failures = [record.candidate.id for record in store.tests(Outcome.FAIL)]
+    assert sorted(i for cluster in clusters for i in cluster.ids) == failures
+    chosen = [record.candidate.id for record in telling_failures(store, 1000)]
+    assert chosen == [cluster.most_severe for cluster in clusters]
+
+
+def test_of_many_failures_the_most_severe_are_compared_and_the_table_says_so(
+    store: CampaignStore, capsys: pytest.CaptureFixture[str]
+) -> None:
+    severe = [record.candidate.id for record in store.tests(Outcome.FAIL, "moobd", limit=8)]
+    clusters = distinct_failures(store, limit=8)
+    assert sorted(i for cluster in clusters for i in cluster.ids) == sorted(severe)
+    print_failures(clusters, failures=30, listed=len(clusters) - 1)
+    title, heading, *rows = capsys.readouterr().out.splitlines()
+    assert len(clusters) > 1
+    listed = len(clusters) - 1
+    assert title == (
+        f"{len(clusters)} distinct failures among the 8 most severe of 30, the {listed} most severe"
+    )
+    assert heading.split()[:2] == ["test", "MOOBD"]
+    assert rows[0].split()[0] == str(severe[0])
+    assert len(rows) == len(clusters) - 1
 
 
 def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignStore) -> None:

@@ -1,5 +1,95 @@
-"""What a campaign's tests mean together."""
+"""What a campaign's tests mean, each on its own and together.
 
-from frenetic.analysis.diversity import most_different, segment_profile
+The names are imported when they are used, so that asking for one takes no more than it needs.
+"""
 
-__all__ = ["most_different", "segment_profile"]
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from frenetic.analysis.bends import Bend, find_bends
+    from frenetic.analysis.clusters import (
+        Cluster,
+        Clusters,
+        Failure,
+        cluster_failures,
+        failures_of,
+    )
+    from frenetic.analysis.competition import (
+        CompetitionFeatures,
+        CompetitionSegment,
+        competition_features,
+        competition_segment,
+    )
+    from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
+    from frenetic.analysis.segments import Segment, segment_of, segment_profile, segments_of
+    from frenetic.analysis.sparseness import (
+        CompetitionSparseness,
+        Diversity,
+        competition_sparseness,
+        diversity,
+        edit_distance,
+    )
+
+_HOMES = {
+    "bends": ("Bend", "find_bends"),
+    "clusters": ("Cluster", "Clusters", "Failure", "cluster_failures", "failures_of"),
+    "competition": (
+        "CompetitionFeatures",
+        "CompetitionSegment",
+        "competition_features",
+        "competition_segment",
+    ),
+    "features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
+    "segments": ("Segment", "segment_of", "segment_profile", "segments_of"),
+    "sparseness": (
+        "CompetitionSparseness",
+        "Diversity",
+        "competition_sparseness",
+        "diversity",
+        "edit_distance",
+    ),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "FEATURES",
+    "Bend",
+    "Cluster",
+    "Clusters",
+    "CompetitionFeatures",
+    "CompetitionSegment",
+    "CompetitionSparseness",
+    "Diversity",
+    "Failure",
+    "Feature",
+    "Features",
+    "Segment",
+    "cluster_failures",
+    "competition_features",
+    "competition_segment",
+    "competition_sparseness",
+    "diversity",
+    "edit_distance",
+    "failures_of",
+    "feature",
+    "features_of",
+    "find_bends",
+    "segment_of",
+    "segment_profile",
+    "segments_of",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -18,6 +18,7 @@ from rich.table import Table
 from frenetic.durations import format_duration
 
 if TYPE_CHECKING:
+    from frenetic.analysis import Clusters
     from frenetic.campaign import Progress, TestRecord
     from frenetic.oracle import Result
 
@@ -123,29 +124,29 @@ def live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
     yield line
 
 
-def print_failures(listed: Sequence[TestRecord]) -> None:
-    """Prints a table of failures."""
-    table = Table(
-        title="The most severe and most different failures",
-        title_justify="left",
-        title_style="bold",
-        box=None,
-        pad_edge=False,
-    )
-    for column in ("test", "MOOBD (m)", "left on", "after (m)", "of (m)", "origin"):
-        table.add_column(column, justify="left" if column in ("left on", "origin") else "right")
-    for record in listed:
-        candidate = record.candidate
-        place = record.departure_distance
-        table.add_row(
-            str(candidate.id),
-            "-" if record.moobd is None else f"{record.moobd:.2f}",
-            record.departure_side or "-",
-            "-" if place is None else f"{place:.0f}",
-            f"{(len(candidate.curvatures) - 1) * candidate.step:.0f}",
-            candidate.origin.operator,
-        )
-    Results().print(table)
+def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
+    """Prints a table of distinct failures.
+
+    Args:
+        clusters: the distinct failures, at least one.
+        failures: how many failures there are in all; more than were compared, maybe.
+        listed: how many clusters are printed.
+    """
+    title = "1 distinct failure" if len(clusters) == 1 else f"{len(clusters)} distinct failures"
+    if failures > clusters.failures:
+        title += f" among the {clusters.failures} most severe of {failures}"
+    if listed < len(clusters):
+        title += f", the {listed} most severe"
+    table = Table(box=None, pad_edge=False)
+    for column in ("test", "MOOBD (m)", "alike"):
+        table.add_column(column, justify="right")
+    table.add_column("what happens")
+    for cluster in clusters.clusters[:listed]:
+        numbers = (str(cluster.most_severe), f"{cluster.moobd:.2f}", str(len(cluster)))
+        table.add_row(*numbers, cluster.description)
+    results = Results()
+    results.print(title, style="bold", markup=False)
+    results.print(table)
 
 
 def facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[tuple[str, str]]:

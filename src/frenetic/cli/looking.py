@@ -42,11 +42,12 @@ def show(campaign: Path, test_id: int | None, plot: Path | None, as_json: bool) 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.outcome import Outcome
-    from frenetic.report.failures import telling_failures
+    from frenetic.report.failures import LISTED, distinct_failures
 
     counts = store.counts()
     config, facts = store.config, store.facts
     number = counts.by_outcome
+    clusters = distinct_failures(store)
     if as_json:
         document = {
             "folder": str(store.folder),
@@ -55,6 +56,15 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             "passed": number[Outcome.PASS],
             "failed": number[Outcome.FAIL],
             "errors": number[Outcome.ERROR],
+            "distinct_failures": [
+                {
+                    "most_severe": cluster.most_severe,
+                    "moobd": cluster.moobd,
+                    "description": cluster.description,
+                    "tests": list(cluster.ids),
+                }
+                for cluster in clusters
+            ],
             "min_moobd": counts.lowest_moobd,
             "facts": dict(facts),
             "config": dict(config),
@@ -90,10 +100,9 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ),
         ]
     )
-    listed = telling_failures(store)
-    if listed:
-        print_failures(listed)
-        click.echo(f"One in full: frenetic show {shell(store.folder)} {listed[0].candidate.id}")
+    if len(clusters):
+        print_failures(clusters, number[Outcome.FAIL], min(LISTED, len(clusters)))
+        click.echo(f"One in full: frenetic show {shell(store.folder)} {clusters[0].most_severe}")
 
 
 def _part(described: object) -> str:

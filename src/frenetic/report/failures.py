@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any, Final
 
-from frenetic.analysis import most_different, segment_profile
+from frenetic.analysis.clusters import Clusters, cluster_failures, failures_of
 from frenetic.campaign.interrupt import catch_interrupt
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue, TestRecord
+from frenetic.campaign.stored import StoredTest as StoredTest
+from frenetic.campaign.stored import stored_test as stored_test
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road
-from frenetic.simulators.drive import CarBody, Drive, Rules
 
 FAILURES: Final = "failures"
 """Folder in a campaign's folder that holds its failing roads."""
@@ -23,67 +23,37 @@ GALLERY: Final = "gallery.png"
 """Picture in that folder of all listed failures at a glance."""
 LISTED: Final = 10
 """Failures that are listed and drawn at the end of a run."""
+COMPARED: Final = 2000
+"""Failures that are compared with each other to tell which are distinct, the most severe first."""
 MOST_FILES: Final = 1000
 """Failing roads that get a file of their own, the most severe first; all are in the database."""
 
 
-@dataclass(frozen=True)
-class StoredTest:
-    """A test of a campaign with its road and its drive made ready again."""
+def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:
+    """The failures of a campaign, those that are the same problem put together.
 
-    record: TestRecord
-    road: Road
-    """Where it lay on the map; at its default place if it fitted nowhere."""
-    drive: Drive | None
-    """None if nothing was driven or the record was read without its trajectory."""
-
-    @property
-    def id(self) -> int:
-        """The candidate's id."""
-        return self.record.candidate.id
-
-
-def stored_test(store: CampaignStore, record: TestRecord) -> StoredTest:
-    """The road and drive behind a record.
+    Args:
+        store: the campaign.
+        limit: only so many failures are looked at, the most severe; None for all.
 
     Raises:
-        CampaignError: the campaign's configuration does not say how it was driven.
+        CampaignError: the campaign is damaged.
     """
-    config = store.config
-    path = store.folder / DATABASE
-    try:
-        lane_width = float(config["lane_width"])  # type: ignore[arg-type]
-        rules = Rules(**config["rules"])  # type: ignore[arg-type]
-        car = CarBody(**config["car"])  # type: ignore[arg-type]
-    except (KeyError, TypeError, ValueError) as error:
-        raise CampaignError(f"{path} is damaged: its configuration lacks {error}") from None
-    candidate = record.candidate
-    pose = Pose(*record.pose) if record.pose is not None else None
-    road = Road(
-        candidate.curvatures,
-        candidate.step,
-        **({} if pose is None else {"pose": pose}),
-        lane_width=lane_width,
-    )
-    drive = None
-    if record.trajectory is not None:
-        trouble = record.reason if record.outcome is Outcome.ERROR else None
-        drive = Drive(record.trajectory, car, rules, trouble)
-    return StoredTest(record, road, drive)
+    return cluster_failures(failures_of(store, limit))
+
+
+def most_severe(store: CampaignStore, clusters: Clusters, number: int = LISTED) -> list[TestRecord]:
+    """The most severe failure of each of the ``number`` most severe clusters, worst first."""
+    listed = clusters.clusters[:number]
+    return [store.test(cluster.most_severe, with_trajectory=False) for cluster in listed]
 
 
 def telling_failures(store: CampaignStore, number: int = LISTED) -> list[TestRecord]:
-    """The most severe failure and those that differ most from it and each other, worst first."""
-    failures = list(store.tests(Outcome.FAIL, order_by="moobd"))
-    profiles = []
-    for record in failures:
-        place = record.departure_distance
-        if place is None:
-            place = record.moobd_distance or 0.0
-        profiles.append(segment_profile(stored_test(store, record).road, place))
-    severities = [-(record.moobd or 0.0) for record in failures]
-    chosen = most_different(profiles, severities, number)
-    return [failures[i] for i in sorted(chosen)]
+    """The most severe failures of which no two are the same problem, worst first.
+
+    Fewer than ``number`` come back where there are fewer distinct failures.
+    """
+    return most_severe(store, distinct_failures(store), number)
 
 
 def file_stem(candidate_id: int) -> str:

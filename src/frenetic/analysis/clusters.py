@@ -1,0 +1,329 @@
+"""Distinct failures: failures that are the same problem, put together.
+
+Two failures are laid over each other so that the places and directions of the road where the car
+left its lane coincide. Their *difference*, in metres, is
+
+    sqrt(mean |p - p'|^2 + mean (d - d')^2 + mean ((v - v') * 1 s)^2)
+
+with p the road's points from 30 m before to 15 m after that place, d the car's lateral offset and v
+its speed over the 30 m before. The road further ahead is left out: the car never got there, and with
+it the clusters of a campaign and of its half were less alike.
+
+Failures are put together by average linkage (UPGMA on the square of the difference), for each side
+of the lane on its own, as long as the root mean square difference of what is put together is at
+most 2 m, half a lane. Equal failures count once, so it does not matter how often a search found the
+same one, nor in which order; how many clusters there are follows from the failures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.analysis.bends import Bend, find_bends
+from frenetic.analysis.segments import (
+    PROFILE_SPACING,
+    REACH,
+    Segment,
+    segment_profile,
+    segments_of,
+)
+from frenetic.arrays import FloatArray
+from frenetic.campaign.store import CampaignStore
+from frenetic.oracle import Side
+from frenetic.outcome import Outcome
+from frenetic.road.geometry import frame_at, sample_line
+
+IntArray = npt.NDArray[np.int64]
+
+THRESHOLD: Final = 2.0
+"""m, root mean square difference up to which failures are put together: half a lane."""
+BATCH: Final = 3000
+"""Failures that are linked at a time; memory and time grow with the square."""
+
+_AHEAD: Final = 15.0  # [m] of road after the place that counts
+_SPACING: Final = 2.5  # [m]
+_BEHIND: Final = np.arange(-REACH, 0.5 * _SPACING, _SPACING)
+_AROUND: Final = np.arange(-REACH, _AHEAD + 0.5 * _SPACING, _SPACING)
+
+
+@dataclass(frozen=True, eq=False)
+class Failure:
+    """What of a failure is compared: the road and the drive, seen from where the car left."""
+
+    id: int
+    """Of the test."""
+    moobd: float
+    """m, minimum oob distance."""
+    side: Side | None
+    """The side of the lane on which the car left, None if it failed without leaving."""
+    curvatures: FloatArray
+    """(31,) 1/m, see `segment_profile`."""
+    road: FloatArray
+    """(19, 2) m, the centre line every 2.5 m from 30 m before the place to 15 m after it: x ahead,
+    y to the left of the road at the place."""
+    offsets: FloatArray
+    """(13,) m left of the ego lane's centre line, every 2.5 m over the 30 m before the place."""
+    speeds: FloatArray
+    """(13,) m/s, likewise."""
+
+    @classmethod
+    def of(cls, segment: Segment, *, id: int, moobd: float) -> Failure:  # noqa: A002
+        """The failure of a test, from its segment."""
+        road, place, seen = segment.road, segment.place, segment.assessment
+        x, y, cosine, sine, _ = frame_at(road.table, road.sub_step, place)
+        points = sample_line(road.table, road.sub_step, place + _AROUND, 0.0) - (x, y)
+        ahead = points @ np.array([[cosine, -sine], [sine, cosine]])
+        # A car that slides may fall back along the road; the furthest place counts.
+        along = np.maximum.accumulate(seen.distance)
+        speed = segment.drive.trajectory.speed[: len(along)]
+        return cls(
+            id,
+            moobd,
+            segment.side,
+            segment_profile(road, place),
+            ahead,
+            np.interp(place + _BEHIND, along, seen.lateral_offset),
+            np.interp(place + _BEHIND, along, speed),
+        )
+
+    def vector(self) -> FloatArray:
+        """(64,) m, such that the distance of two vectors is the difference of two failures."""
+        parts = (self.road, self.offsets, self.speeds)
+        return np.concatenate([part.ravel() / np.sqrt(len(part)) for part in parts])
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """Failures that are the same problem."""
+
+    ids: tuple[int, ...]
+    """Of the tests, ascending."""
+    most_severe: int
+    """Id of the failure with the lowest MOOBD."""
+    typical: int
+    """Id of the failure that differs least from all: the medoid."""
+    moobd: float
+    """m, the lowest."""
+    side: Side | None
+    """The side of the lane on which the car left; None if it failed without leaving."""
+    spread: float
+    """m, root mean square difference of the failures from their mean."""
+    description: str
+    """What happens in the typical failure, in one phrase."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __str__(self) -> str:
+        number = "1 failure" if len(self) == 1 else f"{len(self)} failures"
+        return f"{self.description}: {number}, worst {self.moobd:.2f} m"
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """The distinct failures among many, the most severe first."""
+
+    clusters: tuple[Cluster, ...]
+    threshold: float
+    """m, root mean square difference up to which failures were put together."""
+
+    def __len__(self) -> int:
+        return len(self.clusters)
+
+    def __iter__(self) -> Iterator[Cluster]:
+        return iter(self.clusters)
+
+    def __getitem__(self, place: int) -> Cluster:
+        return self.clusters[place]
+
+    @property
+    def failures(self) -> int:
+        """How many failures there are in all clusters."""
+        return sum(map(len, self.clusters))
+
+    def of(self, id: int) -> Cluster:  # noqa: A002
+        """The cluster of a test.
+
+        Raises:
+            KeyError: no failure has this id.
+        """
+        for cluster in self.clusters:
+            if id in cluster.ids:
+                return cluster
+        raise KeyError(f"no failure has the id {id}")
+
+
+def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]:
+    """The failures of a campaign, the most severe first, at most ``limit`` of them.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    return [
+        Failure.of(segment, id=record.candidate.id, moobd=record.moobd or 0.0)
+        for record, segment in segments_of(store, Outcome.FAIL, order_by="moobd", limit=limit)
+    ]
+
+
+def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOLD) -> Clusters:
+    """The distinct failures, by the rule in this module's text.
+
+    Above `BATCH` different failures on one side, the most severe are linked first; each of the
+    others joins the cluster from whose members its root mean square difference is least, if that is
+    at most the threshold, and those that fit nowhere are linked in turn.
+
+    Args:
+        failures: in any order, each id once.
+        threshold: m, a larger one gives fewer clusters.
+
+    Raises:
+        ValueError: the threshold is not a positive number, or an id is there twice.
+    """
+    if not (np.isfinite(threshold) and threshold > 0.0):
+        raise ValueError(f"threshold is {threshold}: a positive number of metres is needed")
+    listed = sorted(failures, key=lambda failure: failure.id)
+    for one, other in pairwise(listed):
+        if one.id == other.id:
+            raise ValueError(f"failure {one.id} is there twice: give each failure once")
+    clusters: list[Cluster] = []
+    for side in ("left", "right", None):
+        members = [failure for failure in listed if failure.side == side]
+        if members:
+            vectors = np.array([failure.vector() for failure in members])
+            moobds = np.array([failure.moobd for failure in members])
+            labels = _labels(vectors, moobds, threshold)
+            for label in range(labels.max() + 1):
+                own = np.flatnonzero(labels == label)
+                clusters.append(_cluster([members[i] for i in own], vectors[own]))
+    clusters.sort(key=lambda cluster: (cluster.moobd, cluster.most_severe))
+    return Clusters(tuple(clusters), threshold)
+
+
+def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
+    squares = ((vectors - vectors.mean(axis=0)) ** 2).sum(axis=1)
+    # Sums of squares differ by rounding where two members are mirror images or doubles: the first.
+    typical = members[int(np.flatnonzero(squares <= squares.min() + 1e-9)[0])]
+    worst = min(members, key=lambda failure: (failure.moobd, failure.id))
+    return Cluster(
+        ids=tuple(failure.id for failure in members),
+        most_severe=worst.id,
+        typical=typical.id,
+        moobd=worst.moobd,
+        side=worst.side,
+        spread=float(np.sqrt(squares.mean())),
+        description=describe(typical),
+    )
+
+
+def _labels(vectors: FloatArray, moobds: FloatArray, threshold: float) -> IntArray:
+    """(n,) number of the cluster of each of (n, m) vectors, from 0 and without a gap."""
+    shapes, shape_of = np.unique(vectors + 0.0, axis=0, return_inverse=True)  # no negative zeros
+    shape_of = shape_of.ravel()
+    worst = np.full(len(shapes), np.inf)
+    np.minimum.at(worst, shape_of, moobds)
+    labels = np.full(len(shapes), -1, dtype=np.int64)
+    waiting = np.argsort(worst, kind="stable")
+    while len(waiting):
+        # Sorted, so that ties are broken by what the failures are, whatever their order was.
+        batch, waiting = np.sort(waiting[:BATCH]), waiting[BATCH:]
+        first = labels.max() + 1
+        linked = _link(shapes[batch], threshold)
+        labels[batch] = first + linked
+        nearest = _nearest_cluster(shapes[waiting], shapes[batch], linked, threshold)
+        fits = nearest >= 0
+        labels[waiting[fits]] = first + nearest[fits]
+        waiting = waiting[~fits]
+    found: IntArray = labels[shape_of]
+    return found
+
+
+def _link(shapes: FloatArray, threshold: float) -> IntArray:
+    """(n,) number of the cluster of each of (n, m) different vectors, by average linkage."""
+    from scipy.cluster.hierarchy import fcluster, linkage  # takes its time
+    from scipy.spatial.distance import pdist
+
+    if len(shapes) == 1:
+        return np.zeros(1, dtype=np.int64)
+    tree = linkage(pdist(shapes, "sqeuclidean"), "average")
+    return fcluster(tree, threshold**2, "distance").astype(np.int64) - 1
+
+
+def _nearest_cluster(
+    vectors: FloatArray, shapes: FloatArray, labels: IntArray, threshold: float
+) -> IntArray:
+    """(k,) for each of (k, m) vectors the cluster it is nearest to; -1 beyond the threshold.
+
+    The mean square difference from a cluster's members is that from their mean plus their variance.
+    """
+    counts = np.bincount(labels)
+    means = np.zeros((len(counts), shapes.shape[1]))
+    np.add.at(means, labels, shapes)
+    means /= counts[:, None]
+    variances = np.bincount(labels, ((shapes - means[labels]) ** 2).sum(axis=1)) / counts
+    nearest = np.full(len(vectors), -1, dtype=np.int64)
+    for i, vector in enumerate(vectors):
+        squares = ((means - vector) ** 2).sum(axis=1) + variances
+        least = int(squares.argmin())
+        if squares[least] <= threshold**2:
+            nearest[i] = least
+    return nearest
+
+
+# Describing a failure
+
+_NEAR_BEND: Final = 10.0  # [m] from a bend's end, or to its start, that still belong to it
+_STRAIGHT: Final = 15.0  # [m] that a straight is long at least to be mentioned
+_SLOWS: Final = 3.0  # [m/s] less at the place than before, to be mentioned
+
+
+def describe(failure: Failure) -> str:
+    """What happens, in one phrase: ``leaves to the left at 41 km/h at the end of a ...``."""
+    what = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
+    fastest, now = failure.speeds.max() * 3.6, failure.speeds[-1] * 3.6
+    how = f"at {now:.0f} km/h"
+    if fastest - now > _SLOWS * 3.6:
+        how = f"slowing from {fastest:.0f} to {now:.0f} km/h"
+    return f"{what} {_where(failure.curvatures)}, {how}"
+
+
+def _where(curvatures: FloatArray) -> str:
+    """Where on the road the place is, given its `segment_profile`."""
+    places = np.linspace(-REACH, REACH, len(curvatures))
+    assert places[1] - places[0] == PROFILE_SPACING
+    found = find_bends(places, curvatures)
+    here = next((b for b in found if b.start <= 0.0 <= b.end), None)
+    if here is not None:
+        turned = np.interp(0.0, *_turned(places, curvatures, here)) / here.turn
+        part = "entering" if turned < 1 / 3 else "in" if turned < 2 / 3 else "at the end of"
+    else:
+        left = next((b for b in reversed(found) if -_NEAR_BEND <= b.end < 0.0), None)
+        coming = next((b for b in found if 0.0 < b.start <= _NEAR_BEND), None)
+        here = left or coming
+        if here is None:
+            return "on a straight"
+        part = "behind" if here is left else "before"
+    text = f"{part} a {here.side}-hand bend of {1.0 / here.sharpest:.0f} m radius"
+    before = [b for b in found if b.end <= here.start]
+    straight = here.start - (before[-1].end if before else -REACH)
+    if straight >= _STRAIGHT:
+        return f"{text} after a straight"
+    if before:
+        return f"{text} after a {before[-1].side}-hand bend"
+    return text
+
+
+def _turned(
+    places: FloatArray, curvatures: FloatArray, bend: Bend
+) -> tuple[FloatArray, FloatArray]:
+    """Places of a profile within a bend, and the angle in rad by which it has turned there."""
+    inside = places[(places > bend.start) & (places < bend.end)]
+    s = np.concatenate([[bend.start], inside, [bend.end]])
+    kappa = np.interp(s, places, curvatures)
+    turned = np.cumsum(0.5 * (kappa[1:] + kappa[:-1]) * np.diff(s))
+    return s, np.concatenate([[0.0], turned])

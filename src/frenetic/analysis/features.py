@@ -1,0 +1,136 @@
+"""Features of a test: what its road is like and how the car took it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from frenetic.analysis.bends import heading_range
+from frenetic.analysis.segments import Segment
+from frenetic.arrays import FloatArray
+from frenetic.errors import UnknownNameError
+
+HEADING_BINS: Final = 10
+"""Bins of 36 degrees in the full circle."""
+
+
+@dataclass(frozen=True)
+class Features:
+    """What a stretch of road and the drive along it are like; see `FEATURES` for the ranges.
+
+    Moving or turning the road changes none of them; mirroring it flips the signs of the offsets.
+    """
+
+    length: float
+    """m of road."""
+    max_curvature: float
+    """1/m, largest curvature of the centre line, without its sign."""
+    direction_coverage: float
+    """Share 0..1 of the ten directions, 36 degrees each, in which the road leads somewhere.
+
+    Directions are counted from the one in which the stretch begins, the middle of its bin.
+    """
+    bends: int
+    """Bends, see `frenetic.analysis.Bend`."""
+    mean_speed: float
+    """m/s, over the drive's time."""
+    std_speed: float
+    """m/s, standard deviation over the drive's time."""
+    std_steering: float
+    """rad, standard deviation of the front wheels' angle over the drive's time."""
+    mean_offset: float
+    """m left of the ego lane's centre line, over the drive's time."""
+    extreme_offset: float
+    """m left of the ego lane's centre line where the car was furthest from it."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A feature's published range, cut into equal bins: an axis of a feature map."""
+
+    name: str
+    """Of the field in `Features`."""
+    description: str
+    unit: str
+    """Empty for a share or a number."""
+    low: float
+    """Lower end of the range; smaller values count into the first bin."""
+    high: float
+    """Upper end of the range; this and larger values count into the last bin."""
+    bins: int
+
+    @property
+    def edges(self) -> FloatArray:
+        """(bins + 1,) the bins' edges; a value on an edge belongs to the bin above."""
+        return np.linspace(self.low, self.high, self.bins + 1)
+
+    def of(self, features: Features) -> float:
+        """This feature's value."""
+        return float(getattr(features, self.name))
+
+    def bin_of(self, features: Features) -> int:
+        """The bin, from 0, into which a stretch's value falls."""
+        found = int(np.searchsorted(self.edges, self.of(features), side="right")) - 1
+        return min(max(found, 0), self.bins - 1)
+
+
+FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(
+    {
+        feature.name: feature
+        for feature in (
+            Feature("length", "Length of the road", "m", 0.0, 400.0, 10),
+            Feature("max_curvature", "Largest curvature", "1/m", 0.0, 0.07, 10),
+            Feature("direction_coverage", "Share of directions covered", "", 0.05, 1.05, 10),
+            Feature("bends", "Number of bends", "", -0.5, 9.5, 10),
+            Feature("mean_speed", "Mean speed", "m/s", 0.0, 25.0, 10),
+            Feature("std_speed", "Standard deviation of speed", "m/s", 0.0, 8.0, 10),
+            Feature("std_steering", "Standard deviation of steering", "rad", 0.0, 0.3, 10),
+            Feature("mean_offset", "Mean lateral position", "m", -1.5, 1.5, 10),
+            Feature("extreme_offset", "Extreme lateral position", "m", -5.0, 5.0, 10),
+        )
+    }
+)
+"""Name of a field of `Features` -> its range."""
+
+
+def feature(name: str) -> Feature:
+    """The feature with this name.
+
+    Raises:
+        UnknownNameError: there is none.
+    """
+    if name not in FEATURES:
+        raise UnknownNameError(f"no feature is called {name!r}: choose from {', '.join(FEATURES)}")
+    return FEATURES[name]
+
+
+def features_of(segment: Segment) -> Features:
+    """The features of a segment, or of a whole test: ``features_of(segment.whole())``."""
+    distances, curvatures = segment.curvature_samples
+    offset = segment.lateral_offset
+    return Features(
+        length=segment.length,
+        max_curvature=float(np.abs(curvatures).max()),
+        direction_coverage=_directions(distances, curvatures) / HEADING_BINS,
+        bends=len(segment.bends),
+        mean_speed=float(segment.speed.mean()),
+        std_speed=float(segment.speed.std()),
+        std_steering=float(segment.steering.std()),
+        mean_offset=float(offset.mean()),
+        extreme_offset=float(offset[np.argmax(np.abs(offset))]),
+    )
+
+
+def _directions(distances: FloatArray, curvatures: FloatArray) -> int:
+    """How many bins of heading a line passes through: without a gap, as its heading is steady."""
+    width = 2.0 * math.pi / HEADING_BINS
+    least, most = heading_range(distances, curvatures)
+    # A rounding error at the edge of a bin may not open another one.
+    first = math.ceil((least + 1e-9) / width - 0.5)
+    last = math.floor((most - 1e-9) / width + 0.5)
+    return min(last - first + 1, HEADING_BINS)

@@ -1,0 +1,180 @@
+"""The interesting segment of a test: where the car left its lane, and the road around it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from frenetic.analysis.bends import Bend, find_bends
+from frenetic.arrays import FloatArray
+from frenetic.campaign.store import CampaignStore, Order, TestRecord
+from frenetic.campaign.stored import stored_test
+from frenetic.oracle import Assessment, Departure, Side, assess
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.road.geometry import sample_line
+from frenetic.simulators.drive import Drive
+
+REACH: Final = 30.0
+"""m of road before and after the place of a failure that belong to its segment."""
+PROFILE_SPACING: Final = 2.0
+"""m between two values of a `segment_profile`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """A stretch of road around a place, and the drive along it; made by `segment_of`."""
+
+    road: Road
+    drive: Drive
+    place: float
+    """m along the road: where the car left its lane or, if it did not, was furthest off."""
+    side: Side | None
+    """The side of the lane on which it left, None if it did not."""
+    start: float
+    """m along the road."""
+    end: float
+    """m along the road."""
+    assessment: Assessment
+    """The whole drive, record by record."""
+    first: int
+    """The segment's first record."""
+    last: int
+    """One past the segment's last record."""
+
+    @property
+    def length(self) -> float:
+        """M of road."""
+        return self.end - self.start
+
+    @property
+    def lateral_offset(self) -> FloatArray:
+        """(n,) m left of the ego lane's centre line, record by record."""
+        return self.assessment.lateral_offset[self.first : self.last]
+
+    @property
+    def oob_distance(self) -> FloatArray:
+        """(n,) m, record by record."""
+        return self.assessment.oob_distance[self.first : self.last]
+
+    @property
+    def speed(self) -> FloatArray:
+        """(n,) m/s, record by record."""
+        return self.drive.trajectory.speed[self.first : self.last]
+
+    @property
+    def steering(self) -> FloatArray:
+        """(n,) rad, angle of the front wheels, record by record."""
+        return self.drive.trajectory.steering[self.first : self.last]
+
+    @cached_property
+    def curvature_samples(self) -> tuple[FloatArray, FloatArray]:
+        """(k,) m along the road and (k,) 1/m: both ends of the segment, the samples between."""
+        places = np.arange(len(self.road.curvatures)) * self.road.step
+        inside = places[(places > self.start) & (places < self.end)]
+        distances = np.concatenate([[self.start], inside, [self.end]])
+        return distances, self.road.curvature_at(distances)
+
+    @property
+    def bends(self) -> tuple[Bend, ...]:
+        """The bends, or what of them lies in the segment, in order."""
+        return find_bends(*self.curvature_samples)
+
+    def points(self, spacing: float = 1.0) -> FloatArray:
+        """(n, 2) m, the centre line in equal steps of ``spacing`` m or a little less."""
+        steps = max(1, int(np.ceil(self.length / spacing - 1e-9)))
+        distances = np.linspace(self.start, self.end, steps + 1)
+        points: FloatArray = sample_line(self.road.table, self.road.sub_step, distances, 0.0)
+        return points
+
+    def whole(self) -> Segment:
+        """The whole road and the whole drive, with the same place."""
+        n = len(self.assessment.distance)
+        return replace(self, start=0.0, end=self.road.length, first=0, last=n)
+
+
+def segment_of(
+    road: Road,
+    drive: Drive,
+    departure: Departure | None,
+    *,
+    before: float = REACH,
+    after: float = REACH,
+) -> Segment:
+    """The segment of a drive around the place where the car left its lane.
+
+    If it did not leave, the place is that of the minimum oob distance. The segment ends where the
+    road ends, and it holds no record of the time before the car came in or after it went out.
+
+    Args:
+        road: the road where it was driven.
+        drive: a drive that was judged PASS or FAIL.
+        departure: as the oracle or the campaign says.
+        before: m of road before the place.
+        after: m of road after it.
+
+    Raises:
+        ValueError: the drive has no records.
+    """
+    if len(drive.trajectory) == 0:
+        raise ValueError("a drive without records has no segment: drive the road first")
+    seen = assess(road, drive)
+    n = len(seen.distance)
+    if departure is not None:
+        centre = int(np.argmin(np.abs(drive.trajectory.time[:n] - departure.time)))
+        place = departure.distance
+    else:
+        centre = int(np.argmin(seen.oob_distance))
+        place = float(seen.distance[centre])
+    place = min(max(place, 0.0), road.length)
+    start, end = max(place - before, 0.0), min(place + after, road.length)
+    # A record beyond the road's ends belongs to the segment that reaches there.
+    along = np.clip(seen.distance, 0.0, road.length)
+    too_early = np.flatnonzero(along[:centre] < start)
+    too_late = np.flatnonzero(along[centre + 1 :] > end)
+    return Segment(
+        road=road,
+        drive=drive,
+        place=place,
+        side=None if departure is None else departure.side,
+        start=start,
+        end=end,
+        assessment=seen,
+        first=int(too_early[-1]) + 1 if len(too_early) else 0,
+        last=centre + 1 + int(too_late[0]) if len(too_late) else n,
+    )
+
+
+def segments_of(
+    store: CampaignStore,
+    outcome: Outcome | None = None,
+    *,
+    order_by: Order = "told",
+    limit: int | None = None,
+) -> Iterator[tuple[TestRecord, Segment]]:
+    """The driven tests of a campaign, one by one, each with its segment.
+
+    Args:
+        store: the campaign.
+        outcome: PASS or FAIL to get only these.
+        order_by: as for `CampaignStore.tests`.
+        limit: look at no more than so many tests.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    for record in store.tests(outcome, order_by, limit, with_trajectory=True):
+        if record.outcome.is_driven:
+            test = stored_test(store, record)
+            if test.drive is not None:
+                yield record, segment_of(test.road, test.drive, record.departure)
+
+
+def segment_profile(road: Road, place: float) -> FloatArray:
+    """(31,) 1/m, curvature every 2 m from 30 m before to 30 m after ``place`` m along the road."""
+    offsets = np.arange(-REACH, REACH + 0.5 * PROFILE_SPACING, PROFILE_SPACING)
+    return road.curvature_at(place + offsets)

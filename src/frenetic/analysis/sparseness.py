@@ -1,0 +1,170 @@
+"""How different failing roads are from each other: edit distances, and figures made of them.
+
+A line of points about a metre apart is read as a word, a letter for every step: the angle by which
+it turns and its length. The distance between two lines is Levenshtein's: the least cost of making
+one word the other, where inserting or deleting a letter costs 1, and replacing one costs nothing
+if both letters are nearly the same and otherwise up to 1, the more the more they differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from frenetic.arrays import FloatArray
+
+SAME_ANGLE: Final = 0.3
+"""Degrees by which the turns of two equal steps differ less."""
+SAME_LENGTH: Final = 0.2
+"""m by which the lengths of two equal steps differ less."""
+
+
+@dataclass(frozen=True)
+class CompetitionSparseness:
+    """Sparseness as the competition of 2021 and 2022 computed it; see `competition_sparseness`."""
+
+    mean: float | None
+    """Edits; None for fewer than two failures."""
+    stdev: float | None
+    """Edits, of the population; None for fewer than two failures."""
+    maxima: tuple[float, ...]
+    """Edits, one for each failure but the last."""
+
+
+@dataclass(frozen=True)
+class Diversity:
+    """How different failures are, in terms that do not depend on their order; see `diversity`."""
+
+    nearest: float | None
+    """0..1, mean share of its steps that have to be changed to make a failure its nearest other.
+
+    0 if every failure has an exact double; None for fewer than two failures.
+    """
+    pairwise: float | None
+    """0..1, the same share, the mean over all pairs; None for fewer than two failures."""
+
+
+def edit_distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
+    """Edits between two lines, from 0 to the number of steps of the longer one.
+
+    Args:
+        one: (n, 2) m, points about 1 m apart.
+        other: (m, 2) m, likewise.
+
+    Raises:
+        ValueError: a line has fewer than two points.
+    """
+    angles, lengths, starts = _words([one, other])
+    return float(_distance(angles, lengths, starts[0], starts[1], starts[1], starts[2]))
+
+
+def competition_sparseness(segments: Sequence[npt.ArrayLike]) -> CompetitionSparseness:
+    """Sparseness of failures as the competition's published code computes it.
+
+    For each failure the largest distance to any of those *after* it in the sequence, so that the
+    last one counts nothing and the order matters; then mean and standard deviation.
+
+    Args:
+        segments: (n, 2) points each, see `frenetic.analysis.competition_segment`, in the order of
+            the tests.
+
+    Raises:
+        ValueError: a segment has fewer than two points.
+    """
+    if len(segments) < 2:
+        return CompetitionSparseness(None, None, ())
+    largest = _summaries(*_words(segments))[:-1, _LARGEST_LATER]
+    return CompetitionSparseness(
+        float(largest.mean()), float(largest.std()), tuple(largest.tolist())
+    )
+
+
+def diversity(segments: Sequence[npt.ArrayLike]) -> Diversity:
+    """How different failures are from each other, whatever their order and number.
+
+    A distance is divided by the number of steps of the longer segment, which it cannot exceed.
+
+    Args:
+        segments: (n, 2) points each, about 1 m apart, see `frenetic.analysis.Segment.points`.
+
+    Raises:
+        ValueError: a segment has fewer than two points.
+    """
+    k = len(segments)
+    if k < 2:
+        return Diversity(None, None)
+    rows = _summaries(*_words(segments))
+    return Diversity(float(rows[:, _NEAREST].mean()), float(rows[:, _SHARES].mean() / (k - 1)))
+
+
+# Columns of `_summaries`.
+_LARGEST_LATER, _NEAREST, _SHARES = range(3)
+
+
+def _words(
+    segments: Sequence[npt.ArrayLike],
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.int64]]:
+    """Turns in degrees and lengths in m of all steps, and where each segment's begin."""
+    angles, lengths, counts = [], [], [0]
+    for segment in segments:
+        points = np.asarray(segment, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 2:
+            raise ValueError(f"a segment has shape {points.shape}: two or more points x, y needed")
+        steps = np.diff(points, axis=0)
+        headings = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
+        # In -180 .. 180, so that two of them differ by 360 at most.
+        angles.append((np.diff(headings, prepend=headings[0]) + 180.0) % 360.0 - 180.0)
+        lengths.append(np.hypot(steps[:, 0], steps[:, 1]))
+        counts.append(len(steps))
+    return np.concatenate(angles), np.concatenate(lengths), np.cumsum(counts, dtype=np.int64)
+
+
+@njit(cache=True)
+def _distance(
+    angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
+) -> float:
+    """Edits between the words i .. i_end - 1 and j .. j_end - 1 of ``angles`` and ``lengths``."""
+    m = j_end - j
+    # row[q]: cost of making the first p letters of one word the first q of the other, p by p.
+    row = np.arange(m + 1).astype(np.float64)
+    for p in range(i, i_end):
+        diagonal = row[0]
+        row[0] += 1.0
+        for q in range(m):
+            angle = abs(angles[p] - angles[j + q])
+            angle = min(angle, 360.0 - angle)
+            length = abs(lengths[p] - lengths[j + q])
+            cost = diagonal
+            if angle >= SAME_ANGLE or length >= SAME_LENGTH:
+                # The mean of angle / (1 + angle) and length / (1 + length), with one division.
+                u, v = 1.0 + angle, 1.0 + length
+                cost += 0.5 * (angle * v + length * u) / (u * v)
+            diagonal = row[q + 1]
+            row[q + 1] = min(cost, min(row[q], diagonal) + 1.0)
+    distance: float = row[m]
+    return distance
+
+
+@njit(cache=True)
+def _summaries(
+    angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
+) -> FloatArray:
+    """(k, 3) per segment: largest distance to a later one, nearest share, sum of the shares."""
+    k = len(starts) - 1
+    rows = np.zeros((k, 3))
+    rows[:, _NEAREST] = np.inf
+    for i in range(k):
+        for j in range(i + 1, k):
+            edits = _distance(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1])
+            share = edits / max(starts[i + 1] - starts[i], starts[j + 1] - starts[j])
+            rows[i, _LARGEST_LATER] = max(rows[i, _LARGEST_LATER], edits)
+            rows[i, _NEAREST] = min(rows[i, _NEAREST], share)
+            rows[j, _NEAREST] = min(rows[j, _NEAREST], share)
+            rows[i, _SHARES] += share
+            rows[j, _SHARES] += share
+    return rows

@@ -1,0 +1,291 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_drives import departing
+
+from frenetic.analysis import Clusters, Failure, cluster_failures
+from frenetic.analysis import clusters as module
+from frenetic.analysis.clusters import describe
+from frenetic.oracle import Side
+from frenetic.road import Pose, Road
+
+PLACE = 70.0
+STRAIGHT = [0.0] * 13
+LEFT = [0.0] * 5 + [0.05, 0.05, 0.05] + [0.0] * 5  # a left-hand bend around 60 m
+RIGHT = [-kappa for kappa in LEFT]
+
+
+def failure(
+    curvatures: npt.ArrayLike,
+    side: Side = "right",
+    *,
+    id: int = 1,  # noqa: A002
+    moobd: float = -2.0,
+    speeds: tuple[float, float] = (15.0, 10.0),
+    swing: float = 0.0,
+    pose: Pose | None = None,
+) -> Failure:
+    road = Road(curvatures) if pose is None else Road(curvatures, pose=pose)
+    segment = departing(road, PLACE, side, speeds=speeds, swing=swing)
+    return Failure.of(segment, id=id, moobd=moobd)
+
+
+def family(curvatures: Sequence[float], side: Side, first: int, number: int = 8) -> list[Failure]:
+    """Failures of one shape with jitter: in the road, the speed and the way the car took."""
+    rng = np.random.default_rng(first)
+    return [
+        failure(
+            np.array(curvatures) + rng.normal(0.0, 0.001, len(curvatures)),
+            side,
+            id=first + k,
+            moobd=-2.0 - 0.01 * k,
+            speeds=(15.0 + rng.normal(0.0, 0.3), 10.0 + rng.normal(0.0, 0.3)),
+            swing=rng.normal(0.0, 0.1),
+        )
+        for k in range(number)
+    ]
+
+
+def three_families() -> list[Failure]:
+    return family(STRAIGHT, "left", 1) + family(LEFT, "right", 101) + family(RIGHT, "left", 201)
+
+
+def members(clusters: Clusters) -> set[tuple[int, ...]]:
+    return {cluster.ids for cluster in clusters}
+
+
+def difference(one: Failure, other: Failure) -> float:
+    return float(np.linalg.norm(one.vector() - other.vector()))
+
+
+# What is compared
+
+
+def test_difference_of_speeds_and_offsets_worked_out_by_hand() -> None:
+    base = failure(STRAIGHT)
+    assert difference(base, base) == 0.0
+    faster = replace(base, speeds=base.speeds + 1.5)
+    assert difference(base, faster) == pytest.approx(1.5)  # m/s for a second
+    beside = replace(base, offsets=base.offsets - 0.8)
+    assert difference(base, beside) == pytest.approx(0.8)
+    assert difference(faster, beside) == pytest.approx(math.hypot(1.5, 0.8))
+
+
+def test_difference_of_roads_is_the_distance_of_their_points() -> None:
+    base, bend = failure(STRAIGHT), failure([0.02] * 13)
+    # The point s m ahead on a circle of 50 m radius lies at 50 (sin(s/50), 1 - cos(s/50)), that on
+    # the straight at (s, 0).
+    s = np.arange(-30.0, 15.1, 2.5)
+    away = np.hypot(50.0 * np.sin(s / 50.0) - s, 50.0 * (1.0 - np.cos(s / 50.0)))
+    expected = math.sqrt((away**2).mean())
+    bent = replace(bend, offsets=base.offsets, speeds=base.speeds)
+    assert difference(base, bent) == pytest.approx(expected, abs=1e-6)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(-300.0, 300.0), st.floats(-300.0, 300.0), st.floats(-math.pi, math.pi))
+def test_moving_and_turning_a_road_makes_no_difference(x: float, y: float, heading: float) -> None:
+    here, there = failure(LEFT), failure(LEFT, pose=Pose(x, y, heading))
+    assert difference(here, there) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_what_lies_far_behind_the_place_or_ahead_of_it_makes_no_difference() -> None:
+    base = failure(STRAIGHT)
+    assert difference(base, failure([0.0, 0.03, 0.0, *STRAIGHT[3:]])) == pytest.approx(0.0, abs=0.5)
+    # The road bends from 90 m on: 20 m and more after the place.
+    assert difference(base, failure([*STRAIGHT[:9], 0.0, 0.06, 0.06, 0.06])) < 1e-9
+
+
+# Which are put together
+
+
+def test_three_clearly_different_shapes_with_jitter_are_three_clusters() -> None:
+    found = cluster_failures(three_families())
+    assert members(found) == {tuple(range(k, k + 8)) for k in (1, 101, 201)}
+    assert found.failures == 24
+
+
+def test_mirror_images_are_different_problems() -> None:
+    here = family(LEFT, "right", 1)
+    mirrored = [
+        failure([-kappa for kappa in LEFT], "left", id=101 + k, moobd=-2.0) for k in range(4)
+    ]
+    assert len(cluster_failures(here + mirrored)) == 2
+    # Even where the road is its own mirror image.
+    sides = [failure(STRAIGHT, "left", id=1), failure(STRAIGHT, "right", id=2)]
+    assert len(cluster_failures(sides)) == 2
+
+
+def test_a_failure_without_departure_is_another_problem() -> None:
+    stuck = replace(failure(STRAIGHT, "left"), side=None, id=2)
+    found = cluster_failures([failure(STRAIGHT, "left", id=1), stuck])
+    assert len(found) == 2
+    assert found.of(2).side is None
+    assert found.of(2).description.startswith("fails in its lane")
+
+
+def test_neither_order_nor_number_of_doubles_matters() -> None:
+    failures = three_families() + family([0.04] * 13, "right", 301, 5)
+    expected = cluster_failures(failures)
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        shuffled = [failures[i] for i in rng.permutation(len(failures))]
+        assert cluster_failures(shuffled) == expected
+    doubles = [replace(one, id=10 * one.id + 1000 + k) for one in failures[:9] for k in range(4)]
+    among = cluster_failures(failures + doubles)
+    assert len(among) == len(expected)
+    for one in failures[:9]:
+        for k in range(4):
+            assert among.of(10 * one.id + 1000 + k) is among.of(one.id)
+
+
+def test_one_of_a_kind_is_a_cluster_of_its_own() -> None:
+    odd = failure([0.06] * 13, "left", id=999, moobd=-0.5)
+    found = cluster_failures([*three_families(), odd])
+    assert len(found) == 4
+    assert found.of(999).ids == (999,)
+    assert found.of(999).spread == 0.0
+
+
+def test_no_failures_no_clusters() -> None:
+    assert len(cluster_failures([])) == 0
+    assert cluster_failures([]).failures == 0
+
+
+def test_one_and_two_failures() -> None:
+    one = failure(LEFT, id=7)
+    assert members(cluster_failures([one])) == {(7,)}
+    assert members(cluster_failures([one, replace(one, id=9)])) == {(7, 9)}
+    assert len(cluster_failures([one, failure(RIGHT, id=9)])) == 2
+
+
+def test_more_failures_leave_clusters_of_separate_problems_as_they_were() -> None:
+    everything = three_families()
+    whole, half = cluster_failures(everything), cluster_failures(everything[::2])
+    kept = {one.id for one in everything[::2]}
+    assert {tuple(i for i in ids if i in kept) for ids in members(whole)} == members(half)
+
+
+def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    failures = three_families()
+    expected = members(cluster_failures(failures))
+    for size in (1, 3, 5):
+        monkeypatch.setattr(module, "BATCH", size)
+        assert members(cluster_failures(failures)) == expected
+        assert cluster_failures(failures[::-1]) == cluster_failures(failures)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.lists(st.floats(0.2, 8.0), min_size=2, max_size=5))
+def test_a_larger_threshold_never_gives_more_clusters(thresholds: list[float]) -> None:
+    numbers = [
+        len(cluster_failures(three_families(), threshold=value)) for value in sorted(thresholds)
+    ]
+    assert numbers == sorted(numbers, reverse=True)
+
+
+@pytest.mark.parametrize("threshold", [0.0, -1.0, math.inf, math.nan])
+def test_threshold_has_to_be_a_length(threshold: float) -> None:
+    with pytest.raises(ValueError, match="a positive number of metres"):
+        cluster_failures([], threshold=threshold)
+
+
+def test_an_id_may_not_be_there_twice() -> None:
+    with pytest.raises(ValueError, match="failure 3 is there twice"):
+        cluster_failures([failure(LEFT, id=3), failure(RIGHT, id=3)])
+
+
+# What is said of them
+
+
+def test_clusters_come_most_severe_first_with_their_worst_and_their_typical_failure() -> None:
+    found = cluster_failures(
+        [
+            failure(LEFT, id=1, moobd=-1.0, speeds=(15.0, 10.0)),
+            failure(LEFT, id=2, moobd=-1.6, speeds=(15.4, 10.4)),  # between the two others
+            failure(LEFT, id=3, moobd=-1.8, speeds=(16.0, 11.0)),
+            failure(STRAIGHT, id=4, moobd=-2.5),
+        ]
+    )
+    assert [cluster.most_severe for cluster in found] == [4, 3]
+    assert [cluster.moobd for cluster in found] == [-2.5, -1.8]
+    assert found[1].typical == 2
+    assert found[1].ids == (1, 2, 3)
+    # Differences from the mean in speed: sqrt(mean of 0.4667^2, 0.0667^2, 0.5333^2) m.
+    assert found[1].spread == pytest.approx(
+        math.sqrt((0.4667**2 + 0.0667**2 + 0.5333**2) / 3), rel=0.01
+    )
+    assert str(found[1]).endswith("km/h: 3 failures, worst -1.80 m")
+    assert str(found[0]).endswith("km/h: 1 failure, worst -2.50 m")
+
+
+def test_an_unknown_id_has_no_cluster() -> None:
+    with pytest.raises(KeyError, match="no failure has the id 5"):
+        cluster_failures([failure(LEFT, id=3)]).of(5)
+
+
+@pytest.mark.parametrize(
+    ("curvatures", "side", "speeds", "phrase"),
+    [
+        # The place is at 70 m, the bend from 41 m to 79 m.
+        (
+            [0.0] * 5 + [0.05, 0.05, 0.05] + [0.0] * 5,
+            "right",
+            (11.0, 11.0),
+            "leaves to the right at the end of a left-hand bend of 20 m radius, at 40 km/h",
+        ),
+        (
+            [0.0] * 7 + [-0.04] * 6,
+            "left",
+            (11.0, 11.0),
+            "leaves to the left entering a right-hand bend of 25 m radius after a straight,"
+            " at 40 km/h",
+        ),
+        (
+            [0.05] * 13,
+            "left",
+            (20.0, 10.0),
+            "leaves to the left in a left-hand bend of 20 m radius, slowing from 51 to 36 km/h",
+        ),
+        (
+            [0.0, 0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 7,
+            "right",
+            (10.0, 10.0),
+            "leaves to the right on a straight, at 36 km/h",
+        ),
+        (
+            [0.0, 0.0, 0.0, 0.0, 0.0, 0.05, 0.05] + [0.0] * 6,
+            "right",
+            (10.0, 10.0),
+            "leaves to the right behind a left-hand bend of 20 m radius, at 36 km/h",
+        ),
+        (
+            [0.0, 0.0, 0.0, 0.0, 0.05, 0.05, -0.05, -0.05, 0.0] + [0.0] * 4,
+            "right",
+            (10.0, 10.0),
+            "leaves to the right at the end of a right-hand bend of 20 m radius"
+            " after a left-hand bend, at 36 km/h",
+        ),
+        (
+            [0.0] * 8 + [0.03] * 5,
+            "right",
+            (10.0, 10.0),
+            "leaves to the right before a left-hand bend of 33 m radius after a straight,"
+            " at 36 km/h",
+        ),
+    ],
+)
+def test_description_says_what_happens(
+    curvatures: list[float], side: Side, speeds: tuple[float, float], phrase: str
+) -> None:
+    assert describe(failure(curvatures, side, speeds=speeds)) == phrase

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, fields, replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_drives import departing, drive
+
+from frenetic.analysis import FEATURES, Features, Segment, feature, features_of, segment_of
+from frenetic.errors import UnknownNameError
+from frenetic.road import Pose, Road
+
+STRAIGHT = Road(np.zeros(11))
+
+ROADS = st.lists(st.floats(-0.07, 0.07), min_size=8, max_size=25)
+
+
+def whole(road: Road) -> Segment:
+    return segment_of(road, drive(road, [0.0, 5.0]), None).whole()
+
+
+def test_features_of_a_drive_worked_out_by_hand() -> None:
+    # The largest offset is at 50 m, so the segment goes from 20 m to 80 m: records 2 to 8.
+    made = drive(
+        STRAIGHT,
+        places=np.arange(0.0, 91.0, 10.0).tolist(),
+        offsets=[0.0, 0.0, 0.0, 0.2, 0.4, -1.1, 0.0, 0.0, -0.2, 0.0],
+        speeds=[0.0, 5.0, 10.0, 10.0, 12.0, 12.0, 12.0, 14.0, 14.0, 99.0],
+        steering=[9.0, 9.0, 0.1, -0.1, 0.1, -0.1, 0.1, -0.1, 0.0, 9.0],
+    )
+    found = features_of(segment_of(STRAIGHT, made, None))
+    assert astuple(found) == pytest.approx(
+        astuple(
+            Features(
+                length=60.0,
+                max_curvature=0.0,
+                direction_coverage=0.1,  # one of ten directions
+                bends=0,
+                mean_speed=84.0 / 7.0,  # 12
+                std_speed=math.sqrt((4 + 4 + 0 + 0 + 0 + 4 + 4) / 7.0),
+                std_steering=math.sqrt(6 * 0.01 / 7.0),  # about a mean of 0
+                mean_offset=(0.2 + 0.4 - 1.1 - 0.2) / 7.0,
+                extreme_offset=-1.1,
+            )
+        )
+    )
+
+
+def test_the_largest_curvature_may_lie_where_the_segment_is_cut() -> None:
+    # From 0 at 40 m to 0.06 at 100 m: at 70 m, where the segment around 40 m ends, 0.03.
+    road = Road(np.concatenate([np.zeros(4), np.linspace(0.0, 0.06, 7)]))
+    found = features_of(departing(road, 40.0))
+    assert found.max_curvature == pytest.approx(0.03)
+    assert found.length == 60.0
+
+
+@pytest.mark.parametrize(
+    ("degrees", "bins"),
+    [
+        ((0.0,), 1),
+        ((17.9,), 1),  # the first bin reaches 18 degrees to either side
+        ((18.1,), 2),
+        ((80.0,), 3),  # up to 18, 54 and 90
+        ((-80.0,), 3),
+        ((40.0, -80.0), 3),  # -40 .. 40: one bin to either side of the middle one
+        ((170.0,), 6),
+        ((340.0,), 10),
+        ((700.0,), 10),
+    ],
+)
+def test_direction_coverage_counts_36_degree_bins(degrees: tuple[float, ...], bins: int) -> None:
+    # Arcs of 100 m; the metre from one to the next turns by a tenth of a degree.
+    values = np.repeat([math.radians(angle) / 100.0 for angle in degrees], 101)
+    road = Road(values, step=1.0)
+    assert features_of(whole(road)).direction_coverage == pytest.approx(bins / 10)
+
+
+def test_all_features_are_on_the_list_with_a_range() -> None:
+    assert list(FEATURES) == [item.name for item in fields(Features)]
+    for name, axis in FEATURES.items():
+        assert feature(name) is axis
+        assert axis.low < axis.high
+        assert len(axis.edges) == axis.bins + 1
+
+
+def test_values_fall_into_bins_and_those_beyond_into_the_last() -> None:
+    made = features_of(departing(STRAIGHT, 50.0))
+    curvature = FEATURES["max_curvature"]  # ten bins of 0.007
+    for value, expected in ((0.0, 0), (0.0069, 0), (0.0071, 1), (0.0699, 9), (0.07, 9), (1.0, 9)):
+        assert curvature.bin_of(replace(made, max_curvature=value)) == expected
+    offset = FEATURES["extreme_offset"]  # ten bins of 1 m from -5 m
+    for value, expected in ((-9.0, 0), (-4.5, 0), (-0.1, 4), (0.0, 5), (0.1, 5), (9.0, 9)):
+        assert offset.bin_of(replace(made, extreme_offset=value)) == expected
+    coverage = FEATURES["direction_coverage"]
+    for number in range(1, 11):
+        assert coverage.bin_of(replace(made, direction_coverage=number / 10)) == number - 1
+    for number in range(12):
+        assert FEATURES["bends"].bin_of(replace(made, bends=number)) == min(number, 9)
+
+
+def test_an_unknown_feature_is_refused_with_those_there_are() -> None:
+    with pytest.raises(UnknownNameError, match="'curviness': choose from length, max_curvature"):
+        feature("curviness")
+
+
+@settings(max_examples=50, deadline=None)
+@given(ROADS, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0), st.floats(-math.pi, math.pi))
+def test_moving_and_turning_a_road_changes_no_feature(
+    values: list[float], x: float, y: float, heading: float
+) -> None:
+    here = features_of(departing(Road(values), 50.0))
+    there = features_of(departing(Road(values, pose=Pose(x, y, heading)), 50.0))
+    for item in fields(Features):
+        assert getattr(there, item.name) == pytest.approx(getattr(here, item.name), abs=1e-6)
+
+
+@settings(max_examples=50, deadline=None)
+@given(ROADS)
+def test_features_stay_within_their_bounds_and_mirroring_flips_offsets(values: list[float]) -> None:
+    left = features_of(departing(Road(values), 50.0, "left"))
+    right = features_of(departing(Road(-np.array(values)), 50.0, "right"))
+    assert 0.1 <= left.direction_coverage <= 1.0
+    assert 0.0 <= left.max_curvature <= max(map(abs, values))
+    assert left.extreme_offset > 2.0
+    expected = replace(left, mean_offset=-left.mean_offset, extreme_offset=-left.extreme_offset)
+    for item in fields(Features):
+        assert getattr(right, item.name) == pytest.approx(getattr(expected, item.name), abs=1e-6)

@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_drives import departing, drive
+
+from frenetic.analysis import segment_of, segment_profile, segments_of
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.oracle import Departure
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search import RandomSearch
+from frenetic.simulators import Drive, Trajectory
+from frenetic.testing import DummyDriver, DummySimulator
+
+STRAIGHT = Road(np.zeros(11))  # 100 m, northwards from the origin
+
+
+def test_segment_is_30_m_before_to_30_m_after_the_departure() -> None:
+    places = np.arange(0.0, 71.0, 10.0).tolist()
+    made = drive(STRAIGHT, places, [0.0] * 5 + [0.2, 1.0, 4.0])
+    segment = segment_of(STRAIGHT, made, Departure(7.0, 70.0, 2.0, 70.0, "left"))
+    assert (segment.start, segment.place, segment.end) == (40.0, 70.0, 100.0)
+    assert segment.side == "left"
+    assert segment.lateral_offset == pytest.approx([0.0, 0.2, 1.0, 4.0])
+    assert segment.oob_distance == pytest.approx([2.0, 1.8, 1.0, -2.0])
+
+
+def test_a_car_that_never_left_is_looked_at_where_it_was_furthest_off() -> None:
+    places = np.arange(0.0, 91.0, 10.0).tolist()
+    made = drive(STRAIGHT, places, [0.0, 0.1, 0.0, 0.0, 0.3, -1.5, 0.0, 0.0, 0.0, 0.0])
+    segment = segment_of(STRAIGHT, made, None)
+    assert (segment.start, segment.place, segment.end) == (20.0, 50.0, 80.0)
+    assert segment.side is None
+    assert len(segment.speed) == 7  # the records at 20, 30 .. 80 m
+
+
+def test_segment_ends_with_the_road() -> None:
+    made = drive(STRAIGHT, [0.0, 5.0, 10.0], [0.0, 1.0, 4.0])
+    segment = segment_of(STRAIGHT, made, Departure(2.0, 10.0, 2.0, 10.0, "left"))
+    assert (segment.start, segment.end, segment.length) == (0.0, 40.0, 40.0)
+    late = segment_of(STRAIGHT, drive(STRAIGHT, [85.0, 88.0, 91.0], [0.0, 0.0, 3.5]), None)
+    assert (late.start, late.end) == (61.0, 100.0)
+
+
+def test_reach_can_be_chosen_and_the_whole_taken() -> None:
+    made = drive(STRAIGHT, np.arange(0.0, 90.0, 10.0).tolist(), [0.0] * 4 + [1.0] + [0.0] * 4)
+    segment = segment_of(STRAIGHT, made, None, before=10.0, after=20.0)
+    assert (segment.start, segment.end, len(segment.speed)) == (30.0, 60.0, 4)
+    whole = segment.whole()
+    assert (whole.start, whole.place, whole.end, len(whole.speed)) == (0.0, 40.0, 100.0, 9)
+
+
+def test_a_second_passage_does_not_count() -> None:
+    """A car that went through the stretch before, turned and came again, is seen once."""
+    places = [0.0, 20.0, 40.0, 20.0, 0.0, 20.0, 40.0]
+    made = drive(STRAIGHT, places, [0.0] * 6 + [1.0])
+    segment = segment_of(STRAIGHT, made, None, before=25.0)
+    assert segment.first == 5
+
+
+def test_points_are_a_metre_apart_on_the_exact_road() -> None:
+    road = Road(np.full(11, 0.05))
+    points = departing(road, 50.0).points()
+    assert points.shape == (61, 2)
+    assert np.hypot(*(points - (-20.0, 0.0)).T) == pytest.approx(20.0)  # the circle's centre
+    # Chords of arcs of 1 m on a circle of 20 m radius.
+    assert np.hypot(*np.diff(points, axis=0).T) == pytest.approx(40.0 * np.sin(1.0 / 40.0))
+
+
+def test_a_drive_without_records_has_no_segment() -> None:
+    with pytest.raises(ValueError, match="without records"):
+        segment_of(STRAIGHT, Drive(Trajectory.empty()), None)
+
+
+def test_profile_is_the_curvature_around_the_place() -> None:
+    road = Road(np.array([0.0, 0.0, 0.04, 0.0, 0.0, 0.0, 0.0]))
+    profile = segment_profile(road, 20.0)
+    assert len(profile) == 31
+    assert profile[15] == 0.04
+    assert profile[10] == road.curvature_at(10.0)
+    assert profile[0] == 0.0  # before the road's start
+
+
+def test_segments_of_a_campaign_are_those_of_its_driven_tests(tmp_path: Path) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=2, max_redraws=0),
+        simulator=DummySimulator(lambda road: 4.0 if abs(road.curvatures).max() > 0.06 else 0.5),
+        driver=DummyDriver(),
+        budget=Budget(simulations=30),
+        folder=tmp_path,
+    ).run()
+    with CampaignStore.open(tmp_path) as store:
+        assert store.counts().by_outcome[Outcome.INVALID] > 0
+        both = list(segments_of(store))
+        failed = list(segments_of(store, Outcome.FAIL))
+    assert len(both) == 30
+    assert 0 < len(failed) < 30
+    for record, segment in failed:
+        assert segment.place == record.departure_distance
+        assert segment.side == record.departure_side == "left"
+        assert segment.oob_distance[-1] < 0.0

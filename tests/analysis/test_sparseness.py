@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from frenetic.analysis import Diversity, competition_sparseness, diversity, edit_distance
+from frenetic.arrays import FloatArray
+
+Steps = Sequence[tuple[float, float]]
+
+
+def line(steps: Steps, heading: float = 0.0) -> FloatArray:
+    """Points of a line whose steps turn by so many degrees and are so many metres long."""
+    points = [(0.0, 0.0)]
+    for turn, length in steps:
+        heading += turn
+        x, y = points[-1]
+        way = math.radians(heading)
+        points.append((x + length * math.cos(way), y + length * math.sin(way)))
+    return np.array(points)
+
+
+def ahead(number: int) -> list[tuple[float, float]]:
+    return [(0.0, 1.0)] * number
+
+
+def reference(one: FloatArray, other: FloatArray) -> float:
+    """The definition, letter by letter."""
+
+    def word(points: FloatArray) -> list[tuple[float, float]]:
+        steps = np.diff(points, axis=0)
+        angles = [math.degrees(math.atan2(y, x)) for x, y in steps]
+        turns = [0.0] + [b - a for a, b in pairwise(angles)]
+        return list(zip(turns, map(math.hypot, *steps.T), strict=True))
+
+    def replacing(u: tuple[float, float], v: tuple[float, float]) -> float:
+        angle = abs((abs(u[0] - v[0]) + 180.0) % 360.0 - 180.0)
+        length = abs(u[1] - v[1])
+        if angle < 0.3 and length < 0.2:
+            return 0.0
+        return (angle / (1.0 + angle) + length / (1.0 + length)) / 2.0
+
+    s, t = word(one), word(other)
+    costs = np.zeros((len(s) + 1, len(t) + 1))
+    costs[:, 0] = range(len(s) + 1)
+    costs[0, :] = range(len(t) + 1)
+    for i in range(len(s)):
+        for j in range(len(t)):
+            costs[i + 1, j + 1] = min(
+                costs[i, j + 1] + 1.0,
+                costs[i + 1, j] + 1.0,
+                costs[i, j] + replacing(s[i], t[j]),
+            )
+    return float(costs[-1, -1])
+
+
+LINES = st.lists(
+    st.tuples(st.floats(-30.0, 30.0), st.floats(0.5, 1.5)), min_size=1, max_size=12
+).map(line)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "edits"),
+    [
+        (ahead(2), ahead(2), 0.0),
+        # The second step turns by 90 degrees: replacing it costs (90/91 + 0) / 2.
+        (ahead(2), [(0.0, 1.0), (90.0, 1.0)], 45.0 / 91.0),
+        # It is 3 m instead of 1 m long: (0 + 2/3) / 2.
+        (ahead(2), [(0.0, 1.0), (0.0, 3.0)], 1.0 / 3.0),
+        # Both at once: (90/91 + 2/3) / 2.
+        (ahead(2), [(0.0, 1.0), (90.0, 3.0)], (90.0 / 91.0 + 2.0 / 3.0) / 2.0),
+        # Three steps more: three insertions.
+        (ahead(2), ahead(5), 3.0),
+        # Nearly the same is the same: 0.2 degrees and 0.1 m.
+        (ahead(2), [(0.0, 1.0), (0.2, 1.1)], 0.0),
+        # But not if one of both differs more: (0.2/1.2 + 0.25/1.25) / 2.
+        (ahead(2), [(0.0, 1.0), (0.2, 1.25)], (0.2 / 1.2 + 0.25 / 1.25) / 2.0),
+        # 170 degrees to the left and to the right differ by 20: (20/21) / 2.
+        ([(0.0, 1.0), (170.0, 1.0)], [(0.0, 1.0), (-170.0, 1.0)], 10.0 / 21.0),
+        # A turn one step later: replacing both costs 45/91 each, less than to delete and insert.
+        ([*ahead(1), (90.0, 1.0), *ahead(1)], [*ahead(2), (90.0, 1.0)], 90.0 / 91.0),
+        # Three turns one step later: to delete a step and insert one costs 2, replacing 3 * 20/21.
+        (
+            [*ahead(1), *[(20.0, 1.0), (-20.0, 1.0)] * 3, *ahead(1)],
+            [*ahead(2), *[(20.0, 1.0), (-20.0, 1.0)] * 3],
+            2.0,
+        ),
+    ],
+)
+def test_edit_distance_worked_out_by_hand(one: Steps, other: Steps, edits: float) -> None:
+    assert edit_distance(line(one), line(other)) == pytest.approx(edits, abs=1e-9)
+    # The first turn is 0 whatever the direction in which a line begins.
+    assert edit_distance(line(one, 33.0), line(other, -170.0)) == pytest.approx(edits, abs=1e-9)
+
+
+@settings(max_examples=200, deadline=None)
+@given(LINES, LINES)
+def test_edit_distance_is_that_of_the_definition(one: FloatArray, other: FloatArray) -> None:
+    assert edit_distance(one, other) == pytest.approx(reference(one, other), abs=1e-6)
+
+
+@settings(max_examples=200, deadline=None)
+@given(LINES, LINES)
+def test_edit_distance_is_symmetric_and_at_most_the_longer_line(
+    one: FloatArray, other: FloatArray
+) -> None:
+    edits = edit_distance(one, other)
+    assert edits == pytest.approx(edit_distance(other, one), abs=1e-9)
+    assert abs(len(one) - len(other)) <= edits <= max(len(one), len(other)) - 1
+    assert edit_distance(one, one) == 0.0
+
+
+# A straight of two steps, one that turns, a straight of four.
+A, B, C = line(ahead(2)), line([(0.0, 1.0), (90.0, 1.0)]), line(ahead(4))
+AB, AC, BC = 45.0 / 91.0, 2.0, 2.0 + 45.0 / 91.0
+
+
+def test_competition_sparseness_looks_only_at_those_that_come_after() -> None:
+    found = competition_sparseness([A, B, C])
+    assert found.maxima == pytest.approx((max(AB, AC), BC))
+    assert found.mean == pytest.approx((AC + BC) / 2.0)
+    assert found.stdev == pytest.approx((BC - AC) / 2.0)
+    other_way_round = competition_sparseness([C, B, A])
+    assert other_way_round.maxima == pytest.approx((max(BC, AC), AB))
+
+
+def test_diversity_worked_out_by_hand() -> None:
+    # Shares of the longer line: 2, 4 and 4 steps.
+    ab, ac, bc = AB / 2.0, AC / 4.0, BC / 4.0
+    found = diversity([A, B, C])
+    assert found.pairwise == pytest.approx((ab + ac + bc) / 3.0)
+    assert found.nearest == pytest.approx((min(ab, ac) + min(ab, bc) + min(ac, bc)) / 3.0)
+
+
+def test_diversity_does_not_depend_on_the_order() -> None:
+    values = [diversity(order) for order in permutations([A, B, C, line(ahead(7))])]
+    for one in values[1:]:
+        assert one.nearest == pytest.approx(values[0].nearest)
+        assert one.pairwise == pytest.approx(values[0].pairwise)
+
+
+def test_doubles_have_no_nearest_distance() -> None:
+    assert diversity([A, B, A, B]).nearest == 0.0
+    assert diversity([A, A]) == Diversity(0.0, 0.0)
+
+
+def test_fewer_than_two_failures_have_no_sparseness() -> None:
+    for few in ([], [A]):
+        assert competition_sparseness(few).mean is None
+        assert competition_sparseness(few).maxima == ()
+        assert diversity(few) == Diversity(None, None)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(LINES, min_size=2, max_size=6))
+def test_diversity_is_a_share(lines: list[FloatArray]) -> None:
+    found = diversity(lines)
+    assert found.nearest is not None
+    assert found.pairwise is not None
+    assert 0.0 <= found.nearest <= found.pairwise + 1e-12
+    assert found.pairwise <= 1.0
+
+
+@pytest.mark.parametrize("points", [[(0.0, 0.0)], [], [1.0, 2.0, 3.0]])
+def test_a_line_needs_two_points(points: object) -> None:
+    with pytest.raises(ValueError, match="two or more points"):
+        edit_distance(points, A)  # type: ignore[arg-type]
