@@ -76,7 +76,7 @@ def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) 
     answer = frenetic("run", "--simulations", "120", "--seed", "3", "--out", "mine")
     assert answer.code == 0
     assert "120 simulations" in answer.out
-    assert "The most severe and most different failures" in answer.out
+    assert "distinct failure" in answer.out
     assert "frenetic show mine " in answer.out
     assert Path("mine/campaign.sqlite").is_file()
     pictures = list(Path("mine/failures").glob("test-*.png"))
@@ -193,11 +193,11 @@ def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
     folder = Path.cwd()
     told = CampaignStore.told
 
-    def fill_up(self: CampaignStore, record: TestRecord) -> None:
+    def fill_up(self: CampaignStore, record: TestRecord, packed: bytes | None = None) -> None:
         if record.told == 10:
             (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
             self._connection.execute(f"PRAGMA max_page_count = {pages}")
-        told(self, record)
+        told(self, record, packed)
 
     monkeypatch.setattr(CampaignStore, "told", fill_up)
     refused(frenetic("run", "--simulations", "500", "--seed", "1", "--out", "c"), "full")
@@ -289,10 +289,10 @@ def test_what_was_found_before_the_driver_broke_is_shown(frenetic: Frenetic) -> 
     write("mydriver.py", MY_DRIVER)
     answer = frenetic(
         *("run", "--driver", "mydriver.py:Tires", "--simulations", "50", "--seed", "1"),
-        *("--out", "c"),
+        *("--out", "c", "--workers", "1"),
     )
     refused(answer, "the last 10 drives broke", "too tired")
-    assert "The most severe and most different failures" in answer.out
+    assert "distinct failure" in answer.out
     assert list(Path("c/failures").glob("test-*.png"))
 
 
@@ -484,9 +484,11 @@ def test_show_a_campaign_and_a_test(frenetic: Frenetic) -> None:
     assert "Frenetic(seed=3, " in whole.out
     assert "Planner(aggression=1.0, " in whole.out
     assert "120 simulations" in whole.out
-    assert "The most severe and most different failures" in whole.out
+    assert "distinct failure" in whole.out
     counted = frenetic("show", "c", "--json").json
     assert counted["passed"] + counted["failed"] == 120
+    alike = [test for one in counted["distinct_failures"] for test in one["tests"]]
+    assert len(alike) == len(set(alike)) == counted["failed"]
     failing = json.loads(next(Path("c/failures").glob("*.json")).read_text())["id"]
     one = frenetic("show", "c", str(failing))
     assert "FAIL" in one.out

@@ -266,7 +266,14 @@ def _search(
 ) -> None:
     """Runs or resumes a campaign, shows how it goes and what it found."""
     from frenetic.campaign import CampaignStore
-    from frenetic.report.failures import FAILURES, GALLERY, telling_failures, write_failures
+    from frenetic.outcome import Outcome
+    from frenetic.report.failures import (
+        FAILURES,
+        GALLERY,
+        distinct_failures,
+        most_severe,
+        write_failures,
+    )
 
     folder = campaign.folder
     log = Log()
@@ -289,17 +296,19 @@ def _search(
                 raise
             trouble = error
     with CampaignStore.open(folder) as store:
-        listed = telling_failures(store)
+        clusters = distinct_failures(store)
+        listed = most_severe(store, clusters)
         if summary is not None and as_json:
-            click.echo(json.dumps(summary.as_json() | {"seed": seed}))
+            more = {"distinct_failures": len(clusters), "seed": seed}
+            click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
             _print_summary(summary)
         if listed and not as_json:
-            print_failures(listed)
+            print_failures(clusters, store.counts().by_outcome[Outcome.FAIL], len(listed))
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:
-            with log.status("Drawing the most telling failures"):
+            with log.status("Drawing the most severe of them"):
                 complete = write_failures(store, listed)
             if not as_json:
                 click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
