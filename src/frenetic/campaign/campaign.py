@@ -28,7 +28,7 @@ from frenetic.campaign.versions import package_versions
 from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
 from frenetic.compilation import compile_kernels
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.registry import USER_MODULE
 from frenetic.road import MAP_SIZE, MARGIN
@@ -314,8 +314,10 @@ class Campaign:
             if not isinstance(error.__cause__ or error, KeyboardInterrupt):
                 raise
             interrupted = True
-        except CampaignError as error:
-            log.write(Event.GAVE_UP, str(error), level="error")
+        except Exception as error:
+            text = str(error) if isinstance(error, FreneticError) else describe_error(error)
+            log.progress(tally.progress(time.perf_counter() - start), force=True)
+            log.write(Event.GAVE_UP, text, level="error")
             raise
         # What is stored counts, also when an interrupt came between storing and counting.
         stored = store.counts()

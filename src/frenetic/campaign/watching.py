@@ -29,6 +29,8 @@ from frenetic.arrays import FloatArray
 from frenetic.campaign.budget import Budget
 from frenetic.campaign.log import ENDINGS, LOG, Event, Level, WorkerState, WorkerStatus
 from frenetic.campaign.progress import Progress
+from frenetic.campaign.store import DATABASE
+from frenetic.errors import CampaignError
 
 SILENT_AFTER: Final = 180.0
 """s without a new line after which it is in question whether a campaign still runs."""
@@ -162,6 +164,26 @@ class CampaignState:
             "unreadable": self.unreadable,
             "trouble": self.trouble or None,
         }
+
+
+def require_log(folder: Path) -> None:
+    """Raises a `CampaignError` if there is no log in the folder, with what to do."""
+    path = folder / LOG
+    try:
+        if path.is_file():
+            return
+        if not folder.is_dir():
+            what = "is not a folder" if os.path.lexists(folder) else "does not exist"
+        elif (folder / DATABASE).is_file():
+            raise CampaignError(
+                f"{folder} has no {LOG}, because it was made before campaigns had one or because it"
+                " was removed: 'frenetic show' says what it holds"
+            )
+        else:
+            what = "holds no campaign"
+    except OSError as error:
+        raise CampaignError(f"cannot read {path}: {error.strerror or error}") from error
+    raise CampaignError(f"{folder} {what}: the folder of a campaign is needed, one with {LOG}")
 
 
 class CampaignWatcher:

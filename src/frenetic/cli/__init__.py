@@ -9,11 +9,19 @@ from typing import NoReturn
 
 import click
 
+from frenetic.cli.checking import check
+from frenetic.cli.comparing import compare
 from frenetic.cli.console import fail, silence
+from frenetic.cli.export_road import export_road
+from frenetic.cli.exporting import export
 from frenetic.cli.listings import drivers, simulators, strategies
 from frenetic.cli.looking import show
+from frenetic.cli.minimising import minimise
+from frenetic.cli.replaying import replay
+from frenetic.cli.rerunning import rerun
 from frenetic.cli.roads import drive, validate
 from frenetic.cli.search import resume, run
+from frenetic.cli.watching import watch
 from frenetic.errors import FreneticError
 
 __all__ = ["cli", "main"]
@@ -61,3 +69,11 @@ def cli(context: click.Context, debug: bool) -> None:
 
 for command in (run, resume, drive, validate, show, drivers, strategies, simulators):
     cli.add_command(command)
+cli.add_command(watch)
+cli.add_command(export_road)
+cli.add_command(minimise)
+cli.add_command(rerun)
+cli.add_command(replay)
+cli.add_command(compare)
+cli.add_command(check)
+cli.add_command(export)
