@@ -1,0 +1,283 @@
+"""How much shorter and plainer failing roads become, and what that costs.
+
+    python benchmarks/minimise.py [--seeds 5] [--failures 10] [--simulations 1000]
+        [--max-drives 500] [--driver planner] [--json FILE]
+
+Every seed 1 .. N is a search with the strategy `frenetic` in the embedded simulator, with its
+default rules on the default map. Of each search, so many failures are minimised, evenly spaced in
+the order of finding, once with the guard that is the default and once without. The same call prints
+the same figures on the same machine, but for the time.
+
+Every result is driven again by a simulator and driver of its own. The benchmark ends with an error
+if one of them does not fail for the reason for which the original does.
+
+length share    length of the minimised road by that of the original
+way             whether the road turns the same way as the original over the 30 m before the place
+                where the car left its lane
+after N drives  median length share if no more drives had been allowed
+still fails     share of the roads that fail for the same reason when something changes: all
+                curvatures, the friction, the speed limit, the driver's noise (five seeds), or every
+                curvature on its own by up to 0.001 1/m (five draws)
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from frenetic.analysis.minimise import (
+    GUARD,
+    MAX_DRIVES,
+    FailureReason,
+    Minimised,
+    failure_reason,
+    minimise,
+)
+from frenetic.analysis.shrinking import Ending
+from frenetic.campaign import RoadTester
+from frenetic.drivers import Driver, Noisy
+from frenetic.outcome import Outcome
+from frenetic.registry import DRIVERS
+from frenetic.road import Road
+from frenetic.search import Candidate, Frenetic
+from frenetic.simulators import EmbeddedSimulator, Rules
+from frenetic.testing import converse
+
+MARKS: Final = (10, 20, 30, 50, 75, 100, 150, 200, 300, 500)
+"""Numbers of drives after which the length share is told."""
+BEFORE: Final = 30.0
+"""m of road before the departure whose turn is compared."""
+
+Change = Callable[[Road], "FailureReason | None"]
+"""Drives a road when something is different."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """One figure over all failures."""
+
+    least: float
+    lower: float
+    """First quartile."""
+    median: float
+    upper: float
+    """Third quartile."""
+    most: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Spread:
+        """The spread of some values."""
+        return cls(*(float(v) for v in np.quantile(values, [0.0, 0.25, 0.5, 0.75, 1.0])))
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What minimising with one guard came to."""
+
+    guard: float
+    failures: int
+    length_before: Spread
+    length: Spread
+    length_share: Spread
+    curves_before: Spread
+    curves: Spread
+    drives: Spread
+    seconds: Spread
+    minimal: float
+    """Share of the roads of which no pass makes a smaller one."""
+    same_way: float
+    """Share."""
+    different: int
+    """Minimised roads that are not equal."""
+    after_drives: dict[int, float]
+    """Median length share after so many drives."""
+
+
+def find_failures(seed: int, simulations: int, driver: Driver, number: int) -> list[Road]:
+    """So many failing roads of a search, evenly spaced in the order of finding."""
+    tester = RoadTester(EmbeddedSimulator(), driver)
+    found: list[Road] = []
+
+    def verdict(candidate: Candidate) -> tuple[Outcome, float | None]:
+        result = tester.test(candidate).result
+        if result.outcome is Outcome.FAIL:
+            found.append(Road(candidate.curvatures, candidate.step))
+        return result.outcome, result.moobd
+
+    converse(Frenetic(seed=seed), verdict, simulations)
+    count = min(number, len(found))
+    return [found[i * len(found) // count] for i in range(count)]
+
+
+def turn_before_departure(minimised: Minimised) -> tuple[float, float] | None:
+    """Rad that original and minimised road turn before the car leaves; None if it does not."""
+    turns = []
+    for failed in (minimised.original, minimised.smallest):
+        if failed.result.departure is None:
+            return None
+        place = failed.result.departure.distance
+        turns.append(
+            failed.road.pose_at(place).heading
+            - failed.road.pose_at(max(place - BEFORE, 0.0)).heading
+        )
+    return turns[0], turns[1]
+
+
+def measure(
+    roads: Sequence[Road], driver: Driver, guard: float, max_drives: int
+) -> tuple[Figures, list[Minimised]]:
+    """Minimises all roads and checks each result with a fresh simulator."""
+    tester = RoadTester(EmbeddedSimulator(), driver)
+    results, seconds = [], []
+    for road in roads:
+        start = time.perf_counter()
+        minimised = minimise(road, tester, max_drives=max_drives, guard=guard)
+        seconds.append(time.perf_counter() - start)
+        results.append(minimised)
+        again = EmbeddedSimulator().drive(minimised.road, driver)
+        if failure_reason(minimised.road, again) is not minimised.original.reason:
+            sys.exit(f"{minimised.road.curvatures} does not fail for the same reason any more")
+    before = [result.original.shape for result in results]
+    after = [result.smallest.shape for result in results]
+    turns = [turn for turn in map(turn_before_departure, results) if turn is not None]
+
+    def share_after(result: Minimised, drives: int) -> float:
+        lengths = [i.shape.length for i in result.improvements if i.trials <= drives]
+        return min([result.original.shape.length, *lengths]) / result.original.shape.length
+
+    return Figures(
+        guard=guard,
+        failures=len(results),
+        length_before=Spread.of([shape.length for shape in before]),
+        length=Spread.of([shape.length for shape in after]),
+        length_share=Spread.of([share_after(result, max_drives) for result in results]),
+        curves_before=Spread.of([shape.curves for shape in before]),
+        curves=Spread.of([shape.curves for shape in after]),
+        drives=Spread.of([result.drives for result in results]),
+        seconds=Spread.of(seconds),
+        minimal=float(np.mean([result.ending is Ending.MINIMAL for result in results])),
+        same_way=float(np.mean([one * other > 0.0 for one, other in turns])),
+        different=len(set(after)),
+        after_drives={
+            mark: float(np.median([share_after(result, mark) for result in results]))
+            for mark in MARKS
+            if mark <= max_drives
+        },
+    ), results
+
+
+def changes(make_driver: Callable[[], Driver]) -> dict[str, list[Change]]:
+    """What may be different, each with one or several ways of being so."""
+
+    def reason(road: Road, simulator: EmbeddedSimulator, driver: Driver) -> FailureReason | None:
+        return failure_reason(road, simulator.drive(road, driver))
+
+    def scaled(factor: float) -> Change:
+        return lambda road: reason(
+            Road(factor * road.curvatures, road.step), EmbeddedSimulator(), make_driver()
+        )
+
+    def shaken(seed: int) -> Change:
+        def change(road: Road) -> FailureReason | None:
+            rng = np.random.default_rng(seed)
+            values = road.curvatures + rng.uniform(-0.001, 0.001, len(road.curvatures))
+            return reason(Road(values, road.step), EmbeddedSimulator(), make_driver())
+
+        return change
+
+    def simulated(simulator: EmbeddedSimulator) -> Change:
+        return lambda road: reason(road, simulator, make_driver())
+
+    def noisy(seed: int) -> Change:
+        return lambda road: reason(
+            road, EmbeddedSimulator(), Noisy(make_driver(), offset=0.05, heading=0.005, seed=seed)
+        )
+
+    def limited(speed: float) -> Change:
+        return simulated(EmbeddedSimulator(rules=Rules(speed_limit=speed)))
+
+    return {
+        "curvatures -2 %": [scaled(0.98)],
+        "curvatures +2 %": [scaled(1.02)],
+        "each curvature by up to 0.001 1/m": [shaken(seed) for seed in range(5)],
+        "speed limit 69 km/h": [limited(69.0)],
+        "speed limit 71 km/h": [limited(71.0)],
+        "noise of 0.05 m": [noisy(seed) for seed in range(5)],
+        "friction -2 %": [simulated(EmbeddedSimulator(friction=0.98))],
+        "friction +2 %": [simulated(EmbeddedSimulator(friction=1.02))],
+    }
+
+
+def still_failing(roads: Sequence[tuple[Road, FailureReason]], ways: Sequence[Change]) -> float:
+    """Share of the drives that fail for the same reason."""
+    return float(np.mean([way(road) is reason for road, reason in roads for way in ways]))
+
+
+def main() -> None:
+    """Measures and prints."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--failures", type=int, default=10, help="of each search")
+    parser.add_argument("--simulations", type=int, default=1000)
+    parser.add_argument("--max-drives", type=int, default=MAX_DRIVES)
+    parser.add_argument("--driver", default="planner")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+
+    def make_driver() -> Driver:
+        driver: Driver = DRIVERS.make(options.driver)
+        return driver
+
+    with EmbeddedSimulator():  # compiles
+        roads = [
+            road
+            for seed in range(1, options.seeds + 1)
+            for road in find_failures(seed, options.simulations, make_driver(), options.failures)
+        ]
+    guarded, with_guard = measure(roads, make_driver(), GUARD, options.max_drives)
+    bare, without = measure(roads, make_driver(), 0.0, options.max_drives)
+
+    print(f"{len(roads)} failures of {options.seeds} searches, {options.driver}\n")
+    for figures in (guarded, bare):
+        print(f"guard {figures.guard:g}")
+        print(f"{'':16}{'least':>8}{'lower':>8}{'median':>8}{'upper':>8}{'most':>8}")
+        for name in (
+            "length_before", "length", "length_share", "curves_before", "curves", "drives",
+            "seconds",
+        ):  # fmt: skip
+            spread = getattr(figures, name)
+            digits = 2 if name in ("length_share", "seconds") else 0
+            row = "".join(f"{value:8.{digits}f}" for value in asdict(spread).values())
+            print(f"{name.replace('_', ' '):16}{row}")
+        print(
+            f"minimal {figures.minimal:.0%}, turn the same way {figures.same_way:.0%},"
+            f" different roads {figures.different}"
+        )
+        print("length share after drives:", end="")
+        print("".join(f"  {mark}: {share:.2f}" for mark, share in figures.after_drives.items()))
+        print()
+    print(f"{'still fails with':36}{'original':>10}{'guarded':>10}{'bare':>10}")
+    robustness = {}
+    for name, ways in changes(make_driver).items():
+        shares = [
+            still_failing([(r.original.road, r.reason) for r in with_guard], ways),
+            still_failing([(r.road, r.reason) for r in with_guard], ways),
+            still_failing([(r.road, r.reason) for r in without], ways),
+        ]
+        robustness[name] = shares
+        print(f"{name:36}" + "".join(f"{share:10.0%}" for share in shares))
+    if options.json is not None:
+        document = {"figures": [asdict(guarded), asdict(bare)], "still_fails": robustness}
+        options.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,123 @@
+"""The files of a minimised road: a road file, its drive as a picture, and before and after."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.analysis.minimise import OPERATOR, Minimised
+from frenetic.campaign.store import JSONValue
+from frenetic.errors import FreneticError
+
+MINIMISED: Final = "minimised"
+"""Folder in a campaign's folder for its minimised roads."""
+
+
+@dataclass(frozen=True)
+class MinimisedFiles:
+    """Where a minimised road is found."""
+
+    road: Path
+    """JSON that `frenetic drive` reads."""
+    picture: Path
+    """The drive on it."""
+    comparison: Path
+    """The drives on the original and on it, side by side."""
+
+    @classmethod
+    def beside(cls, road: Path) -> MinimisedFiles:
+        """The pictures beside a road file, named after it."""
+        name = road.name.removesuffix(".json")
+        return cls(road, road.with_name(f"{name}.png"), road.with_name(f"{name}-before-after.png"))
+
+    def make_folder(self) -> None:
+        """Makes the folder that they lie in.
+
+        Raises:
+            FreneticError: it cannot be made.
+        """
+        folder = self.road.parent
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise FreneticError(
+                f"the folder {folder} cannot be made: {error.strerror or error}; choose another"
+                " place with --out"
+            ) from None
+
+
+def minimised_document(
+    minimised: Minimised,
+    *,
+    driver: JSONValue,
+    test_id: int | None = None,
+) -> dict[str, Any]:
+    """A minimised road as a JSON object that `frenetic drive` and the competition's tools can read.
+
+    Args:
+        minimised: the road.
+        driver: who failed on it, as `frenetic.campaign.campaign.describe` says it.
+        test_id: of the campaign's test that was minimised, if it was one.
+    """
+    smallest = minimised.smallest
+    road, result = smallest.road, smallest.result
+    parents: list[int] = [] if test_id is None else [test_id]
+    return {
+        **({} if test_id is None else {"id": test_id}),
+        "is_valid": True,
+        "validation_message": "",
+        "test_outcome": str(result.outcome),
+        "description": result.reason,
+        "moobd": result.moobd,
+        "max_oob_share": result.max_oob_share,
+        "duration": result.duration,
+        "departure": None if result.departure is None else asdict(result.departure),
+        "origin": {"operator": OPERATOR, "parents": parents},
+        "driver": driver,
+        "rules": asdict(smallest.drive.rules),
+        "minimised": {
+            "reason": str(minimised.reason),
+            "original_length": minimised.original.road.length,
+            "drives": minimised.drives,
+            "ending": str(minimised.ending),
+        },
+        "step": road.step,
+        "curvatures": road.curvatures.tolist(),
+        "pose": list(road.pose),
+        "lane_width": road.lane_width,
+        "road_points": road.road_points.round(6).tolist(),
+    }
+
+
+def write_minimised(
+    minimised: Minimised, files: MinimisedFiles, document: Mapping[str, Any], *, name: str
+) -> None:
+    """Writes the road file and draws the two pictures.
+
+    Args:
+        minimised: the road.
+        files: where to; what is there is replaced.
+        document: what the road file says, see `minimised_document`.
+        name: what the pictures call the original.
+
+    Raises:
+        FreneticError: a file cannot be written.
+    """
+    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib takes its time
+
+    partial = files.road.with_name(files.road.name + ".part")
+    try:
+        partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
+        partial.replace(files.road)
+    except OSError as error:
+        raise FreneticError(f"{files.road} cannot be written: {error.strerror or error}") from None
+    before, after = minimised.original, minimised.smallest
+    draw_drive(after.road, after.drive, files.picture, title=f"{name}, minimised")
+    draw_gallery(
+        [("Before", before.road, before.drive), ("After", after.road, after.drive)],
+        files.comparison,
+        title=f"{name}: {minimised.reason}",
+    )
