@@ -13,9 +13,12 @@ from frenetic import (
     Frenetic,
     Outcome,
     Planner,
+    RandomSearch,
     draw_drive,
 )
+from frenetic.analysis import compare
 from frenetic.report import draw_gallery
+from frenetic.report.comparison import draw_comparison
 from frenetic.report.failures import stored_test, telling_failures
 
 IMAGES = Path(__file__).parent / "images"
@@ -23,6 +26,12 @@ SEED = 1
 
 
 def main() -> None:
+    """Runs campaigns and draws what they found."""
+    draw_failures()
+    draw_strategies()
+
+
+def draw_failures() -> None:
     """Runs one campaign and draws its failures."""
     with tempfile.TemporaryDirectory() as folder:
         Campaign(
@@ -47,6 +56,23 @@ def main() -> None:
                 IMAGES / "gallery.png",
                 title=f"Twelve failures of the planner, seed {SEED}",
             )
+
+
+def draw_strategies() -> None:
+    """Runs two strategies six times and draws how they compare."""
+    with tempfile.TemporaryDirectory() as folder:
+        groups: dict[str, list[Path]] = {"frenetic": [], "random": []}
+        for name, strategy in (("frenetic", Frenetic), ("random", RandomSearch)):
+            for seed in range(6):
+                groups[name].append(Path(folder) / f"{name}-{seed}")
+                Campaign(
+                    strategy=strategy(seed=seed),
+                    simulator=EmbeddedSimulator(),
+                    driver=Planner(),
+                    budget=Budget(simulations=250),
+                    folder=groups[name][-1],
+                ).run()
+        draw_comparison(compare(groups), IMAGES / "comparison.svg")
 
 
 if __name__ == "__main__":

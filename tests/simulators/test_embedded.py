@@ -675,3 +675,62 @@ def test_an_interrupt_by_the_user_is_not_the_drivers_error() -> None:
     with pytest.raises(KeyboardInterrupt):
         simulator.drive(STRAIGHT, Doing(fail(KeyboardInterrupt())))
     assert_clean(simulator)
+
+
+# Where the car starts, and what may be set between two drives
+
+
+@pytest.mark.parametrize("driver", [Planner(), PythonPlanner()], ids=["compiled", "python"])
+@pytest.mark.parametrize(("offset", "heading"), [(0.7, 0.0), (-1.5, 0.2), (0.0, -0.4)])
+def test_starts_beside_the_lane_centre_and_turned(
+    driver: Driver, offset: float, heading: float
+) -> None:
+    simulator = EmbeddedSimulator(start_offset=offset, start_heading=heading)
+    for road in ROADS[:4]:
+        start = simulator.drive(road, driver).trajectory
+        ((s, d),) = road.project([[start.x[0], start.y[0]]])
+        assert s == pytest.approx(0.0, abs=1e-9)
+        assert d == pytest.approx(offset - 0.5 * road.lane_width, abs=1e-9)
+        assert start.heading[0] == pytest.approx(road.pose.heading + heading, abs=1e-12)
+        assert start.speed[0] == 0.0
+
+
+def test_a_start_elsewhere_is_driven_alike_compiled_and_in_python() -> None:
+    simulator = EmbeddedSimulator(start_offset=-0.6, start_heading=0.1)
+    compiled, python = (simulator.drive(ROADS[1], d) for d in (Planner(), PythonPlanner()))
+    assert np.array_equal(rows(compiled), rows(python))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"start_offset": 2.1}, "start_offset is 2.1: a number from -2 to 2 m"),
+        ({"start_offset": math.nan}, "start_offset is nan"),
+        ({"start_heading": -1.0}, "start_heading is -1.0: a number from -0.785 to 0.785 rad"),
+        ({"start_heading": math.inf}, "start_heading is inf"),
+    ],
+)
+def test_a_start_outside_the_lane_is_refused(options: dict[str, float], said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        EmbeddedSimulator(**options)  # type: ignore[arg-type]
+
+
+def test_options_say_where_the_car_starts_if_that_is_unusual() -> None:
+    assert set(EmbeddedSimulator().options) == {"vehicle", "wall_limit"}
+    assert EmbeddedSimulator(start_offset=0.5).options["start_offset"] == 0.5
+    assert EmbeddedSimulator(start_heading=0.1).options["start_heading"] == 0.1
+
+
+def test_what_is_set_between_two_drives_counts_for_the_next() -> None:
+    simulator = EmbeddedSimulator()
+    first = rows(simulator.drive(ROADS[0], Planner()))
+    simulator.friction, simulator.start_offset, simulator.start_heading = 0.5, 0.3, 0.05
+    made = EmbeddedSimulator(friction=0.5, start_offset=0.3, start_heading=0.05)
+    assert simulator.vehicle == made.vehicle
+    assert np.array_equal(
+        rows(simulator.drive(ROADS[0], Planner())), rows(made.drive(ROADS[0], Planner()))
+    )
+    simulator.vehicle, simulator.start_offset, simulator.start_heading = Vehicle(), 0.0, 0.0
+    assert np.array_equal(rows(simulator.drive(ROADS[0], Planner())), first)
+    simulator.vehicle = Vehicle(length=5.0)
+    assert simulator.drive(ROADS[0], Planner()).car.length == 5.0

@@ -17,6 +17,13 @@ if TYPE_CHECKING:
         cluster_failures,
         failures_of,
     )
+    from frenetic.analysis.comparing import (
+        Comparison,
+        compare,
+        find_campaigns,
+        group_campaigns,
+        measure_campaign,
+    )
     from frenetic.analysis.competition import (
         CompetitionFeatures,
         CompetitionSegment,
@@ -24,6 +31,8 @@ if TYPE_CHECKING:
         competition_segment,
     )
     from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
+    from frenetic.analysis.replaying import Replay, replay, write_junit
+    from frenetic.analysis.rerunning import Rerun, Variation, read_reruns, rerun
     from frenetic.analysis.segments import Segment, segment_of, segment_profile, segments_of
     from frenetic.analysis.sparseness import (
         CompetitionSparseness,
@@ -36,6 +45,13 @@ if TYPE_CHECKING:
 _HOMES = {
     "bends": ("Bend", "find_bends"),
     "clusters": ("Cluster", "Clusters", "Failure", "cluster_failures", "failures_of"),
+    "comparing": (
+        "Comparison",
+        "compare",
+        "find_campaigns",
+        "group_campaigns",
+        "measure_campaign",
+    ),
     "competition": (
         "CompetitionFeatures",
         "CompetitionSegment",
@@ -43,6 +59,8 @@ _HOMES = {
         "competition_segment",
     ),
     "features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
+    "replaying": ("Replay", "replay", "write_junit"),
+    "rerunning": ("Rerun", "Variation", "read_reruns", "rerun"),
     "segments": ("Segment", "segment_of", "segment_profile", "segments_of"),
     "sparseness": (
         "CompetitionSparseness",
@@ -59,6 +77,7 @@ __all__ = [
     "Bend",
     "Cluster",
     "Clusters",
+    "Comparison",
     "CompetitionFeatures",
     "CompetitionSegment",
     "CompetitionSparseness",
@@ -66,8 +85,12 @@ __all__ = [
     "Failure",
     "Feature",
     "Features",
+    "Replay",
+    "Rerun",
     "Segment",
+    "Variation",
     "cluster_failures",
+    "compare",
     "competition_features",
     "competition_segment",
     "competition_sparseness",
@@ -77,9 +100,16 @@ __all__ = [
     "feature",
     "features_of",
     "find_bends",
+    "find_campaigns",
+    "group_campaigns",
+    "measure_campaign",
+    "read_reruns",
+    "replay",
+    "rerun",
     "segment_of",
     "segment_profile",
     "segments_of",
+    "write_junit",
 ]
 
 

@@ -113,15 +113,23 @@ class RoadTester:
         fitted, verdict = road.placed(self.map_size, self.margin)
         if fitted is None or not verdict.valid:
             return self._refused(verdict.message, fitted.pose if fitted else None)
-        drive, broke = self._drive(fitted)
-        # What a broken simulator recorded may be nothing that can be stored.
-        whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
-        trajectory = drive.trajectory if whole else None
-        return Tested(judge(fitted, drive), fitted.pose, trajectory, simulator_broke=broke)
+        return self._driven(fitted)
+
+    def test_placed(self, road: Road) -> Tested:
+        """Drives a road where it lies if it is valid there."""
+        verdict = road.check_validity(self.map_size)
+        return self._driven(road) if verdict.valid else self._refused(verdict.message, road.pose)
 
     def drive(self, road: Road) -> Drive:
         """Drives a road as it is; a simulator that raises makes a drive with an error."""
         return self._drive(road)[0]
+
+    def _driven(self, road: Road) -> Tested:
+        drive, broke = self._drive(road)
+        # What a broken simulator recorded may be nothing that can be stored.
+        whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
+        trajectory = drive.trajectory if whole else None
+        return Tested(judge(road, drive), road.pose, trajectory, simulator_broke=broke)
 
     def _drive(self, road: Road) -> tuple[Drive, bool]:
         """The drive, and whether the simulator raised."""

@@ -12,12 +12,14 @@ import click
 from frenetic.cli.checking import check
 from frenetic.cli.comparing import compare
 from frenetic.cli.console import fail, silence
+from frenetic.cli.doctoring import doctor
 from frenetic.cli.export_road import export_road
 from frenetic.cli.exporting import export
 from frenetic.cli.listings import drivers, simulators, strategies
 from frenetic.cli.looking import show
 from frenetic.cli.minimising import minimise
 from frenetic.cli.replaying import replay
+from frenetic.cli.reporting import report
 from frenetic.cli.rerunning import rerun
 from frenetic.cli.roads import drive, validate
 from frenetic.cli.search import resume, run
@@ -70,6 +72,7 @@ def cli(context: click.Context, debug: bool) -> None:
 for command in (run, resume, drive, validate, show, drivers, strategies, simulators):
     cli.add_command(command)
 cli.add_command(watch)
+cli.add_command(doctor)
 cli.add_command(export_road)
 cli.add_command(minimise)
 cli.add_command(rerun)
@@ -77,3 +80,4 @@ cli.add_command(replay)
 cli.add_command(compare)
 cli.add_command(check)
 cli.add_command(export)
+cli.add_command(report)

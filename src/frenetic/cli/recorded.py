@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
+from frenetic.cli.beamng import beamng_options, with_beamng
 from frenetic.cli.options import Setting, as_usage_error
-from frenetic.cli.parts import LAYERS, make_driver, make_part
+from frenetic.cli.parts import (
+    LAYERS,
+    WALL_LIMIT,
+    make_driver,
+    make_part,
+    usual_wall_limit,
+)
 from frenetic.errors import CampaignError
 from frenetic.registry import SIMULATORS
 
@@ -20,10 +27,6 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-WALL_LIMIT: Final = 60.0
-"""s of wall time that a drive may take in a campaign that does not say so."""
-
 
 def part_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options by which other parts than the recorded ones are chosen; None if not given."""
@@ -39,12 +42,18 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
         click.option("--noise", type=float, metavar="M", help="Another noise, as in run."),
         click.option("--delay", type=float, metavar="S", help="Another delay, as in run."),
         click.option("--view", type=float, metavar="M", help="Another view, as in run."),
-        click.option("--simulator", metavar="S", help="Another simulator than the campaign's."),
+        click.option(
+            "--simulator",
+            metavar="S",
+            is_eager=True,
+            help="Another simulator than the campaign's.",
+        ),
         click.option(
             "--simulator-option",
             "simulator_options",
             type=Setting(),
             multiple=True,
+            callback=with_beamng,
             help="An option of the simulator, such as friction=0.7; may be repeated.",
         ),
         click.option("--speed-limit", type=float, metavar="KMH", help="Another speed limit."),
@@ -52,6 +61,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--wall-limit", type=float, metavar="S", help="Another limit of a drive's wall time."
         ),
+        beamng_options,
     ]
     for option in reversed(options):
         command = option(command)
@@ -136,8 +146,8 @@ def recorded_parts(store: CampaignStore, given: Mapping[str, Any] | None = None)
     changed = {k: asked[k] for k in ("speed_limit", "oob_tolerance") if k in asked}
     with as_usage_error():
         rules = replace(Rules(**config["rules"]), **changed)
-    return RecordedParts(
-        **parts,
-        rules=rules,
-        wall_limit=asked.get("wall_limit", recorded.get("wall_limit", WALL_LIMIT)),
-    )
+    # The limit of another simulator says nothing about this one.
+    is_same = parts["simulator"] == recorded.get("simulator")
+    usual = WALL_LIMIT if is_same else usual_wall_limit(parts["simulator"])
+    limit = recorded.get("wall_limit", usual) if is_same else usual
+    return RecordedParts(**parts, rules=rules, wall_limit=asked.get("wall_limit", limit))

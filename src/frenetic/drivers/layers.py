@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -24,6 +25,9 @@ from frenetic.drivers.driver import (
     DriveSetup,
     Observation,
 )
+
+HEADING_PER_OFFSET: Final = 0.1
+"""rad per m: heading error of a driver of which only the lateral error is said."""
 
 _BLOCK = 256
 

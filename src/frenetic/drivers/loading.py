@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from frenetic.drivers.driver import Driver
-from frenetic.drivers.layers import Delayed, LimitedView, Noisy
+from frenetic.drivers.layers import HEADING_PER_OFFSET, Delayed, LimitedView, Noisy
 from frenetic.errors import FreneticError
 from frenetic.registry import DRIVERS
 
@@ -37,7 +37,7 @@ def load_driver(
         if view is not None:
             driver = LimitedView(driver, distance=view)
         if noise is not None:
-            driver = Noisy(driver, offset=noise, heading=0.1 * noise)
+            driver = Noisy(driver, offset=noise, heading=HEADING_PER_OFFSET * noise)
         if delay is not None:
             driver = Delayed(driver, seconds=delay)
     except ValueError as error:

@@ -13,19 +13,14 @@ while a picture is drawn: draw from one thread at a time.
 from __future__ import annotations
 
 import math
-import os
 import textwrap
-import warnings
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
@@ -38,15 +33,13 @@ from frenetic.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
+from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive, Trajectory
 
-SUFFIXES: Final = (".png", ".svg", ".pdf")
-"""What a picture's file name may end with."""
 MAX_SHEET: Final = 400
 """Most pictures on one contact sheet."""
 
-_DPI: Final = 110
 _POINT: Final = 72.0  # points per inch; lines and letters are measured in points
 _MAX_POINTS: Final = 4000  # more of a path or road than that is not seen
 
@@ -59,10 +52,6 @@ _GAP: Final = 0.14
 _ACROSS: Final = 26.0  # m, width of what the close-up shows
 _LOWEST, _HIGHEST = 2.4, 5.7  # the road seen from above
 
-_INK: Final = "#1d2733"
-_QUIET: Final = "#6a7684"
-_FAINT: Final = "#c9d0d8"
-_PANEL: Final = "#f4f6f8"
 _CASING: Final = "#7f8b98"
 _OTHER_LANE: Final = "#d9dde3"
 _EGO_LANE: Final = "#c6d7ea"
@@ -83,29 +72,6 @@ _PROFILES: Final[Mapping[str, str]] = {
     "oob": "oob distance (m)",
     "curvature": "curvature (1/m)",
     "speed": "speed (km/h)",
-}
-
-_STYLE: Final[dict[str, Any]] = {
-    "font.family": ["sans-serif"],
-    "font.sans-serif": ["DejaVu Sans", "Verdana"],  # as wide: for SVGs shown elsewhere
-    "font.size": 9.0,
-    "text.usetex": False,
-    "text.color": _INK,
-    "axes.unicode_minus": True,
-    "axes.edgecolor": _FAINT,
-    "axes.labelcolor": _QUIET,
-    "axes.linewidth": 0.8,
-    "xtick.color": _FAINT,
-    "ytick.color": _FAINT,
-    "xtick.labelcolor": _QUIET,
-    "ytick.labelcolor": _QUIET,
-    "xtick.labelsize": 8.5,
-    "ytick.labelsize": 8.5,
-    "path.sketch": None,
-    "savefig.bbox": "standard",
-    "svg.fonttype": "none",  # text stays text: it can be searched and selected
-    "svg.hashsalt": "frenetic",
-    "pdf.fonttype": 42,
 }
 
 
@@ -133,8 +99,8 @@ def draw_drive(
     Raises:
         FreneticError: another suffix, or a file that cannot be written.
     """
-    form = _form(path)
-    with mpl.rc_context(_STYLE):
+    form = form_of(path)
+    with mpl.rc_context(STYLE):
         seen = _look(road, drive)
         outcome = seen.result.outcome
         figure = _page(
@@ -146,7 +112,7 @@ def draw_drive(
             _facts(road, seen),
             map_size,
         )
-        _write(figure, path, form)
+        write_figure(figure, path, form)
 
 
 def draw_road(
@@ -169,13 +135,13 @@ def draw_road(
     Raises:
         FreneticError: another suffix, or a file that cannot be written.
     """
-    form = _form(path)
-    with mpl.rc_context(_STYLE):
-        colour = _INK if reason is None else _COLOURS[Outcome.INVALID]
+    form = form_of(path)
+    with mpl.rc_context(STYLE):
+        colour = INK if reason is None else _COLOURS[Outcome.INVALID]
         figure = _page(
             road, None, title or "Road", reason or "", colour, _road_facts(road), map_size
         )
-        _write(figure, path, form)
+        write_figure(figure, path, form)
 
 
 def draw_gallery(
@@ -191,11 +157,11 @@ def draw_gallery(
     Raises:
         FreneticError: no items or too many, another suffix, or a file that cannot be written.
     """
-    form = _form(path)
+    form = form_of(path)
     if not 1 <= len(items) <= MAX_SHEET:
         raise FreneticError(f"a contact sheet of {len(items)} drives: 1 to {MAX_SHEET} are allowed")
-    with mpl.rc_context(_STYLE):
-        _write(_sheet(items, title), path, form)
+    with mpl.rc_context(STYLE):
+        write_figure(_sheet(items, title), path, form)
 
 
 # --- What is drawn: a drive seen from its road -----------------------------------------------
@@ -340,17 +306,17 @@ def _page(
     heading = 0.3
     below = sum(heights[name] + heading for name in profiles) + 0.55
     height = top + tiles + main_height + strip + below
-    page = _Paper(Figure(figsize=(_WIDTH, height), dpi=_DPI, facecolor="white"), _WIDTH, height)
+    page = _Paper(Figure(figsize=(_WIDTH, height), dpi=DPI, facecolor="white"), _WIDTH, height)
 
     # Headline.
     page.bar(_MARGIN, 0.42, 0.07, 0.36 + 0.235 * len(lines), colour)
     page.text(_MARGIN + 0.2, 0.42 + 0.29, _one_line(title, 58), size=19, weight="bold")
     for i, line in enumerate(lines):
-        page.text(_MARGIN + 0.2, 0.42 + 0.56 + 0.235 * i, line, size=11, color=_QUIET)
+        page.text(_MARGIN + 0.2, 0.42 + 0.56 + 0.235 * i, line, size=11, color=QUIET)
     for i, (name, value, detail) in enumerate(facts):
         x = _MARGIN + i * _INNER / 6.0
         name = f"{name}, {detail}" if detail else name
-        page.text(x, top + 0.18, name, size=8.5, color=_QUIET)
+        page.text(x, top + 0.18, name, size=8.5, color=QUIET)
         page.text(x, top + 0.45, value, size=14, weight="bold")
 
     # From above.
@@ -364,7 +330,7 @@ def _page(
         _draw_close_up(page.panel(x, y, near), near, road, seen, focus)
         page.text(
             x + 0.12, y + 0.24, focus.what, size=9.5, weight="bold", color=focus.colour,
-            bbox={"facecolor": _PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
+            bbox={"facecolor": PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
         )  # fmt: skip
         _draw_scale(page, x + 0.12, y + main_height - 0.14, near, 5.0)
     _draw_scene(main, view, road, seen, focus, map_size, near=near)
@@ -374,7 +340,7 @@ def _page(
     y += main_height + strip
     for name in profiles:
         last = name == profiles[-1]
-        page.text(_MARGIN, y + heading - 0.08, _PROFILES[name], size=8.5, color=_QUIET)
+        page.text(_MARGIN, y + heading - 0.08, _PROFILES[name], size=8.5, color=QUIET)
         y += heading
         axes = page.axes(_MARGIN + 0.45, y, _INNER - 0.45, heights[name])
         _style_profile(axes, road, labelled=last)
@@ -436,7 +402,7 @@ class _Paper:
     def panel(self, x: float, y: float, view: _View) -> Any:
         """Axes whose data are points (1/72 inch) from their centre, for what a view shows."""
         axes = self.axes(x, y, view.width / _POINT, view.height / _POINT)
-        axes.set_facecolor(_PANEL)
+        axes.set_facecolor(PANEL)
         axes.set_xlim(-view.width / 2.0, view.width / 2.0)
         axes.set_ylim(-view.height / 2.0, view.height / 2.0)
         axes.set_xticks([])
@@ -632,8 +598,8 @@ def _draw_scene(
     spacing = max(1.0, road.length / _MAX_POINTS)
     start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
     size, width = (7.0, 1.5) if labelled else (4.5, 1.1)
-    for place, marker, fill in ((start, "o", "white"), (end, "s", _INK)):
-        axes.plot(*place, marker, ms=size, mfc=fill, mec=_INK, mew=width, zorder=7)
+    for place, marker, fill in ((start, "o", "white"), (end, "s", INK)):
+        axes.plot(*place, marker, ms=size, mfc=fill, mec=INK, mew=width, zorder=7)
 
     # What labels must not hide.
     drawn = [view.at(road.sample(spacing, k * road.lane_width)) for k in (-1, -0.5, 0, 0.5, 1)]
@@ -643,7 +609,7 @@ def _draw_scene(
         drawn.append(view.at(_sane(seen.xy)))
         if labelled:
             some = _some_records(seen, focus)
-            _draw_cars(axes, view, seen, some, _INK)
+            _draw_cars(axes, view, seen, some, INK)
             _draw_cars(axes, view, seen, [focus.record], focus.colour, zorder=6.0)
             drawn += _boxes(view, seen, [*some, focus.record])
         mark = view.at(_sane(seen.xy[[focus.record]]))[0]
@@ -651,7 +617,7 @@ def _draw_scene(
             half = 0.5 * np.array([near.width, near.height]) * view.scale / near.scale
             axes.add_patch(
                 Rectangle(
-                    mark - half, *(2.0 * half), fill=False, ec=_QUIET, lw=0.8, alpha=0.7, zorder=6
+                    mark - half, *(2.0 * half), fill=False, ec=QUIET, lw=0.8, alpha=0.7, zorder=6
                 )
             )  # fmt: skip
             sides = np.linspace(-1.0, 1.0, 41)[:, None]
@@ -671,8 +637,8 @@ def _draw_scene(
     if focus is not None and mark is not None:
         labels.keep_clear(mark, 9.0)
         labels.put(mark, focus.label, focus.colour)
-    labels.put(start, "start", _INK)
-    labels.put(end, "end", _INK)
+    labels.put(start, "start", INK)
+    labels.put(end, "end", INK)
 
 
 def _draw_surface(axes: Any, view: _View, road: Road) -> None:
@@ -793,7 +759,7 @@ def _draw_cars(
 def _draw_map_edge(axes: Any, view: _View, map_size: float | None) -> None:
     if map_size is not None:
         edge = view.at(_map_edge(map_size))
-        axes.plot(*edge.T, color=_QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+        axes.plot(*edge.T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
 
 
 def _map_edge(map_size: float) -> FloatArray:
@@ -820,7 +786,7 @@ def _draw_close_up(axes: Any, view: _View, road: Road, seen: _Seen, focus: _Focu
                 chosen.append(i)
                 due = away[i] + step
             i += direction
-    _draw_cars(axes, view, seen, chosen, _INK)
+    _draw_cars(axes, view, seen, chosen, INK)
     _draw_cars(axes, view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
     axes.plot(
         *view.at(_sane(seen.xy[[focus.record]]))[0], "o", ms=4.5, color=focus.colour, zorder=7
@@ -838,20 +804,20 @@ def _draw_key(
     x += metres * view.scale / _POINT + 0.85
     for name, angle in (("x", view.turn), ("y", view.turn + math.pi / 2.0)):
         dx, dy = 0.15 * math.cos(angle), -0.15 * math.sin(angle)
-        page.line([x, x + dx], [y + 0.24, y + 0.24 + dy], color=_QUIET, lw=1.1)
+        page.line([x, x + dx], [y + 0.24, y + 0.24 + dy], color=QUIET, lw=1.1)
         page.text(
             x + 1.55 * dx,
             y + 0.24 + 1.55 * dy,
             name,
             size=8,
-            color=_QUIET,
+            color=QUIET,
             ha="center",
             va="center",
         )
     if map_size is not None and any(view.shows(place) for place in view.at(_map_edge(map_size))):
         x += 0.65
-        page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=_QUIET, lw=1.0, dashes=(5.0, 3.0))
-        page.text(x + 0.45, y + 0.24, "edge of the map", size=8.5, color=_QUIET)
+        page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=QUIET, lw=1.0, dashes=(5.0, 3.0))
+        page.text(x + 0.45, y + 0.24, "edge of the map", size=8.5, color=QUIET)
     if seen is not None and len(seen):
         width = 3.2
         bar = page.axes(_WIDTH - _MARGIN - width, y + 0.07, width, 0.11)
@@ -862,7 +828,7 @@ def _draw_key(
             y + 0.17,
             "oob distance (m)",
             size=8.5,
-            color=_QUIET,
+            color=QUIET,
             ha="right",
         )
 
@@ -883,8 +849,8 @@ def _colour_bar(axes: Any, half: float) -> None:
 
 def _draw_scale(page: _Paper, x: float, y: float, view: _View, metres: float) -> None:
     length = metres * view.scale / _POINT
-    page.line([x, x, x + length, x + length], [y - 0.06, y, y, y - 0.06], color=_QUIET, lw=1.2)
-    page.text(x + length + 0.08, y, f"{metres:g} m", size=8.5, color=_QUIET)
+    page.line([x, x, x + length, x + length], [y - 0.06, y, y, y - 0.06], color=QUIET, lw=1.2)
+    page.text(x + length + 0.08, y, f"{metres:g} m", size=8.5, color=QUIET)
 
 
 # --- Along the road --------------------------------------------------------------------------
@@ -918,7 +884,7 @@ def _draw_oob_distance(axes: Any, road: Road, seen: _Seen) -> None:
     if seen.result.moobd is None:
         return
     where = float(seen.distance[least])
-    axes.plot(where, value, "o", ms=6.0, mfc="white", mec=_INK, mew=1.4, zorder=6, clip_on=False)
+    axes.plot(where, value, "o", ms=6.0, mfc="white", mec=INK, mew=1.4, zorder=6, clip_on=False)
     text = f"MOOBD {_signed(float(seen.oob_distance[least]), 2)} m"
     share = where / road.length
     if seen.result.departure is not None:  # beside the departure's line
@@ -961,24 +927,22 @@ def _draw_curvature(axes: Any, road: Road) -> None:
     reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
     axes.set_ylim(-reach, reach)
     axes.fill_between(places, road.curvatures, color=_EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
-    axes.axhline(0.0, color=_FAINT, lw=0.8, zorder=1.3)
+    axes.axhline(0.0, color=FAINT, lw=0.8, zorder=1.3)
     axes.plot(places, road.curvatures, color="#48678a", lw=1.4, zorder=3)
     for y, text, va in ((0.95, "left", "top"), (0.05, "right", "bottom")):
-        axes.text(
-            1.004, y, text, transform=axes.transAxes, size=7.5, color=_QUIET, va=va, ha="left"
-        )
+        axes.text(1.004, y, text, transform=axes.transAxes, size=7.5, color=QUIET, va=va, ha="left")
 
 
 def _draw_speed(axes: Any, seen: _Seen) -> None:
     limit = seen.drive.rules.speed_limit
     axes.set_ylim(min(0.0, float(seen.speed.min())), 1.15 * max(limit, float(seen.speed.max())))
-    axes.axhline(limit, color=_QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
+    axes.axhline(limit, color=QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
     axes.annotate(
         "limit",
         (1.004, limit),
         xycoords=("axes fraction", "data"),
         size=7.5,
-        color=_QUIET,
+        color=QUIET,
         va="center",
     )
     axes.plot(seen.distance, seen.speed, color="#48678a", lw=1.4, zorder=3)
@@ -995,13 +959,13 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
     height = min(0.9 * width, _HIGHEST)
     top, caption = 1.1 if title else 0.65, 0.52
     total = top + rows * (height + caption) + 0.25
-    page = _Paper(Figure(figsize=(_WIDTH, total), dpi=_DPI, facecolor="white"), _WIDTH, total)
+    page = _Paper(Figure(figsize=(_WIDTH, total), dpi=DPI, facecolor="white"), _WIDTH, total)
     if title:
         page.text(_MARGIN, 0.68, _one_line(title, 60), size=19, weight="bold")
     bar = page.axes(_WIDTH - _MARGIN - 3.2, top - 0.45, 3.2, 0.11)
     _colour_bar(bar, 0.5 * items[0][1].lane_width)
     page.text(
-        _WIDTH - _MARGIN - 3.35, top - 0.35, "oob distance (m)", size=8.5, color=_QUIET, ha="right"
+        _WIDTH - _MARGIN - 3.35, top - 0.35, "oob distance (m)", size=8.5, color=QUIET, ha="right"
     )
     letters = int(width / 0.088)
     for k, (text, road, drive) in enumerate(items):
@@ -1013,7 +977,7 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
         view = _View.showing(_box(road, seen, turn), turn, width, height)
         _draw_scene(page.panel(x, y, view), view, road, seen, _focus(seen), None, labelled=False)
         page.text(x, y + height + 0.17, _one_line(text, letters), size=9, weight="bold")
-        page.text(x, y + height + 0.33, _sheet_line(road, seen), size=8, color=_QUIET)
+        page.text(x, y + height + 0.33, _sheet_line(road, seen), size=8, color=QUIET)
     return page.figure
 
 
@@ -1025,38 +989,3 @@ def _sheet_line(road: Road, seen: _Seen) -> str:
 
 
 # --- The file --------------------------------------------------------------------------------
-
-
-def _form(path: Path) -> str:
-    suffix = Path(path).suffix.lower()
-    if suffix not in SUFFIXES:
-        allowed = ", ".join(SUFFIXES[:-1]) + f" or {SUFFIXES[-1]}"
-        raise FreneticError(f"cannot draw {path}: a picture's name must end with {allowed}")
-    return suffix[1:]
-
-
-def _write(figure: Figure, path: Path, form: str) -> None:
-    """Draw first, then write beside ``path`` and rename, so that no half picture is ever seen."""
-    FigureCanvasAgg(figure)
-    undated: dict[str, dict[str, Any]] = {
-        "png": {},
-        "svg": {"Date": None},
-        "pdf": {"CreationDate": None},
-    }
-    drawn = BytesIO()
-    with warnings.catch_warnings():
-        # A title may be in letters that the font lacks; a box in their place is good enough.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(drawn, format=form, dpi=_DPI, metadata=undated[form])
-    path = Path(path)
-    unfinished = path.with_name(f".{path.stem[:80]}-{os.getpid()}.unfinished")
-    try:
-        unfinished.write_bytes(drawn.getvalue())
-        unfinished.replace(path)
-    except OSError as error:
-        raise FreneticError(
-            f"cannot write the picture {path}: {error.strerror or error}"
-        ) from error
-    finally:
-        with suppress(OSError):
-            unfinished.unlink(missing_ok=True)

@@ -38,13 +38,16 @@ TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RB
 
 
 @njit(cache=True)
-def start_state(table: FloatArray, lane_width: float) -> FloatArray:
-    """(7,) state of the car at rest on the ego lane's centre at the road's first point."""
+def start_state(table: FloatArray, lane_width: float, left: float, turned: float) -> FloatArray:
+    """(7,) state of the car at rest in the ego lane at the road's first point.
+
+    It stands ``left`` m left of the lane's centre and points ``turned`` rad left of its direction.
+    """
     state = np.zeros(7)
-    offset = -0.5 * lane_width
+    offset = left - 0.5 * lane_width
     state[X] = table[0, 0] - offset * table[0, 5]
     state[Y] = table[0, 1] + offset * table[0, 4]
-    state[HEADING] = table[0, 2]
+    state[HEADING] = table[0, 2] + turned
     return state
 
 
@@ -94,6 +97,7 @@ def rollout(
     rows: int,
     delay: int,
     errors: FloatArray,
+    state: FloatArray,
     records: FloatArray,
 ) -> int:
     """Drives a built-in driver until the drive ends; returns the number of records written.
@@ -107,9 +111,9 @@ def rollout(
         rows: points of the driver's view.
         delay: periods that controls take to arrive.
         errors: (m, 2) m and rad by which the driver errs, m >= the records' number, or (0, 2).
+        state: (7,) the car at the start; it becomes that at the end.
         records: (11, m), room for the columns of a `Trajectory`.
     """
-    state = start_state(table, lane_width)
     ahead = np.empty((AHEAD_POINTS, 2))
     curvature_ahead = np.empty(AHEAD_POINTS)
     waiting = np.zeros((delay + 1, 3))

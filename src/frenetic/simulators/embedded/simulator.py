@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -31,7 +32,15 @@ from frenetic.simulators.embedded.vehicle import (
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
+if TYPE_CHECKING:
+    from frenetic.doctor import Check
+
 logger = logging.getLogger(__name__)
+
+MAX_START_OFFSET: Final = 2.0
+"""m, half a lane."""
+MAX_START_HEADING: Final = math.pi / 4.0
+"""rad."""
 
 _NO_ERRORS = np.empty((0, 2))
 
@@ -41,36 +50,87 @@ class EmbeddedSimulator:
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
-        vehicle: the car, a BMW 320i by default.
+        vehicle: the car, or the name of one: ``default``, a BMW 320i, or ``metadrive``.
         friction: of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
         wall_limit: s of wall time that a drive with a driver written in Python may take; then it
             is an ERROR. Built-in drivers end by the rules.
+        start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
+        start_heading: rad to the left of the road's direction in which it points there, within an
+            eighth of a turn.
+
+    `rules`, `vehicle`, `friction`, `start_offset` and `start_heading` may be set between two
+    drives: the next one is driven in that world.
+
+    Raises:
+        ValueError: an option is out of range.
     """
 
     def __init__(
         self,
         *,
         rules: Rules | None = None,
-        vehicle: Vehicle | None = None,
+        vehicle: Vehicle | str = "default",
         friction: float | None = None,
         wall_limit: float = 60.0,
+        start_offset: float = 0.0,
+        start_heading: float = 0.0,
     ) -> None:
         self.rules = rules or Rules()
-        self.vehicle = vehicle or Vehicle()
+        self.vehicle = vehicle if isinstance(vehicle, Vehicle) else Vehicle.named(vehicle)
         if friction is not None:
-            self.vehicle = replace(self.vehicle, friction=friction)
+            self.friction = friction
+        self.start_offset = start_offset
+        self.start_heading = start_heading
         if not (math.isfinite(wall_limit) and wall_limit > 0.0):
             raise ValueError(f"wall_limit is {wall_limit}: a positive number of seconds is needed")
         self.wall_limit = wall_limit
-        self._vehicle = self.vehicle.to_array()
-        self.car = self.vehicle.body()
-        self._car = self.car.to_array()
         self._room = np.empty(0)  # memory for the records, used again and again
 
     @property
     def options(self) -> dict[str, Any]:
-        """What it was made with, beside the rules."""
-        return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit}
+        """What it was made with, beside the rules; of the start only what is unusual."""
+        start = {"start_offset": self.start_offset, "start_heading": self.start_heading}
+        unusual = {name: value for name, value in start.items() if value != 0.0}
+        return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit, **unusual}
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The car."""
+        return self._vehicle
+
+    @vehicle.setter
+    def vehicle(self, vehicle: Vehicle) -> None:
+        self._vehicle = vehicle
+        self._parameters = vehicle.to_array()
+        self.car = vehicle.body()
+        self._car = self.car.to_array()
+
+    @property
+    def friction(self) -> float:
+        """Of the road: 1 is dry."""
+        return self.vehicle.friction
+
+    @friction.setter
+    def friction(self, friction: float) -> None:
+        self.vehicle = replace(self.vehicle, friction=friction)
+
+    @property
+    def start_offset(self) -> float:
+        """M to the left of the ego lane's centre at which the car starts."""
+        return self._start_offset
+
+    @start_offset.setter
+    def start_offset(self, offset: float) -> None:
+        self._start_offset = _within(offset, MAX_START_OFFSET, "start_offset", "m")
+
+    @property
+    def start_heading(self) -> float:
+        """Rad to the left of the road's direction in which the car points at the start."""
+        return self._start_heading
+
+    @start_heading.setter
+    def start_heading(self, heading: float) -> None:
+        self._start_heading = _within(heading, MAX_START_HEADING, "start_heading", "rad")
 
     def __enter__(self) -> Self:
         """Compiles what is not compiled yet."""
@@ -90,6 +150,12 @@ class EmbeddedSimulator:
         from frenetic.compilation import compile_kernels  # which needs this module
 
         compile_kernels()
+
+    def checks(self) -> Iterator[Check]:
+        """What 'frenetic doctor' looks at."""
+        from frenetic.simulators.embedded.checks import checks  # which needs this module
+
+        return checks(self)
 
     def setup(self, road: Road) -> DriveSetup:
         """What a driver is told before a drive along the road."""
@@ -140,13 +206,14 @@ class EmbeddedSimulator:
             road.lane_width,
             rules,
             self._car,
-            self._vehicle,
+            self._parameters,
             driver.law,
             driver.parameters,
             setup_array(setup),
             driver.rows,
             driver.delay,
             errors,
+            kernels.start_state(road.table, road.lane_width, self.start_offset, self.start_heading),
             room,
         )
         return n
@@ -161,7 +228,9 @@ class EmbeddedSimulator:
         """The compiled rollout's loop with calls of the driver in between: (records, error)."""
         self._compile()  # not on the driver's time
         written = 0
-        state = kernels.start_state(road.table, road.lane_width)
+        state = kernels.start_state(
+            road.table, road.lane_width, self.start_offset, self.start_heading
+        )
         controls = (0.0, 0.0, 0.0)
 
         def loop() -> None:
@@ -176,7 +245,7 @@ class EmbeddedSimulator:
                 observation = observer.observation(state[SPEED], state[YAW_RATE], state[STEERING])
                 controls = checked_controls(driver.act(observation))
                 kernels.write_record(room, i, state, *controls)
-                kernels.advance_period(state, *controls, self._vehicle)
+                kernels.advance_period(state, *controls, self._parameters)
 
         try:
             with wall_limit(self.wall_limit):
@@ -193,3 +262,11 @@ class EmbeddedSimulator:
             logger.debug("the driver broke", exc_info=True)
             return written, f"the driver raised {describe_error(error)}"
         return written, None
+
+
+def _within(value: float, most: float, name: str, unit: str) -> float:
+    if not abs(value) <= most:
+        raise ValueError(
+            f"{name} is {value}: a number from {-most:.3g} to {most:.3g} {unit} is needed"
+        )
+    return float(value)

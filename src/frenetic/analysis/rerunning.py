@@ -1,0 +1,606 @@
+"""Whether failures are real: how often they repeat, also in worlds that differ a little.
+
+A failing road is driven again and again, in worlds that are drawn from ranges: of the road's
+friction, the speed limit, the driver's noise and so on. Said is how often it fails, with an
+interval, and which of the varied quantities go with how badly the car did. Where nothing is
+varied, it is the same drive each time: whoever fails it once fails it always, unless the driver or
+simulator is not repeatable.
+
+A failure is *robust* if it repeats in at least half of such worlds and *fragile* if in less, as far
+as the drives can tell: the whole 95 % interval has to be on one side.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from enum import StrEnum
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from frenetic.analysis.segments import REACH
+from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
+from frenetic.campaign.campaign import describe
+from frenetic.campaign.redriving import Redrive, Redriver, drive_again, readable
+from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
+from frenetic.campaign.tester import Tested
+from frenetic.drivers import Driver
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.oracle import Side
+from frenetic.outcome import Outcome
+from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import QUANTITIES, World, check_can_vary
+
+RERUNS: Final = "reruns.json"
+"""Name of the file in a campaign's folder that holds how often its failures repeat."""
+VERSION: Final = 1
+"""Of that file's form."""
+TIMES: Final = 20
+"""Drives of each test unless another number is given."""
+LEVEL: Final = 0.5
+"""Share of drives that fail, at least of a robust failure, less of a fragile one."""
+LEAST_DRIVES: Final = 8
+"""Drives from which on it is said which quantities matter."""
+_WRITE_INTERVAL: Final = 5.0  # s between two times that what is done is written
+
+
+class Stability(StrEnum):
+    """Whether a failure repeats."""
+
+    ROBUST = "robust"
+    """In at least half of the worlds: the interval lies above."""
+    UNCLEAR = "unclear"
+    """The interval says neither; more drives would."""
+    FRAGILE = "fragile"
+    """In less than half of the worlds: the interval lies below."""
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A quantity of the world and the range from which it is drawn evenly.
+
+    Raises:
+        FreneticError: no such quantity, or a range that is none or beyond what is allowed.
+    """
+
+    quantity: str
+    """Of `frenetic.simulators.worlds.QUANTITIES`."""
+    low: float
+    high: float
+    """Equal to `low` if the quantity is only set, not varied."""
+
+    def __post_init__(self) -> None:
+        if self.quantity not in QUANTITIES:
+            raise FreneticError(
+                f"cannot vary {self.quantity!r}: choose from {', '.join(QUANTITIES)}"
+            )
+        allowed = QUANTITIES[self.quantity]
+        if not allowed.low <= self.low <= self.high <= allowed.high:
+            unit = f" {allowed.unit}" if allowed.unit else ""
+            raise FreneticError(
+                f"cannot vary {self.quantity} from {self.low:g} to {self.high:g}: a range LOW:HIGH"
+                f" within {allowed.low:.3g} to {allowed.high:.3g}{unit} is needed"
+            )
+
+    @classmethod
+    def usual(cls, quantity: str, simulator: Simulator) -> Variation:
+        """The range of a quantity that is taken if none is given.
+
+        Friction is up to a fifth less than the simulator's, the speed limit a tenth less or more;
+        noise is up to 0.2 m, delay up to 0.1 s, the start within 0.3 m and 0.03 rad.
+
+        Raises:
+            FreneticError: no such quantity, or the simulator has none.
+        """
+        if quantity in QUANTITIES:
+            check_can_vary(simulator, [quantity])
+        match quantity:
+            case "friction":
+                friction: float = simulator.friction  # type: ignore[attr-defined]
+                return cls(quantity, 0.8 * friction, friction)
+            case "speed":
+                limit = simulator.rules.speed_limit
+                return cls(quantity, 0.9 * limit, 1.1 * limit)
+        return cls(quantity, *_USUAL.get(quantity, (0.0, 0.0)))
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the quantity is only set, not varied."""
+        return self.low == self.high
+
+    def __str__(self) -> str:
+        unit = QUANTITIES[self.quantity].unit
+        text = f"{self.low:.3g}" if self.is_fixed else f"{self.low:.3g} to {self.high:.3g}"
+        return f"{self.quantity} {text}{' ' if unit else ''}{unit}"
+
+
+_USUAL: Final[Mapping[str, tuple[float, float]]] = {
+    "noise": (0.0, 0.2),
+    "delay": (0.0, 0.1),
+    "start": (-0.3, 0.3),
+    "heading": (-0.03, 0.03),
+}
+
+
+def draw_worlds(variations: Sequence[Variation], times: int, seed: int) -> tuple[World, ...]:
+    """So many worlds in which the quantities are drawn from their ranges.
+
+    A Latin hypercube: cut into ``times`` equal parts, the range of each quantity gives one value
+    from each part. So the worlds cover the ranges evenly, and the interval of a share is, if
+    anything, too wide. With noise, each world has errors of its own.
+
+    Raises:
+        ValueError: ``times`` is no positive whole number, or a quantity is there twice.
+    """
+    if isinstance(times, bool) or times != int(times) or times < 1:
+        raise ValueError(f"times is {times}: a whole number of at least 1 is needed")
+    names = [variation.quantity for variation in variations]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name} is varied twice: give one range for it")
+    rng = np.random.default_rng(seed)
+    worlds = [World()] * times
+    # In one order, whatever the order in which they were given.
+    for variation in sorted(variations, key=lambda v: list(QUANTITIES).index(v.quantity)):
+        shares = (rng.permutation(times) + rng.random(times)) / times
+        values = variation.low + (variation.high - variation.low) * shares
+        for i, value in enumerate(values.tolist()):
+            changes: dict[str, Any] = {variation.quantity: value}
+            if variation.quantity == "noise":
+                changes["noise_seed"] = int(rng.integers(2**31))
+            worlds[i] = replace(worlds[i], **changes)
+    return tuple(worlds)
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """One drive of a road, the recorded one or one of those that repeat it."""
+
+    world: World
+    outcome: Outcome
+    moobd: float | None
+    """m, minimum oob distance; None unless PASS or FAIL."""
+    departure_distance: float | None = None
+    """m along the road where the car left its lane, None if it did not."""
+    departure_side: Side | None = None
+    trouble: str | None = None
+    """Why it could not be judged, None if it was."""
+
+    @classmethod
+    def of(cls, world: World, tested: Tested) -> Repeat:
+        """What became of a drive."""
+        result = tested.result
+        departure = result.departure
+        return cls(
+            world,
+            result.outcome,
+            result.moobd,
+            None if departure is None else departure.distance,
+            None if departure is None else departure.side,
+            None if result.outcome.is_driven else readable(result.reason),
+        )
+
+    @classmethod
+    def recorded(cls, record: TestRecord) -> Repeat:
+        """The drive that a campaign has stored."""
+        return cls(
+            World(),
+            record.outcome,
+            record.moobd,
+            record.departure_distance,
+            record.departure_side,
+            None if record.outcome.is_driven else record.reason,
+        )
+
+    @property
+    def margin(self) -> float:
+        """M to failing: the MOOBD of a drive that passed; all that failed are equally bad.
+
+        How far out a car is when its drive is ended says more of its speed than of the road.
+        """
+        return -math.inf if self.outcome is Outcome.FAIL or self.moobd is None else self.moobd
+
+    def fails_like(self, other: Repeat) -> bool:
+        """Whether both fail, on the same side and within 30 m along the road."""
+        if not self.outcome is other.outcome is Outcome.FAIL:
+            return False
+        if self.departure_distance is None or other.departure_distance is None:
+            return self.departure_distance is other.departure_distance
+        near = abs(self.departure_distance - other.departure_distance) <= REACH
+        return near and self.departure_side == other.departure_side
+
+
+@dataclass(frozen=True)
+class Influence:
+    """How a varied quantity goes with how the car did."""
+
+    quantity: str
+    spearman: float
+    """Rank correlation -1..1 of the quantity with `Repeat.margin`: negative if more is worse."""
+    p: float
+    """That it is chance, corrected by Holm for the number of varied quantities."""
+
+    @property
+    def matters(self) -> bool:
+        """Whether it is more than chance."""
+        return self.p < SIGNIFICANT
+
+    def __str__(self) -> str:
+        quantity = QUANTITIES[self.quantity]
+        worse = quantity.less if self.spearman > 0.0 else quantity.more
+        return f"{worse} is worse (Spearman {self.spearman:.2f})"
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """How often the failure of one test repeats."""
+
+    test_id: int
+    recorded: Repeat
+    """The campaign's own drive."""
+    variations: tuple[Variation, ...]
+    seed: int
+    """From which the worlds were drawn."""
+    driver: Mapping[str, JSONValue]
+    """As a campaign describes it."""
+    simulator: Mapping[str, JSONValue]
+    """As a campaign describes it."""
+    drives: tuple[Repeat, ...]
+
+    def count(self, outcome: Outcome) -> int:
+        """Drives with this outcome."""
+        return sum(drive.outcome is outcome for drive in self.drives)
+
+    @property
+    def failed(self) -> int:
+        """Drives that failed."""
+        return self.count(Outcome.FAIL)
+
+    @property
+    def judged(self) -> int:
+        """Drives that passed or failed; of the others nothing is known."""
+        return sum(drive.outcome.is_driven for drive in self.drives)
+
+    @property
+    def alike(self) -> int:
+        """Drives that failed like the campaign's, see `Repeat.fails_like`."""
+        return sum(drive.fails_like(self.recorded) for drive in self.drives)
+
+    @property
+    def share(self) -> float | None:
+        """Share 0..1 of the judged drives that failed, None if there are none."""
+        return self.failed / self.judged if self.judged else None
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's 95 % interval of the share; 0..1 if no drive was judged."""
+        return proportion_interval(self.failed, self.judged) if self.judged else (0.0, 1.0)
+
+    @property
+    def stability(self) -> Stability:
+        """Whether the failure repeats."""
+        low, high = self.interval
+        if low >= LEVEL:
+            return Stability.ROBUST
+        return Stability.FRAGILE if high < LEVEL else Stability.UNCLEAR
+
+    @cached_property
+    def influences(self) -> tuple[Influence, ...]:
+        """How the varied quantities go with how the car did, the closest first.
+
+        None if there are fewer than `LEAST_DRIVES` drives that were judged, or all failed.
+        """
+        judged = [drive for drive in self.drives if drive.outcome.is_driven]
+        margins = [drive.margin for drive in judged]
+        names = [v.quantity for v in self.variations if not v.is_fixed]
+        if len(judged) < LEAST_DRIVES or len(set(margins)) == 1:
+            return ()
+        columns = [[drive.world.value(name) or 0.0 for drive in judged] for name in names]
+        found = [spearman(column, margins) for column in columns]
+        p_values = holm([p for _, p in found])
+        influences = [
+            Influence(name, rho, p)
+            for name, (rho, _), p in zip(names, found, p_values, strict=True)
+        ]
+        return tuple(sorted(influences, key=lambda influence: -abs(influence.spearman)))
+
+    def __str__(self) -> str:
+        if self.share is None:
+            return f"none of {len(self.drives)} drives could be judged"
+        low, high = self.interval
+        text = (
+            f"fails {self.failed} of {self.judged} ({100.0 * self.share:.0f} %, 95 % interval"
+            f" {100.0 * low:.0f} to {100.0 * high:.0f} %)"
+        )
+        return "; ".join([text, *(str(one) for one in self.influences if one.matters)])
+
+
+@dataclass(frozen=True)
+class RerunProgress:
+    """How far the reruns of a campaign's failures have come."""
+
+    test_id: int
+    """Of the last drive."""
+    drives: int
+    total: int
+    failed: int
+
+
+def rerun(
+    folder: Path | str,
+    simulator: Simulator,
+    driver: Driver,
+    *,
+    test_ids: Iterable[int] | None = None,
+    times: int = TIMES,
+    variations: Sequence[Variation] = (),
+    seed: int = 0,
+    workers: int = 1,
+    drive_limit: float | None = None,
+    on_progress: Callable[[RerunProgress], None] | None = None,
+    on_start: Callable[[], None] | None = None,
+    on_interrupt: Callable[[], None] | None = None,
+) -> tuple[Rerun, ...]:
+    """Drives failing roads of a campaign again and stores how often they fail.
+
+    Each road is driven where it lies, in the same worlds as every other. What is done is kept in
+    the campaign's folder, see `read_reruns`, also if Ctrl-C ends it; a test that was there already
+    is replaced.
+
+    Args:
+        folder: of the campaign.
+        simulator: the campaign's, not yet entered.
+        driver: the campaign's.
+        test_ids: tests that were driven; all failures by default, the most severe first.
+        times: drives of each.
+        variations: what differs between the drives; nothing by default.
+        seed: from which the worlds are drawn.
+        workers: how many roads are driven at once, as for `Campaign`.
+        drive_limit: s of wall time, likewise.
+        on_progress: called after every drive.
+        on_start: called when the simulator has started.
+        on_interrupt: called at the first Ctrl-C.
+
+    Returns:
+        The tests that were driven, in order; after Ctrl-C the last may have fewer drives.
+
+    Raises:
+        CampaignError: the campaign or what is kept of earlier reruns is damaged, or a test was not
+            driven.
+        FreneticError: the simulator cannot vary what should be varied.
+        ValueError: an option is out of range.
+    """
+    folder = Path(folder)
+    worlds = draw_worlds(variations, times, seed)
+    check_can_vary(simulator, [variation.quantity for variation in variations])
+    with CampaignStore.open(folder) as store:
+        if test_ids is None:
+            records = list(store.tests(Outcome.FAIL, order_by="moobd"))
+        else:
+            records = [store.test(i, with_trajectory=False) for i in dict.fromkeys(test_ids)]
+        redriver = Redriver.of(store, simulator, driver)
+    redrives = [
+        Redrive.of(number * times + i + 1, record, world)
+        for number, record in enumerate(records)
+        for i, world in enumerate(worlds)
+    ]
+    kept = _Kept(folder)
+    done: list[dict[int, Repeat]] = [{} for _ in records]
+    parts = describe(driver), describe(simulator)
+
+    def collect(number: int) -> Rerun:
+        drives = tuple(done[number][i] for i in sorted(done[number]))
+        record = records[number]
+        recorded = Repeat.recorded(record)
+        return Rerun(record.candidate.id, recorded, tuple(variations), seed, *parts, drives)
+
+    drives = failed = 0
+
+    def note(redrive: Redrive, tested: Tested, _: float) -> None:
+        nonlocal drives, failed
+        number, i = divmod(redrive.id - 1, times)
+        done[number][i] = Repeat.of(redrive.world, tested)
+        drives += 1
+        failed += tested.result.outcome is Outcome.FAIL
+        if len(done[number]) == times:
+            kept.add(collect(number))
+        if on_progress is not None:
+            test_id = records[number].candidate.id
+            on_progress(RerunProgress(test_id, drives, len(redrives), failed))
+
+    try:
+        drive_again(
+            redrives,
+            redriver,
+            workers=workers,
+            drive_limit=drive_limit,
+            on_result=note,
+            on_start=on_start,
+            on_interrupt=on_interrupt,
+        )
+    finally:
+        begun = [collect(number) for number, drives in enumerate(done) if drives]
+        kept.add(*(one for one in begun if len(one.drives) < times))
+        kept.write()
+    return tuple(begun)
+
+
+class _Kept:
+    """The reruns in a campaign's folder, and those that are being added to them."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._fresh: dict[int, Rerun] = {}
+        self._written = time.monotonic()
+        read_reruns(folder)  # complains before anything is driven
+
+    def add(self, *reruns: Rerun) -> None:
+        self._fresh |= {one.test_id: one for one in reruns}
+        if time.monotonic() - self._written >= _WRITE_INTERVAL:
+            self.write()
+
+    def write(self) -> None:
+        if self._fresh:
+            write_reruns(self._folder, {**read_reruns(self._folder), **self._fresh}.values())
+            self._fresh.clear()
+        self._written = time.monotonic()
+
+
+# What is kept in a campaign's folder
+
+
+def write_reruns(folder: Path, reruns: Iterable[Rerun]) -> Path:
+    """Writes all that is kept of a campaign's reruns in place of what was there; returns the file.
+
+    Raises:
+        CampaignError: it cannot be written.
+    """
+    path = folder / RERUNS
+    ordered = sorted(reruns, key=lambda one: one.test_id)
+    document = {"version": VERSION, "reruns": [rerun_document(one) for one in ordered]}
+    partial = path.with_suffix(".json.part")
+    try:
+        partial.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+        partial.replace(path)
+    except OSError as error:
+        raise CampaignError(
+            f"{path} cannot be written: {error.strerror or error}; check the permissions of the"
+            " folder"
+        ) from None
+    return path
+
+
+def rerun_document(one: Rerun) -> dict[str, JSONValue]:
+    """A rerun as a JSON object, with what follows from its drives for other readers."""
+    return {
+        "test": one.test_id,
+        "stability": str(one.stability),
+        "failed": one.failed,
+        "judged": one.judged,
+        "alike": one.alike,
+        "share": one.share,
+        "interval": list(one.interval),
+        "influences": [asdict(influence) for influence in one.influences],
+        "variations": [asdict(variation) for variation in one.variations],
+        "seed": one.seed,
+        "driver": dict(one.driver),
+        "simulator": dict(one.simulator),
+        "recorded": _repeat_document(one.recorded),
+        "drives": [_repeat_document(drive) for drive in one.drives],
+    }
+
+
+def _repeat_document(drive: Repeat) -> dict[str, JSONValue]:
+    world = {k: v for k, v in asdict(drive.world).items() if v is not None}
+    if drive.world.noise is None:
+        del world["noise_seed"]
+    return {
+        "world": world,
+        "outcome": str(drive.outcome),
+        "moobd": drive.moobd,
+        "departure_distance": drive.departure_distance,
+        "departure_side": drive.departure_side,
+        "trouble": drive.trouble,
+    }
+
+
+def read_reruns(folder: Path | str) -> dict[int, Rerun]:
+    """What is kept in a campaign's folder: test id -> rerun, in the order of the ids.
+
+    Raises:
+        CampaignError: it cannot be read, is damaged, or was written by a newer version.
+    """
+    path = Path(folder) / RERUNS
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except OSError as error:
+        raise CampaignError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError):
+        raise _damaged(path, "it is not JSON") from None
+    version = document.get("version") if isinstance(document, dict) else None
+    if isinstance(version, int) and version > VERSION:
+        raise CampaignError(
+            f"{path} was written by a newer version of frenetic (form {version}, this one reads"
+            f" {VERSION}): upgrade frenetic"
+        )
+    try:
+        if version != VERSION:
+            raise ValueError(f"its version is {version!r}")
+        reruns = [_read_rerun(item) for item in document["reruns"]]
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
+        raise _damaged(path, f"{type(error).__name__}: {error}") from None
+    return {one.test_id: one for one in sorted(reruns, key=lambda one: one.test_id)}
+
+
+def _damaged(path: Path, what: str) -> CampaignError:
+    return CampaignError(
+        f"{path} is damaged ({what[:200]}): remove it, and let 'frenetic rerun' make it again"
+    )
+
+
+def _read_rerun(item: Any) -> Rerun:
+    return Rerun(
+        test_id=_whole(item["test"]),
+        recorded=_read_repeat(item["recorded"]),
+        variations=tuple(_read_variation(one) for one in item["variations"]),
+        seed=_whole(item["seed"]),
+        driver=dict(item["driver"]),
+        simulator=dict(item["simulator"]),
+        drives=tuple(_read_repeat(drive) for drive in item["drives"]),
+    )
+
+
+def _read_variation(item: Any) -> Variation:
+    try:
+        return Variation(str(item["quantity"]), _number(item["low"]), _number(item["high"]))
+    except FreneticError as error:
+        raise ValueError(str(error)) from None
+
+
+def _read_repeat(item: Any) -> Repeat:
+    moobd, distance, side = (
+        item[name] for name in ("moobd", "departure_distance", "departure_side")
+    )
+    if side not in (None, "left", "right"):
+        raise ValueError(f"a departure_side is {side!r}")
+    trouble = item["trouble"]
+    if not isinstance(trouble, str | None):
+        raise TypeError(f"a trouble is {trouble!r}")
+    names = {one.name for one in fields(World)}
+    if unknown := item["world"].keys() - names:
+        raise ValueError(f"a world has {', '.join(sorted(unknown))}")
+    world: dict[str, Any] = {
+        name: _whole(value) if name == "noise_seed" else _number(value)
+        for name, value in item["world"].items()
+    }
+    return Repeat(
+        World(**world),
+        Outcome(item["outcome"]),
+        None if moobd is None else _number(moobd),
+        None if distance is None else _number(distance),
+        side,
+        trouble,
+    )
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{value!r} is no number")
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value!r} is not finite")
+    return number
+
+
+def _whole(value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"{value!r} is no whole number")
+    return value

@@ -1,0 +1,227 @@
+"""Statistics for few repeats: intervals, effect sizes and tests that assume no distribution."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.arrays import FloatArray
+
+LEAST_REPEATS: Final = 5
+"""Values per group below which a difference is not judged; 5 and 5 can give a p of 0.008."""
+SIGNIFICANT: Final = 0.05
+"""p below which a difference is taken to be more than chance."""
+MOST_EXACT: Final = 80
+"""Values in both groups together up to which the Mann-Whitney test is exact."""
+
+
+@dataclass(frozen=True)
+class Quartiles:
+    """How values are distributed; infinite ones may be among them."""
+
+    n: int
+    least: float
+    low: float
+    """First quartile."""
+    median: float
+    high: float
+    """Third quartile."""
+    most: float
+
+
+class Magnitude(StrEnum):
+    """How large an effect is, by the thresholds of Vargha and Delaney (2000)."""
+
+    NEGLIGIBLE = "negligible"
+    SMALL = "small"
+    """From 0.56."""
+    MEDIUM = "medium"
+    """From 0.64."""
+    LARGE = "large"
+    """From 0.71."""
+
+
+def quartiles(values: npt.ArrayLike) -> Quartiles:
+    """The quartiles of one or more values.
+
+    Interpolated between values; next to an infinite value there is nothing between, and the
+    quartile is the larger one.
+
+    Raises:
+        ValueError: no values, or one that is not a number.
+    """
+    ordered = np.sort(_values(values))
+    low, median, high = (_quantile(ordered, share) for share in (0.25, 0.5, 0.75))
+    return Quartiles(len(ordered), float(ordered[0]), low, median, high, float(ordered[-1]))
+
+
+def _quantile(ordered: FloatArray, share: float) -> float:
+    place = share * (len(ordered) - 1)
+    below, above = float(ordered[math.floor(place)]), float(ordered[math.ceil(place)])
+    if math.isinf(above) or below == above:
+        return above
+    return below + (place - math.floor(place)) * (above - below)
+
+
+def proportion_interval(
+    successes: int, trials: int, confidence: float = 0.95
+) -> tuple[float, float]:
+    """Wilson's score interval of a share: the shares 0..1 that agree with what was counted.
+
+    Raises:
+        ValueError: no trials, or fewer than successes.
+    """
+    from scipy.special import ndtri  # takes its time, but less than scipy.stats
+
+    if not 0 <= successes <= trials or trials < 1:
+        raise ValueError(f"{successes} of {trials}: at least one trial is needed")
+    z = float(ndtri(0.5 + 0.5 * confidence))
+    share = successes / trials
+    scale = 1.0 + z * z / trials
+    centre = share + z * z / (2.0 * trials)
+    half = z * math.sqrt(share * (1.0 - share) / trials + z * z / (4.0 * trials * trials))
+    return max(0.0, (centre - half) / scale), min(1.0, (centre + half) / scale)
+
+
+def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
+    """Vargha and Delaney's A12: the chance 0..1 that a value of the first is larger.
+
+    Ties count half, so 0.5 is no difference.
+
+    Raises:
+        ValueError: no values, or one that is not a number.
+    """
+    x, y = _values(first), _values(second)
+    larger = (x[:, None] > y).sum() + 0.5 * (x[:, None] == y).sum()
+    return float(larger / (len(x) * len(y)))
+
+
+def magnitude(effect: float) -> Magnitude:
+    """How large an A12 is, in either direction."""
+    distance = abs(effect - 0.5) + 1e-12  # 0.56 is small, however it was rounded
+    if distance < 0.06:
+        return Magnitude.NEGLIGIBLE
+    if distance < 0.14:
+        return Magnitude.SMALL
+    return Magnitude.MEDIUM if distance < 0.21 else Magnitude.LARGE
+
+
+def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
+    """The p of the two-sided Mann-Whitney U test that both come from one distribution.
+
+    Up to `MOST_EXACT` values it is exact, ties included: the share of all ways to deal the values
+    to the groups in which U differs as much from its mean. Above it is the normal approximation
+    with correction for ties and continuity.
+
+    Raises:
+        ValueError: no values, or one that is not a number.
+    """
+    x, y = _values(first), _values(second)
+    doubled = np.rint(2.0 * _ranks(np.concatenate([x, y]))).astype(np.int64)
+    n, total = len(x), len(doubled)
+    seen = int(doubled[:n].sum())
+    mean = n * (total + 1)  # of the doubled rank sum
+    if total > MOST_EXACT:
+        return _mann_whitney_normal(x, y)
+    shares = _rank_sums(doubled, n)
+    sums = np.arange(len(shares))
+    return min(1.0, float(shares[np.abs(sums - mean) >= abs(seen - mean)].sum()))
+
+
+def _mann_whitney_normal(x: FloatArray, y: FloatArray) -> float:
+    from scipy.stats import mannwhitneyu  # takes its time
+
+    if len(np.unique(np.concatenate([x, y]))) == 1:
+        return 1.0
+    return float(mannwhitneyu(x, y, alternative="two-sided", method="asymptotic").pvalue)
+
+
+def _rank_sums(ranks: npt.NDArray[np.int64], n: int) -> FloatArray:
+    """(sum + 1,) share of the choices of n ranks that have each sum."""
+    # ways[k, s]: choices of k among the ranks so far with the sum s. A rank is taken or it is not.
+    ways = np.zeros((n + 1, int(ranks.sum()) + 1))
+    ways[0, 0] = 1.0
+    for i, rank in enumerate(ranks):
+        for k in range(min(i + 1, n), 0, -1):
+            ways[k, rank:] += ways[k - 1, : ways.shape[1] - rank]
+    shares: FloatArray = ways[n] / ways[n].sum()
+    return shares
+
+
+def kruskal_wallis(groups: Sequence[npt.ArrayLike]) -> float:
+    """The p of the Kruskal-Wallis test that all groups come from one distribution.
+
+    The chi-squared approximation, with correction for ties.
+
+    Raises:
+        ValueError: fewer than two groups, an empty one, or a value that is not a number.
+    """
+    from scipy.stats import chi2  # takes its time
+
+    samples = [_values(group) for group in groups]
+    if len(samples) < 2:
+        raise ValueError(f"{len(samples)} groups: at least two are needed")
+    ranks = _ranks(np.concatenate(samples))
+    total = len(ranks)
+    _, ties = np.unique(ranks, return_counts=True)
+    correction = 1.0 - float((ties**3 - ties).sum()) / (total**3 - total)
+    if correction <= 0.0:
+        return 1.0
+    parts = np.split(ranks, np.cumsum([len(sample) for sample in samples])[:-1])
+    spread = sum(len(part) * (part.mean() - 0.5 * (total + 1)) ** 2 for part in parts)
+    statistic = 12.0 / (total * (total + 1)) * spread / correction
+    return float(chi2.sf(statistic, len(samples) - 1))
+
+
+def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]:
+    """Spearman's rank correlation -1..1 of two columns of equal length, and its two-sided p.
+
+    p follows from Student's t with n - 2 degrees of freedom; good enough from about 8 rows on.
+
+    Raises:
+        ValueError: fewer than 3 rows, another number in each column, a constant column, or a value
+            that is not a number.
+    """
+    from scipy.stats import t  # takes its time
+
+    x, y = _ranks(_values(first)), _ranks(_values(second))
+    n = len(x)
+    if n != len(y) or n < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        raise ValueError(f"{n} and {len(y)} values: three or more pairs that vary are needed")
+    rho = min(1.0, max(-1.0, float(np.corrcoef(x, y)[0, 1])))
+    if abs(rho) == 1.0:
+        return rho, 0.0
+    statistic = rho * math.sqrt((n - 2) / (1.0 - rho * rho))
+    return rho, float(2.0 * t.sf(abs(statistic), n - 2))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """The p values of several tests, corrected by Holm for being several; in the same order."""
+    order = sorted(range(len(p_values)), key=lambda i: p_values[i])
+    corrected = [0.0] * len(p_values)
+    largest = 0.0
+    for place, i in enumerate(order):
+        largest = max(largest, min(1.0, (len(p_values) - place) * p_values[i]))
+        corrected[i] = largest
+    return corrected
+
+
+def _values(values: npt.ArrayLike) -> FloatArray:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or len(array) == 0 or np.isnan(array).any():
+        raise ValueError(f"values of shape {array.shape}: one or more numbers in a row are needed")
+    return array
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """(n,) ranks from 1; equal values share the mean of theirs."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    last = np.cumsum(counts)
+    ranks: FloatArray = (last - 0.5 * (counts - 1))[place.ravel()]
+    return ranks

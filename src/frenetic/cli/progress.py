@@ -1,0 +1,55 @@
+"""Progress of a command that knows how much there is to do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+
+from frenetic.cli.console import PLAIN_INTERVAL
+from frenetic.durations import format_duration
+
+
+@contextmanager
+def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], None]]:
+    """Gives a function that shows how much is done, and of how much.
+
+    A bar on a terminal, elsewhere a plain line now and then, nothing where it is soon over.
+
+    Args:
+        log: on which it is shown.
+        what: is being done, such as "Checking".
+    """
+    if log.is_terminal:
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(compact=True),
+        )
+        with Progress(*columns, console=log, transient=True) as bar:
+            task = bar.add_task(what)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+        return
+    start = shown = time.monotonic()
+
+    def line(done: int, total: int) -> None:
+        nonlocal shown
+        now = time.monotonic()
+        if now - shown < PLAIN_INTERVAL:
+            return
+        shown = now
+        left = (now - start) * (total - done) / max(done, 1)
+        log.print(f"{what}: {done:,} of {total:,}, {format_duration(left)} left")
+
+    yield line

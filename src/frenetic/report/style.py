@@ -1,0 +1,92 @@
+"""How pictures look, and how they become files: what all pictures share."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from frenetic.errors import FreneticError
+
+SUFFIXES: Final = (".png", ".svg", ".pdf")
+"""What a picture's file name may end with."""
+DPI: Final = 110
+
+INK: Final = "#1d2733"
+QUIET: Final = "#6a7684"
+FAINT: Final = "#c9d0d8"
+PANEL: Final = "#f4f6f8"
+
+STYLE: Final[dict[str, Any]] = {
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans", "Verdana"],  # as wide: for SVGs shown elsewhere
+    "font.size": 9.0,
+    "text.usetex": False,
+    "text.color": INK,
+    "axes.unicode_minus": True,
+    "axes.edgecolor": FAINT,
+    "axes.labelcolor": QUIET,
+    "axes.linewidth": 0.8,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "xtick.labelcolor": QUIET,
+    "ytick.labelcolor": QUIET,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "path.sketch": None,
+    "savefig.bbox": "standard",
+    "svg.fonttype": "none",  # text stays text: it can be searched and selected
+    "svg.hashsalt": "frenetic",
+    "pdf.fonttype": 42,
+}
+"""Settings of Matplotlib while a picture is drawn."""
+
+
+def form_of(path: Path) -> str:
+    """The form of a picture by its suffix: png, svg or pdf.
+
+    Raises:
+        FreneticError: another suffix.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        allowed = ", ".join(SUFFIXES[:-1]) + f" or {SUFFIXES[-1]}"
+        raise FreneticError(f"cannot draw {path}: a picture's name must end with {allowed}")
+    return suffix[1:]
+
+
+def write_figure(figure: Figure, path: Path, form: str) -> None:
+    """Draws first, then writes beside ``path`` and renames: no half picture is ever seen.
+
+    Raises:
+        FreneticError: the file cannot be written.
+    """
+    FigureCanvasAgg(figure)
+    undated: dict[str, dict[str, Any]] = {
+        "png": {},
+        "svg": {"Date": None},
+        "pdf": {"CreationDate": None},
+    }
+    drawn = BytesIO()
+    with warnings.catch_warnings():
+        # A title may be in letters that the font lacks; a box in their place is good enough.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure.savefig(drawn, format=form, dpi=DPI, metadata=undated[form])
+    path = Path(path)
+    unfinished = path.with_name(f".{path.stem[:80]}-{os.getpid()}.unfinished")
+    try:
+        unfinished.write_bytes(drawn.getvalue())
+        unfinished.replace(path)
+    except OSError as error:
+        raise FreneticError(
+            f"cannot write the picture {path}: {error.strerror or error}"
+        ) from error
+    finally:
+        with suppress(OSError):
+            unfinished.unlink(missing_ok=True)

@@ -1,0 +1,211 @@
+"""Worlds that differ a little from the one in which a road was driven.
+
+A *quantity* is something about the world of a drive that can be another: the road's friction, say.
+What a simulator lets vary it offers as attributes that may be set between two drives: ``rules``,
+which every simulator has, and ``friction``, ``start_offset`` and ``start_heading`` if it can.
+Whatever concerns the driver is laid over it, so that it works with every simulator.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
+
+from frenetic.drivers import Delayed, Driver, LimitedView, Noisy
+from frenetic.drivers.layers import HEADING_PER_OFFSET
+from frenetic.errors import FreneticError
+from frenetic.simulators.simulator import Simulator
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Something about the world of a drive that can be varied."""
+
+    name: str
+    """Of the field in `World`."""
+    description: str
+    unit: str
+    """Empty if it has none."""
+    low: float
+    """Least value allowed."""
+    high: float
+    """Largest value allowed."""
+    less: str
+    """How the world is called in which it is smaller, as in "less friction"."""
+    more: str
+    attribute: str | None
+    """What a simulator has to have, None if it is laid over the driver."""
+
+
+QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
+    {
+        quantity.name: quantity
+        for quantity in (
+            Quantity(
+                "friction",
+                "friction of the road, 1 is dry",
+                "",
+                0.01,
+                1.5,
+                "less friction",
+                "more friction",
+                "friction",
+            ),
+            Quantity(
+                "speed",
+                "speed limit",
+                "km/h",
+                1.0,
+                500.0,
+                "a lower speed limit",
+                "a higher speed limit",
+                "rules",
+            ),
+            Quantity(
+                "noise",
+                "standard deviation of the driver's error about its lateral place",
+                "m",
+                0.0,
+                10.0,
+                "less noise",
+                "more noise",
+                None,
+            ),
+            Quantity(
+                "delay",
+                "time until the driver's controls arrive",
+                "s",
+                0.0,
+                10.0,
+                "less delay",
+                "more delay",
+                None,
+            ),
+            Quantity(
+                "start",
+                "place of the start, to the left of the lane's centre",
+                "m",
+                -2.0,
+                2.0,
+                "a start further right",
+                "a start further left",
+                "start_offset",
+            ),
+            Quantity(
+                "heading",
+                "heading at the start, to the left of the road's direction",
+                "rad",
+                -math.pi / 4.0,
+                math.pi / 4.0,
+                "a start turned to the right",
+                "a start turned to the left",
+                "start_heading",
+            ),
+        )
+    }
+)
+"""Name of a field of `World` -> what it is."""
+
+
+@dataclass(frozen=True)
+class World:
+    """How the world of a drive differs from the campaign's; what is None does not."""
+
+    friction: float | None = None
+    """Of the road."""
+    speed: float | None = None
+    """km/h, speed limit."""
+    noise: float | None = None
+    """m, of a `Noisy` layer in place of the driver's own, if it has one."""
+    noise_seed: int = 0
+    """Of that layer."""
+    delay: float | None = None
+    """s, of a `Delayed` layer in place of the driver's own, if it has one."""
+    start: float | None = None
+    """m to the left of the ego lane's centre, where the car starts."""
+    heading: float | None = None
+    """rad to the left of the road's direction, at the start."""
+
+    def value(self, name: str) -> float | None:
+        """What a quantity is, None if it is as in the campaign."""
+        value: float | None = getattr(self, QUANTITIES[name].name)
+        return value
+
+
+def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
+    """Refuses quantities that a simulator cannot vary.
+
+    Raises:
+        FreneticError: there is one.
+    """
+    for name in names:
+        attribute = QUANTITIES[name].attribute
+        if attribute is not None and not hasattr(simulator, attribute):
+            raise FreneticError(
+                f"{type(simulator).__name__} cannot vary {name}: it has no attribute"
+                f" {attribute!r}; leave it out, or use another simulator, such as the embedded one"
+            )
+
+
+@contextmanager
+def in_world(world: World, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
+    """Lets a simulator be in a world for a while; gives the driver as it is in that world.
+
+    Raises:
+        FreneticError: the simulator cannot be in that world.
+    """
+    values: dict[str, object] = {}
+    if world.speed is not None:
+        values["rules"] = replace(simulator.rules, speed_limit=world.speed)
+    for name in ("friction", "start", "heading"):
+        wanted = world.value(name)
+        if wanted is not None:
+            check_can_vary(simulator, [name])
+            values[str(QUANTITIES[name].attribute)] = wanted
+    before = {attribute: getattr(simulator, attribute) for attribute in values}
+    try:
+        _set(simulator, values)
+        yield _layered(world, driver)
+    finally:
+        _set(simulator, before)
+
+
+def _set(simulator: Simulator, values: Mapping[str, object]) -> None:
+    for attribute, value in values.items():
+        try:
+            setattr(simulator, attribute, value)
+        except (AttributeError, TypeError, ValueError) as error:
+            raise FreneticError(
+                f"{type(simulator).__name__} cannot have {attribute} = {value}: {error}"
+            ) from error
+
+
+def _layered(world: World, driver: Driver) -> Driver:
+    """The driver under the world's layers, each in place of its own of that kind."""
+    if world.noise is not None:
+        driver = Noisy(
+            _without(Noisy, driver),
+            offset=world.noise,
+            heading=HEADING_PER_OFFSET * world.noise,
+            seed=world.noise_seed,
+        )
+    if world.delay is not None:
+        driver = Delayed(_without(Delayed, driver), seconds=world.delay)
+    return driver
+
+
+def _without(kind: type[Noisy] | type[Delayed], driver: Driver) -> Driver:
+    """The driver without its layers of a kind."""
+    if not isinstance(driver, Noisy | Delayed | LimitedView):
+        return driver
+    inner = _without(kind, driver.driver)
+    if isinstance(driver, kind):
+        return inner
+    layer = copy.copy(driver)
+    layer.driver = inner
+    return layer

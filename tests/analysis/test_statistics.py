@@ -1,0 +1,220 @@
+"""Statistics against hand-computed cases, against brute force and against scipy."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from frenetic.analysis.statistics import (
+    MOST_EXACT,
+    Magnitude,
+    a12,
+    holm,
+    kruskal_wallis,
+    magnitude,
+    mann_whitney,
+    proportion_interval,
+    quartiles,
+    spearman,
+)
+
+few = st.lists(st.integers(0, 6).map(float), min_size=1, max_size=6)
+
+
+# quartiles
+
+
+def test_quartiles_of_a_known_sample() -> None:
+    q = quartiles([7.0, 1.0, 3.0, 5.0])
+    assert (q.n, q.least, q.low, q.median, q.high, q.most) == (4, 1.0, 2.5, 4.0, 5.5, 7.0)
+
+
+def test_quartiles_of_one_value_are_that_value() -> None:
+    q = quartiles([2.0])
+    assert (q.least, q.low, q.median, q.high, q.most) == (2.0,) * 5
+
+
+def test_quartiles_next_to_infinity_are_infinite_and_never_nan() -> None:
+    q = quartiles([10.0, math.inf, 20.0, math.inf])
+    assert (q.least, q.low, q.median, q.high) == (10.0, 17.5, math.inf, math.inf)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=30))
+def test_quartiles_agree_with_numpy(values: list[float]) -> None:
+    q = quartiles(values)
+    expected = np.quantile(values, [0.0, 0.25, 0.5, 0.75, 1.0])
+    assert np.allclose([q.least, q.low, q.median, q.high, q.most], expected)
+
+
+@pytest.mark.parametrize("values", [[], [1.0, math.nan], [[1.0], [2.0]]])
+def test_what_is_no_sample_is_refused(values: list[float]) -> None:
+    with pytest.raises(ValueError, match="numbers in a row"):
+        quartiles(values)
+
+
+# proportion_interval
+
+
+def test_interval_of_a_textbook_case() -> None:
+    low, high = proportion_interval(13, 20)
+    assert (round(low, 3), round(high, 3)) == (0.433, 0.819)
+
+
+@given(st.integers(1, 60).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
+def test_interval_agrees_with_scipy(case: tuple[int, int]) -> None:
+    successes, trials = case
+    expected = stats.binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    assert proportion_interval(successes, trials) == pytest.approx(
+        (expected.low, expected.high), abs=1e-12
+    )
+
+
+def test_interval_of_all_and_of_none_stay_within_a_share() -> None:
+    assert proportion_interval(20, 20)[1] == 1.0
+    assert proportion_interval(0, 20)[0] == 0.0
+
+
+def test_interval_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least one trial"):
+        proportion_interval(0, 0)
+
+
+# a12
+
+
+def test_a12_by_hand() -> None:
+    # 3 beats 1 and 2; 2 beats 1 and ties with 2; 5 beats both: 5.5 of 6 pairs.
+    assert a12([3.0, 2.0, 5.0], [1.0, 2.0]) == pytest.approx(5.5 / 6.0)
+
+
+def test_a12_counts_infinite_values_as_larger_and_equal_to_each_other() -> None:
+    assert a12([math.inf, math.inf], [math.inf, 3.0]) == pytest.approx(0.75)
+
+
+@given(few, few)
+def test_a12_is_the_mann_whitney_statistic_per_pair(x: list[float], y: list[float]) -> None:
+    u = stats.mannwhitneyu(x, y, method="asymptotic").statistic if len({*x, *y}) > 1 else None
+    if u is not None:
+        assert a12(x, y) == pytest.approx(u / (len(x) * len(y)))
+    assert a12(x, y) + a12(y, x) == pytest.approx(1.0)
+
+
+def test_magnitudes_begin_at_the_thresholds_in_both_directions() -> None:
+    assert [magnitude(e) for e in (0.5, 0.559, 0.56, 0.64, 0.71, 1.0)] == [
+        Magnitude.NEGLIGIBLE,
+        Magnitude.NEGLIGIBLE,
+        Magnitude.SMALL,
+        Magnitude.MEDIUM,
+        Magnitude.LARGE,
+        Magnitude.LARGE,
+    ]
+    assert [magnitude(1.0 - e) for e in (0.56, 0.64, 0.71)] == [
+        Magnitude.SMALL,
+        Magnitude.MEDIUM,
+        Magnitude.LARGE,
+    ]
+
+
+# mann_whitney
+
+
+def test_mann_whitney_of_five_and_five_that_do_not_overlap() -> None:
+    # One of the 252 ways to deal ten values is as extreme as this one, and one in the other way.
+    assert mann_whitney([1, 2, 3, 4, 5], [6, 7, 8, 9, 10]) == pytest.approx(2.0 / 252.0)
+
+
+def by_dealing(x: list[float], y: list[float]) -> float:
+    """The exact p, by dealing all values in all ways."""
+    ranks = stats.rankdata(x + y)
+    n, total = len(x), len(ranks)
+    mean = n * (total + 1) / 2.0
+    seen = abs(ranks[:n].sum() - mean)
+    sums = [abs(sum(ranks[list(deal)]) - mean) for deal in combinations(range(total), n)]
+    return float(np.mean([s >= seen - 1e-9 for s in sums]))
+
+
+@given(few, few)
+def test_mann_whitney_is_exact_with_ties(x: list[float], y: list[float]) -> None:
+    assert mann_whitney(x, y) == pytest.approx(by_dealing(x, y), abs=1e-9)
+
+
+@given(st.integers(2, 12), st.integers(2, 12), st.integers(0, 99))
+def test_mann_whitney_agrees_with_scipy_without_ties(n: int, m: int, seed: int) -> None:
+    values = np.random.default_rng(seed).permutation(n + m).astype(float)
+    expected = stats.mannwhitneyu(values[:n], values[n:], method="exact").pvalue
+    assert mann_whitney(values[:n], values[n:]) == pytest.approx(expected, abs=1e-9)
+
+
+def test_mann_whitney_of_many_values_joins_the_exact_one_smoothly() -> None:
+    rng = np.random.default_rng(5)
+    x, y = rng.normal(0.0, 1.0, 40), rng.normal(0.2, 1.0, 41)
+    assert len(x) + len(y) > MOST_EXACT
+    exact = stats.mannwhitneyu(x, y, method="exact").pvalue
+    assert exact > 0.01
+    assert mann_whitney(x, y) == pytest.approx(exact, rel=0.1)
+    ours = mann_whitney(x[:39], y)
+    assert ours == pytest.approx(stats.mannwhitneyu(x[:39], y, method="exact").pvalue, abs=1e-9)
+
+
+@pytest.mark.parametrize("n", [4, 50])
+def test_mann_whitney_of_equal_values_is_one(n: int) -> None:
+    assert mann_whitney([3.0] * n, [3.0] * n) == 1.0
+
+
+# kruskal_wallis
+
+
+@given(st.lists(few, min_size=2, max_size=4))
+def test_kruskal_wallis_agrees_with_scipy(groups: list[list[float]]) -> None:
+    if len({value for group in groups for value in group}) == 1:
+        assert kruskal_wallis(groups) == 1.0
+    else:
+        assert kruskal_wallis(groups) == pytest.approx(stats.kruskal(*groups).pvalue)
+
+
+def test_kruskal_wallis_of_one_group_is_refused() -> None:
+    with pytest.raises(ValueError, match="at least two"):
+        kruskal_wallis([[1.0, 2.0]])
+
+
+# spearman
+
+
+def test_spearman_by_hand() -> None:
+    # Ranks 1 2 3 4 5 and 2 1 4 3 5: the squared differences sum to 4, 1 - 6 * 4 / (5 * 24) = 0.8.
+    rho, _ = spearman([10.0, 20.0, 30.0, 40.0, 50.0], [0.2, 0.1, 0.4, 0.3, 0.9])
+    assert rho == pytest.approx(0.8)
+
+
+@given(st.integers(3, 30), st.integers(0, 999))
+def test_spearman_agrees_with_scipy(n: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x, y = rng.integers(0, 9, n).astype(float), rng.normal(size=n)
+    if np.ptp(x) > 0.0:
+        expected = stats.spearmanr(x, y)
+        assert spearman(x, y) == pytest.approx((expected.statistic, expected.pvalue), abs=1e-9)
+
+
+def test_spearman_of_a_column_that_does_not_vary_is_refused() -> None:
+    with pytest.raises(ValueError, match="that vary"):
+        spearman([1.0, 1.0, 1.0], [1.0, 2.0, 3.0])
+
+
+# holm
+
+
+def test_holm_by_hand() -> None:
+    # 3 * 0.01; then 2 * 0.03; 0.04 itself is less than that, so it is raised to it.
+    assert holm([0.04, 0.01, 0.03]) == pytest.approx([0.06, 0.03, 0.06])
+
+
+def test_holm_stays_within_one_and_leaves_a_single_test_alone() -> None:
+    assert holm([0.9, 0.8]) == [1.0, 1.0]
+    assert holm([0.2]) == [0.2]
+    assert holm([]) == []

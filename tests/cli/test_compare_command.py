@@ -1,0 +1,133 @@
+"""The command line of compare."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from frenetic.cli import main
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+
+@pytest.fixture(scope="session")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folders f-1, f-2, r-1, r-2 with campaigns of two strategies."""
+    parent = tmp_path_factory.mktemp("kept")
+    for strategy in ("frenetic", "random"):
+        for seed in ("1", "2"):
+            how = ("--simulations", "40", "--strategy", strategy, "--seed", seed)
+            folder = str(parent / f"{strategy[0]}-{seed}")
+            with pytest.raises(SystemExit):
+                main(["run", *how, "--out", folder, "--workers", "1", "--json"])
+    return parent
+
+
+@pytest.fixture
+def runs(kept: Path, tmp_path: Path) -> None:
+    """The same in the folder runs of the command line."""
+    ignored = shutil.ignore_patterns("failures")
+    shutil.copytree(kept, tmp_path / "runs", ignore=ignored)
+
+
+def groups_of(document: dict[str, object]) -> dict[str, list[str]]:
+    groups = document["groups"]
+    assert isinstance(groups, dict)
+    return {
+        name: [Path(campaign["folder"]).name for campaign in campaigns]
+        for name, campaigns in groups.items()
+    }
+
+
+FRENETIC, RANDOM = ["f-1", "f-2"], ["r-1", "r-2"]
+
+
+@pytest.mark.usefixtures("runs")
+@pytest.mark.parametrize(
+    ("places", "groups"),
+    [
+        (["runs"], {"Frenetic": FRENETIC, "RandomSearch": RANDOM}),
+        (
+            ["runs/f-1", "runs/r-1", "runs/r-2", "runs/f-2"],
+            {"Frenetic": FRENETIC, "RandomSearch": RANDOM},
+        ),
+        (["a=runs/f-1,runs/f-2", "b=runs/r-*"], {"a": FRENETIC, "b": RANDOM}),
+        (["a=runs/f-1", "b=runs/r-1", "a=runs/f-2"], {"a": FRENETIC, "b": ["r-1"]}),
+        (["a=runs/?-1", "runs/f-2"], {"a": ["f-1", "r-1"], "all": ["f-2"]}),
+    ],
+)
+def test_groups_are_what_was_named_or_what_belongs_together(
+    frenetic: Frenetic, places: list[str], groups: dict[str, list[str]]
+) -> None:
+    answer = frenetic("compare", *places, "--json")
+    assert answer.code == 0, answer.err
+    assert groups_of(answer.json) == groups
+
+
+@pytest.mark.usefixtures("runs")
+def test_folders_whose_names_hold_signs_are_folders(frenetic: Frenetic) -> None:
+    Path("runs/f-1").rename("x=1,2")
+    Path("runs/r-1").rename("y[1]")
+    answer = frenetic("compare", "x=1,2", "b=y[1]", "--json")
+    assert groups_of(answer.json) == {"b": ["y[1]"], "all": ["x=1,2"]}
+
+
+@pytest.mark.usefixtures("runs")
+def test_the_table_says_medians_and_what_can_be_said(frenetic: Frenetic) -> None:
+    answer = frenetic("compare", "runs", "--plot", "a.png")
+    assert answer.code == 0
+    for words in (
+        "Campaigns: 2 of Frenetic, 2 of RandomSearch",
+        "distinct failures",
+        "Frenetic and RandomSearch: too few repeats to tell",
+        "Picture: a.png",
+    ):
+        assert words in answer.out
+    assert Path("a.png").stat().st_size > 10_000
+
+
+@pytest.mark.usefixtures("runs")
+def test_json_holds_everything_and_no_infinity(frenetic: Frenetic) -> None:
+    frenetic(
+        *("run", "--simulations", "3", "--driver-option", "aggression=0.3", "--seed", "1"),
+        *("--out", "calm"),
+    )
+    answer = frenetic("compare", "a=runs/f-*", "calm=calm", "c=runs/r-*", "--json")
+    assert "Infinity" not in answer.out
+    assert "NaN" not in answer.out
+    measures = {measure["name"]: measure for measure in answer.json["measures"]}
+    first = measures["simulations_to_failure"]
+    assert first["groups"]["calm"]["values"] == [None]
+    assert first["groups"]["calm"]["median"] is None
+    assert len(first["pairs"]) == 3
+    assert {pair["verdict"] for pair in first["pairs"]} == {"too few repeats to tell"}
+    assert 0.0 <= first["kruskal_wallis_p"] <= 1.0
+    notes = " ".join(answer.json["notes"])
+    assert "differ in more than one thing" in notes
+    assert "3 to 40 simulations" in notes
+    assert notes.split()[0] in answer.err, "notes are for people, too"
+
+
+@pytest.mark.usefixtures("runs")
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        (["runs/f-1", "runs/f-2"], ("1 group of campaigns", "at least two")),
+        (["nowhere"], ("nowhere is no folder",)),
+        (["a=runs/x-*", "runs"], ("runs/x-* stands for no folder",)),
+        (["a=", "runs"], ("'a=' is not NAME=FOLDER",)),
+        (["a=runs/f-1,runs/f-1", "runs/r-1"], ("runs", "is there twice")),
+        (["Frenetic=runs/r-1", "runs/r-2", "runs/f-1"], ("two groups are called Frenetic",)),
+        (["runs", "--plot", "a.gif"], ("must end with .png",)),
+    ],
+)
+def test_mistakes_are_one_line(
+    frenetic: Frenetic, places: list[str], words: tuple[str, ...]
+) -> None:
+    assert frenetic("compare", *places).refuses(*words)
