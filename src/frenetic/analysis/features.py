@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Final
 
@@ -64,7 +65,7 @@ class Feature:
     """Upper end of the range; this and larger values count into the last bin."""
     bins: int
 
-    @property
+    @cached_property
     def edges(self) -> FloatArray:
         """(bins + 1,) the bins' edges; a value on an edge belongs to the bin above."""
         return np.linspace(self.low, self.high, self.bins + 1)

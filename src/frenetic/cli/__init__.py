@@ -11,6 +11,7 @@ import click
 
 from frenetic.cli.checking import check
 from frenetic.cli.comparing import compare
+from frenetic.cli.confirming import confirm
 from frenetic.cli.console import fail, silence
 from frenetic.cli.doctoring import doctor
 from frenetic.cli.export_road import export_road
@@ -73,6 +74,7 @@ for command in (run, resume, drive, validate, show, drivers, strategies, simulat
     cli.add_command(command)
 cli.add_command(watch)
 cli.add_command(doctor)
+cli.add_command(confirm)
 cli.add_command(export_road)
 cli.add_command(minimise)
 cli.add_command(rerun)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -17,6 +17,7 @@ from frenetic.cli.console import (
     print_failures,
     shell,
 )
+from frenetic.cli.grouping import GroupedCommand
 from frenetic.cli.options import (
     Duration,
     Folder,
@@ -30,7 +31,8 @@ from frenetic.durations import format_duration
 from frenetic.errors import CampaignError, FreneticError
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Campaign, Summary
+    from frenetic.analysis import Clusters
+    from frenetic.campaign import Campaign, CampaignStore, Summary
 
 DEFAULT_SIMULATIONS = 1000
 
@@ -65,7 +67,7 @@ def _worker_options(command: Callable[P, R]) -> Callable[P, R]:
     return command
 
 
-@click.command(short_help="Search for roads on which a driver fails.")
+@click.command(cls=GroupedCommand, short_help="Search for roads on which a driver fails.")
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
 @click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
@@ -200,13 +202,15 @@ def resume(
     simulations or failures. With options, its budget becomes what is spent and so much more.
     """
     from frenetic.campaign import Budget, CampaignStore
+    from frenetic.campaign.configuration import recorded_budget, recorded_command
+    from frenetic.campaign.store import DATABASE
     from frenetic.outcome import Outcome
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
         spent = store.elapsed()
-    command = config.get("command")
-    if not isinstance(command, Mapping):
+    command = recorded_command(config, campaign / DATABASE)
+    if command is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )
@@ -220,41 +224,35 @@ def resume(
         for name, more in given.items():
             if more is not None and more <= 0:
                 raise ValueError(f"{name} is {more}: more than 0 is needed")
-        last = facts.get("budget", config.get("budget"))
-        limits: dict[str, Any] = dict(last) if isinstance(last, Mapping) else {}
         if any(more is not None for more in given.values()):
-            limits = {k: None if v is None else done[k] + v for k, v in given.items()}
-        budget = Budget(**limits)
+            budget = Budget(**{k: None if v is None else done[k] + v for k, v in given.items()})
+        else:
+            budget = recorded_budget(config, facts, campaign / DATABASE)
         if budget.spent(done["simulations"], spent, done["failures"]) >= 1.0:
             raise ValueError(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    map_size: Any = config.get("map_size")
-    lookahead: Any = config.get("lookahead")
     the_campaign = make_campaign(
-        command,
-        seed=config.get("seed"),
-        map_size=map_size,
+        command.options,
+        seed=command.seed,
+        map_size=command.map_size,
         budget=budget,
         folder=campaign,
-        lookahead=lookahead,
+        lookahead=command.lookahead,
         **_crew(workers, cluster, drive_limit),
     )
-    text = f"Going on after {counts.tests} tests with {command['strategy']}"
-    _search(the_campaign, the_campaign.resume, text, as_json, config.get("seed"))
+    text = f"Going on after {counts.tests} tests with {command.options['strategy']}"
+    _search(the_campaign, the_campaign.resume, text, as_json, command.seed)
 
 
 def _crew(workers: int | None, cluster: str | None, drive_limit: float | None) -> dict[str, Any]:
     """Those who drive, as options of a campaign."""
-    from frenetic.campaign.workers import available_cores
-
     if cluster is not None and workers is not None:
         raise click.UsageError(
             "--workers and --cluster exclude each other: the cluster has its own"
         )
-    count = available_cores() if workers is None else workers
-    return {"workers": count, "cluster": cluster, "drive_limit": drive_limit}
+    return {"workers": workers, "cluster": cluster, "drive_limit": drive_limit}
 
 
 def _search(
@@ -313,10 +311,25 @@ def _search(
             if not as_json:
                 click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
                 click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
+        report = _write_report(log, store, clusters)
+        if report is not None and not as_json:
+            click.echo(f"Report:      {report}")
     if trouble is not None:
         raise trouble
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
+
+
+def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | None:
+    """Writes the report; None if that went wrong, which loses nothing else."""
+    from frenetic.report.html import write_report
+
+    try:
+        with log.status("Writing the report"):
+            return write_report(store, clusters=clusters)
+    except FreneticError as error:
+        log.print(f"There is no report: {error}", markup=False)
+        return None
 
 
 def _print_summary(summary: Summary) -> None:

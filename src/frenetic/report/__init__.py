@@ -1,4 +1,4 @@
-"""Reports that people like to look at: pictures of roads and drives.
+"""Reports that people like to look at: pictures of roads and drives, a campaign as an HTML page.
 
 Names are loaded when they are first used, since Matplotlib takes a moment to import.
 """
@@ -9,12 +9,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from frenetic.report.html import write_report
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
 
-__all__ = ["draw_drive", "draw_gallery", "draw_road"]
+_HOME = {
+    "draw_drive": "frenetic.report.picture",
+    "draw_gallery": "frenetic.report.picture",
+    "draw_road": "frenetic.report.picture",
+    "write_report": "frenetic.report.html",
+}
+
+__all__ = ["draw_drive", "draw_gallery", "draw_road", "write_report"]
 
 
 def __getattr__(name: str) -> object:
-    if name not in __all__:
+    if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("frenetic.report.picture"), name)
+    return getattr(import_module(_HOME[name]), name)

@@ -1,0 +1,105 @@
+"""Makes the pictures of the report's page: ``python docs/make_report_pictures.py``.
+
+Needs Playwright and a Chromium, as the report's tests do.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
+from frenetic.analysis import Variation, rerun
+from frenetic.report.failures import distinct_failures
+from frenetic.report.html import write_report
+
+IMAGES = Path(__file__).resolve().parent / "images"
+SEED = 1
+
+
+def main() -> None:
+    """Runs a campaign, writes its report and takes pictures of it."""
+    found = os.environ.get("FRENETIC_CHROMIUM") or shutil.which("chromium")
+    if found is None:
+        sys.exit("there is no Chromium: install one, or name it in FRENETIC_CHROMIUM")
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        os.chdir(folder)  # its name would be in the pictures
+        report = make_report(Path("night")).resolve()
+        options = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
+        browser = playwright.chromium.launch(executable_path=found, args=options)
+        take_pictures(browser, report)
+        browser.close()
+        os.chdir(IMAGES)  # the folder goes
+
+
+def make_report(folder: Path) -> Path:
+    """The report of a campaign whose most severe failures were driven again."""
+    Campaign(
+        strategy=Frenetic(seed=SEED),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=1000),
+        folder=folder,
+    ).run()
+    with CampaignStore.open(folder) as store:
+        worst = [cluster.most_severe for cluster in distinct_failures(store)][:8]
+    rerun(
+        folder,
+        EmbeddedSimulator(),
+        Planner(),
+        test_ids=worst,
+        variations=[Variation("friction", 0.9, 1.3), Variation("start", -0.2, 0.2)],
+    )
+    return write_report(folder)
+
+
+def take_pictures(browser: Browser, report: Path) -> None:
+    """The page's top, its map, the player, light and dark, and a phone."""
+    page = opened(browser, report, 1180, 1010)
+    save(page, "report-top")
+    page.set_viewport_size({"width": 1180, "height": 860})
+    page.locator(".cell[class*=severity-5], .cell[class*=severity-4]").first.click()
+    page.locator("#map").scroll_into_view_if_needed()
+    page.evaluate("document.getElementById('map').scrollIntoView({behavior: 'instant'})")
+    save(page, "report-map")
+    page.mouse.move(0, 0)
+    page.evaluate("document.getElementById('failures').scrollIntoView({behavior: 'instant'})")
+    save(page, "report-failures")
+    dark = opened(browser, report, 1180, 860, dark=True)
+    dark.locator(".gallery .card").nth(2).click()
+    dark.keyboard.press("End")
+    for _ in range(2):
+        dark.keyboard.press("ArrowLeft")
+    dark.evaluate("document.activeElement.blur()")
+    save(dark, "report-player")
+
+
+def opened(browser: Browser, report: Path, width: int, height: int, *, dark: bool = False) -> Page:
+    """The report in a window of its own."""
+    page = browser.new_context(
+        viewport={"width": width, "height": height},
+        color_scheme="dark" if dark else "light",
+        reduced_motion="reduce",
+    ).new_page()
+    page.goto(report.as_uri())
+    page.locator(".main-svg").first.wait_for()
+    return page
+
+
+def save(page: Page, name: str) -> None:
+    """A picture of what is in sight, with as few colours as it needs."""
+    path = IMAGES / f"{name}.png"
+    page.screenshot(path=path)
+    with Image.open(path) as picture:
+        small = picture.convert("RGB").quantize(200, dither=Image.Dither.NONE)
+    small.save(path, optimize=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,39 @@
+"""The command that writes a campaign's report: report."""
+
+from __future__ import annotations
+
+import webbrowser
+from pathlib import Path
+
+import click
+
+
+@click.command(short_help="Write a campaign's report: one HTML file.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where to. [default: report.html in the campaign's folder]",
+)
+@click.option("--open", "shown", is_flag=True, help="Show it in the browser.")
+def report(campaign: Path, out: Path | None, shown: bool) -> None:
+    """Write the report of a CAMPAIGN: what was found, with pictures and replays of its failures.
+
+    It is one file that loads nothing from anywhere, so it can be kept, sent and opened without a
+    network. 'frenetic run' and 'frenetic resume' write it at their end, too.
+    """
+    from frenetic.report.html import write_report
+
+    path = write_report(campaign, out)
+    click.echo(f"Report:      {path}")
+    if shown and not _show(path):
+        click.echo("There is no browser here: open the file in one.", err=True)
+
+
+def _show(path: Path) -> bool:
+    """Opens a file in the browser; whether there is one."""
+    try:
+        return webbrowser.open(path.resolve().as_uri())
+    except webbrowser.Error:
+        return False

@@ -1,0 +1,206 @@
+"""Pictures of failures in two simulators: both paths on one road."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+
+from frenetic.analysis.confirming import Confirmation, ConfirmedTest
+from frenetic.arrays import FloatArray
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.stored import stored_test
+from frenetic.errors import CampaignError
+from frenetic.oracle import assess, judge
+from frenetic.report.failures import file_stem
+from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure
+from frenetic.road import Road
+from frenetic.simulators.drive import Drive
+
+CONFIRMED: Final = "confirmed"
+"""Folder in a campaign's folder for these pictures."""
+GALLERY: Final = "gallery.png"
+"""Picture in it of all of them at a glance."""
+RECORDED_COLOUR, OTHER_COLOUR = "#d1232a", "#1f6fb4"
+"""Of the path in the campaign and of the one in the other simulator; told apart also by dashes."""
+
+_WIDTH: Final = 9.0  # inches
+_ACROSS: Final = 3  # pictures in a row of a gallery
+_CELL: Final = 3.4  # inches
+_MOST: Final = 60  # pictures in a gallery
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two drives on one road."""
+
+    road: Road
+    recorded: Drive
+    """In the campaign."""
+    other: Drive
+    """In the other simulator."""
+    title: str
+
+
+@dataclass(frozen=True)
+class Names:
+    """What the two simulators are called in a picture."""
+
+    recorded: str
+    other: str
+
+
+def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path | None:
+    """Draws all drives that a confirmation holds, and a gallery, into the campaign's folder.
+
+    Returns:
+        The gallery; None if nothing was driven.
+
+    Raises:
+        CampaignError: the folder cannot be made.
+        FreneticError: a picture cannot be written.
+    """
+    names = Names(_short(store.config.get("simulator")), _short(confirmation.simulator))
+    if names.recorded == names.other:
+        names = Names(f"{names.recorded}, recorded", f"{names.other}, other options")
+    folder = store.folder / pictures_of(confirmation)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CampaignError(f"{folder} cannot be made: {error.strerror or error}") from None
+    pairs = []
+    for test in confirmation.tests:
+        pair = _pair(store, confirmation, test)
+        if pair is not None:
+            draw_pair(pair, folder / f"{file_stem(test.test_id)}.png", names)
+            pairs.append(pair)
+    if not pairs:
+        return None
+    draw_pairs(pairs[:_MOST], folder / GALLERY, names)
+    return folder / GALLERY
+
+
+def pictures_of(confirmation: Confirmation) -> Path:
+    """The folder of a confirmation's pictures, seen from the campaign's: one file per test."""
+    return Path(CONFIRMED) / f"{_short(confirmation.simulator)}-{confirmation.key}"
+
+
+def _pair(store: CampaignStore, confirmation: Confirmation, test: ConfirmedTest) -> Pair | None:
+    stored = stored_test(store, store.test(test.test_id))
+    other = confirmation.drive(test)
+    if stored.drive is None or other is None or not len(other.trajectory):
+        return None
+    return Pair(stored.road, stored.drive, other, f"Test {test.test_id}: {test.agreement}")
+
+
+def _short(part: object) -> str:
+    """A simulator's class without its module."""
+    text = str(part.get("class", "")) if isinstance(part, dict) else ""
+    return text.rpartition(":")[2] or "unknown"
+
+
+def draw_pair(pair: Pair, path: Path, names: Names) -> None:
+    """Writes one picture: the road from above with both paths, and both oob distances along it.
+
+    Raises:
+        FreneticError: the file cannot be written, or its suffix is none of a picture.
+    """
+    form = form_of(path)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(_WIDTH, 8.0), dpi=DPI, facecolor="white")
+        above = figure.add_axes((0.06, 0.33, 0.9, 0.54))
+        _draw_from_above(above, pair)
+        below = figure.add_axes((0.08, 0.08, 0.88, 0.18))
+        _draw_oob_distances(below, pair)
+        figure.text(0.06, 0.945, pair.title, size=16, weight="bold", color=INK)
+        for drive, name, colour, y in (
+            (pair.recorded, names.recorded, RECORDED_COLOUR, 0.918),
+            (pair.other, names.other, OTHER_COLOUR, 0.893),
+        ):
+            reason = judge(pair.road, drive).reason
+            figure.text(0.06, y, f"{name}: {reason}"[:130], size=9.5, color=colour)
+        write_figure(figure, path, form)
+
+
+def draw_pairs(pairs: Sequence[Pair], path: Path, names: Names) -> None:
+    """Writes a gallery: many roads from above with both paths, each at its own scale.
+
+    Raises:
+        FreneticError: the file cannot be written, or its suffix is none of a picture.
+    """
+    form = form_of(path)
+    rows = math.ceil(len(pairs) / _ACROSS)
+    width, height = _ACROSS * _CELL, rows * (_CELL + 0.35) + 0.7
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+        for i, pair in enumerate(pairs):
+            row, column = divmod(i, _ACROSS)
+            top = height - 0.7 - row * (_CELL + 0.35)
+            left = (column + 0.04) / _ACROSS
+            box = (left, (top - _CELL) / height, 0.92 / _ACROSS, (_CELL - 0.1) / height)
+            _draw_from_above(figure.add_axes(box), pair)
+            figure.text(left, top / height, pair.title, size=10, weight="bold", color=INK)
+        lines = [
+            Line2D([], [], color=RECORDED_COLOUR, label=names.recorded),
+            Line2D([], [], color=OTHER_COLOUR, linestyle="--", label=names.other),
+        ]
+        figure.legend(handles=lines, loc="upper left", ncols=2, frameon=False, fontsize=11)
+        write_figure(figure, path, form)
+
+
+def _draw_from_above(axes: Any, pair: Pair) -> None:
+    road = pair.road
+    spacing = max(1.0, road.length / 2000.0)
+    line, left, right = (road.sample(spacing, side * road.lane_width) for side in (0.0, 1.0, -1.0))
+    for edge, colour in ((left, "#d9dde3"), (right, "#c6d7ea")):
+        axes.add_patch(Polygon(np.vstack([line, edge[::-1]]), color=colour, linewidth=0.0))
+    axes.plot(*line.T, color="white", linewidth=1.0, linestyle=(0, (6, 5)))
+    low, high = np.vstack([left, right]).min(axis=0), np.vstack([left, right]).max(axis=0)
+    shown = [low, high]
+    for drive, how in _styles(pair):
+        path = np.clip(_path(road, drive), low - 20.0, high + 20.0)
+        axes.plot(*path.T, **how, zorder=5)
+        axes.plot(*path[-1], marker="o", markersize=5, color=how["color"], zorder=6)
+        shown += [path.min(axis=0), path.max(axis=0)]
+    axes.plot(*_path(road, pair.recorded)[0], marker="s", markersize=5, color=INK, zorder=6)
+    low, high = np.min(shown, axis=0) - 4.0, np.max(shown, axis=0) + 4.0
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), facecolor=PANEL)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+
+
+def _draw_oob_distances(axes: Any, pair: Pair) -> None:
+    half = 0.5 * pair.road.lane_width
+    for drive, how in _styles(pair):
+        seen = assess(pair.road, drive)
+        axes.plot(seen.distance, np.maximum(seen.oob_distance, -half), **how)
+    axes.axhline(0.0, color=QUIET, linewidth=0.8)
+    axes.set(xlim=(0.0, pair.road.length), ylim=(-1.05 * half, 1.05 * half), facecolor=PANEL)
+    axes.set_xlabel("along the road (m)")
+    axes.set_ylabel("oob distance (m)")
+    axes.grid(color=FAINT, linewidth=0.5)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _styles(pair: Pair) -> tuple[tuple[Drive, dict[str, Any]], tuple[Drive, dict[str, Any]]]:
+    return (
+        (pair.recorded, {"color": RECORDED_COLOUR, "linewidth": 1.8}),
+        (pair.other, {"color": OTHER_COLOUR, "linewidth": 1.8, "linestyle": (0, (4, 1.5))}),
+    )
+
+
+def _path(road: Road, drive: Drive) -> FloatArray:
+    """(n, 2) m, up to the record that ended the drive."""
+    n = len(assess(road, drive).distance)
+    return np.column_stack([drive.trajectory.x[:n], drive.trajectory.y[:n]])

@@ -1,0 +1,89 @@
+"""A campaign as one HTML file that opens anywhere, without a network: `write_report`.
+
+What the page says is put together here as *sections* of *blocks* (`frenetic.report.html.blocks`),
+which become JSON in the page; how it looks is up to ``report.css`` and the scripts beside it.
+
+A section of one's own needs no JavaScript, as long as its blocks are of the kinds that are there::
+
+    from frenetic.report.html import Chart, Paragraph, Section, Series, write_report
+
+    errors = Section(
+        id="errors",
+        title="Errors",
+        blocks=(
+            Paragraph("How often the simulator broke."),
+            Chart((Series("errors", (1.0, 2.0), (0.0, 3.0)),), "night", "errors"),
+        ),
+    )
+    write_report("campaigns/night", sections=[errors])
+
+A new kind of block is a frozen dataclass with a ``kind``, and a function of that name in ``kinds``
+of ``blocks.js``, which is given the element to fill and the block as JSON.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from frenetic.report.html.blocks import (
+        Bars,
+        Block,
+        Chart,
+        Column,
+        Command,
+        Fact,
+        Facts,
+        Paragraph,
+        Section,
+        Series,
+        Table,
+    )
+    from frenetic.report.html.page import Report, render
+    from frenetic.report.html.writing import REPORT, campaign_report, write_page, write_report
+
+_HOMES = {
+    "blocks": (
+        "Bars",
+        "Block",
+        "Chart",
+        "Column",
+        "Command",
+        "Fact",
+        "Facts",
+        "Paragraph",
+        "Section",
+        "Series",
+        "Table",
+    ),
+    "page": ("Report", "render"),
+    "writing": ("REPORT", "campaign_report", "write_page", "write_report"),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "REPORT",
+    "Bars",
+    "Block",
+    "Chart",
+    "Column",
+    "Command",
+    "Fact",
+    "Facts",
+    "Paragraph",
+    "Report",
+    "Section",
+    "Series",
+    "Table",
+    "campaign_report",
+    "render",
+    "write_page",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -1,0 +1,52 @@
+// What draws a block: its kind -> a function of the element to fill and the block.
+
+const kinds = {
+  paragraph: (element, block) => element.append(el("p", {}, block.text)),
+  facts: drawFacts,
+  command: (element, block) => element.append(commandLine(block.line, block.text)),
+  table: drawTable,
+  chart: drawChart,
+  bars: drawBars,
+  timeline: drawTimeline,
+  gallery: drawGallery,
+  featureMap: drawFeatureMap,
+  family: drawFamily,
+  headline: drawHeadline,
+};
+
+function factList(facts) {
+  return el("dl", { class: "facts" }, facts.map(({ name, value }) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
+}
+
+function drawFacts(element, block) {
+  const list = factList(block.facts);
+  if (block.folded) element.append(el("details", {}, el("summary", {}, block.title), list));
+  else element.append(...(block.title ? [el("h3", {}, block.title)] : []), list);
+}
+
+function drawTable(element, block) {
+  const style = (i) => (block.columns[i].is_number ? "number" : "");
+  const head = el("tr", {}, block.columns.map((column, i) => el("th", { scope: "col", class: style(i), title: column.text || null }, column.title)));
+  const rows = block.rows.map((row) =>
+    el("tr", {}, row.map((text, i) => (i === 0 ? el("th", { scope: "row", class: style(i) }, text) : el("td", { class: style(i) }, text)))),
+  );
+  element.append(el("div", { class: "table", tabindex: 0, role: "region", "aria-label": block.columns.map((column) => column.title).join(", ") }, el("table", {}, el("thead", {}, head), el("tbody", {}, rows))));
+  captioned(element, block.caption);
+}
+
+function drawHeadline(element, block) {
+  const tiles = block.tiles.map((tile) =>
+    el(
+      "div",
+      { class: tile.role ? `tile tile-${tile.role}` : "tile" },
+      el("dt", {}, tile.label),
+      el("dd", {}, el("b", {}, tile.value), tile.note ? el("span", { class: "quiet" }, tile.note) : null),
+    ),
+  );
+  element.append(
+    el("p", { class: "lead" }, block.lead),
+    ...(block.warning ? [el("p", { class: "warning", role: "status" }, block.warning)] : []),
+    el("dl", { class: "tiles" }, tiles),
+    factList(block.facts),
+  );
+}

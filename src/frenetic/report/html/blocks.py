@@ -1,0 +1,162 @@
+"""What a page is made of: sections of blocks, as plain data.
+
+All texts are shown as they are: nothing in them is HTML.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from enum import StrEnum
+from math import isfinite
+from typing import Any, ClassVar, Final, Literal, Protocol, TypeAlias
+
+Role: TypeAlias = Literal["accent", "fail", "pass", "invalid", "error", "quiet"]
+"""What a colour stands for; which one it is, the page knows, light or dark."""
+
+
+class Block(Protocol):
+    """A part of a section: a dataclass with the name of what draws it."""
+
+    kind: ClassVar[str]
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """A text."""
+
+    kind: ClassVar[str] = "paragraph"
+    text: str
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A name with its value."""
+
+    name: str
+    value: str
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names and values, one below the other."""
+
+    kind: ClassVar[str] = "facts"
+    facts: tuple[Fact, ...]
+    title: str = ""
+    folded: bool = False
+    """Whether only the title is shown until it is clicked."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command line that can be copied."""
+
+    kind: ClassVar[str] = "command"
+    line: str
+    text: str = ""
+    """What it does."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table."""
+
+    title: str
+    is_number: bool = False
+    text: str = ""
+    """What it says, for those who ask."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of texts; the values of a column of numbers stand right."""
+
+    kind: ClassVar[str] = "table"
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A line through points, with a band around it if there is one."""
+
+    name: str
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    low: tuple[float, ...] = ()
+    """Lower edge of the band, as many as points, or none."""
+    high: tuple[float, ...] = ()
+    role: Role = "accent"
+    dashed: bool = False
+    stepped: bool = False
+    """Whether the value holds until the next point."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Lines over a number."""
+
+    kind: ClassVar[str] = "chart"
+    series: tuple[Series, ...]
+    x_title: str
+    y_title: str
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Bars:
+    """A bar for each name, with an interval if there is one."""
+
+    kind: ClassVar[str] = "bars"
+    names: tuple[str, ...]
+    values: tuple[float | None, ...]
+    title: str
+    """Of the values, with their unit."""
+    low: tuple[float | None, ...] = ()
+    """Lower ends of the intervals, as many as names, or none."""
+    high: tuple[float | None, ...] = ()
+    role: Role = "fail"
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A headline with blocks under it."""
+
+    id: str
+    """Letters, digits and hyphens; each once in a page."""
+    title: str
+    blocks: tuple[Block, ...]
+    lead: str = ""
+    """A sentence or two under the headline."""
+
+
+_PLAIN: Final = frozenset({int, str, bool, type(None)})
+
+
+def percent(share: float) -> str:
+    """A share 0..1 in percent, as all texts of a page write it."""
+    return f"{100.0 * share:.1f}\u00a0%"
+
+
+def to_json(value: Any) -> Any:
+    """A dataclass and all that it holds as JSON; numbers that are not finite become null."""
+    if is_dataclass(value) and not isinstance(value, type):
+        found = {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
+        kind = getattr(value, "kind", None)
+        return found if kind is None else {"kind": kind, **found}
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    if isinstance(value, StrEnum):
+        return str(value)
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, Mapping):
+        return {str(name): to_json(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        if set(map(type, value)) <= _PLAIN:
+            return value  # most of a page is long columns
+        return [to_json(item) for item in value]
+    raise TypeError(f"{value!r} is a {type(value).__name__}, which a page cannot hold")

@@ -1,0 +1,175 @@
+"""A drive in a few kilobytes of JSON: what a page needs to show it and replay it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from frenetic.analysis.segments import Segment
+from frenetic.arrays import FloatArray
+from frenetic.campaign.store import TestRecord
+from frenetic.errors import FreneticError
+from frenetic.oracle import Assessment, Departure, Side
+from frenetic.report.failures import FAILURES, file_stem
+from frenetic.report.minimised import MINIMISED
+from frenetic.road import Road
+from frenetic.road.files import read_road
+from frenetic.simulators.drive import Trajectory
+
+RATE: Final = 10.0
+"""Hz, records per second that are kept."""
+MOST_RECORDS: Final = 1500
+"""Records of a drive that are kept at most."""
+DRIVES_SIZE: Final = 3_500_000
+"""Bytes of JSON that all drives of a page may take, about."""
+
+_COLUMNS: Final[Mapping[str, float]] = {
+    "time": 0.01,  # [s]
+    "x": 0.01,  # [m]
+    "y": 0.01,  # [m]
+    "heading": 0.001,  # [rad]
+    "distance": 0.01,  # [m]
+    "oob_distance": 0.01,  # [m]
+    "speed": 0.01,  # [m/s]
+    "steering": 0.001,  # [rad]
+}
+"""Column -> its resolution; the page divides by the same numbers, see ``road.js``."""
+
+
+@dataclass(frozen=True)
+class RoadData:
+    """A road as its curvatures, which are its exact shape."""
+
+    step: float
+    """m."""
+    curvatures: tuple[float, ...]
+    """1/m."""
+    pose: tuple[float, float, float]
+    """m, m, rad."""
+
+    @classmethod
+    def of(cls, road: Road) -> RoadData:
+        """The data of a road, rounded so that its end moves by less than 5 cm."""
+        x, y, heading = road.pose
+        return cls(
+            road.step,
+            tuple(road.curvatures.round(6).tolist()),
+            (round(x, 3), round(y, 3), round(heading, 5)),
+        )
+
+
+@dataclass(frozen=True)
+class DriveData:
+    """A test with its road and its drive."""
+
+    id: int
+    outcome: str
+    reason: str
+    moobd: float | None
+    """m."""
+    moobd_distance: float | None
+    """m along the road."""
+    max_oob_share: float | None
+    """0..1."""
+    duration: float | None
+    """s."""
+    side: Side | None
+    generation: int
+    road: RoadData
+    car: tuple[float, float, float]
+    """m: length, width, centre_ahead."""
+    speed_limit: float
+    """km/h."""
+    departure: Departure | None
+    columns: tuple[tuple[int, ...], ...]
+    """Columns of `_COLUMNS` in multiples of their resolution, as second differences."""
+    road_file: str | None
+    """The road's file in the campaign's folder, if there is one."""
+    minimised: RoadData | None
+    """The shortest road that was found to fail in the same way, if there is one."""
+
+    @property
+    def size(self) -> int:
+        """Bytes of JSON that it takes, about."""
+        numbers = sum(len(column) for column in self.columns)
+        return 400 + 10 * len(self.road.curvatures) + int(2.6 * numbers) + len(self.reason)
+
+
+def drive_data(record: TestRecord, segment: Segment, folder: Path) -> DriveData:
+    """What a page needs of a test.
+
+    Args:
+        record: of the test.
+        segment: of its drive, any.
+        folder: of the campaign, in which the test's files are looked for.
+    """
+    drive, road = segment.drive, segment.road
+    departure, test_id = record.departure, record.candidate.id
+    name = f"{file_stem(test_id)}.json"
+    return DriveData(
+        id=test_id,
+        outcome=str(record.outcome),
+        reason=record.reason,
+        moobd=_rounded(record.moobd, 3),
+        moobd_distance=_rounded(record.moobd_distance, 2),
+        max_oob_share=_rounded(record.max_oob_share, 3),
+        duration=_rounded(record.duration, 2),
+        side=record.departure_side,
+        generation=record.candidate.origin.generation,
+        road=RoadData.of(road),
+        car=(
+            round(drive.car.length, 3),
+            round(drive.car.width, 3),
+            round(drive.car.centre_ahead, 3),
+        ),
+        speed_limit=drive.rules.speed_limit,
+        departure=None if departure is None else _rounded_departure(departure),
+        columns=_columns(drive.trajectory, segment.assessment),
+        road_file=f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
+        minimised=_minimised(folder / MINIMISED / name),
+    )
+
+
+def _columns(path: Trajectory, seen: Assessment) -> tuple[tuple[int, ...], ...]:
+    n = len(seen.distance)
+    taken = _taken(path.time[:n], int(np.argmin(seen.oob_distance)))
+    values: dict[str, FloatArray] = {
+        "distance": seen.distance,
+        "oob_distance": seen.oob_distance,
+        **{name: getattr(path, name) for name in ("time", "x", "y", "heading", "speed")},
+        "steering": path.steering,
+    }
+    columns = []
+    for name, resolution in _COLUMNS.items():
+        whole = np.rint(values[name][:n][taken] / resolution).astype(np.int64)
+        columns.append(tuple(np.diff(whole, n=2, prepend=[0, 0]).tolist()))
+    return tuple(columns)
+
+
+def _taken(time: FloatArray, worst: int) -> np.ndarray:
+    """(k,) records that are kept: at `RATE`, the last, and that of the minimum oob distance."""
+    interval = max(1.0 / RATE, float(time[-1] - time[0]) / MOST_RECORDS)
+    ticks = np.floor((time - time[0]) / interval + 1e-6)
+    first = np.flatnonzero(np.diff(ticks, prepend=-1.0))
+    return np.union1d(first, [worst, len(time) - 1])
+
+
+def _minimised(path: Path) -> RoadData | None:
+    """A minimised road from its file; one that is none is left out."""
+    try:
+        return RoadData.of(read_road(path).road()) if path.is_file() else None
+    except (FreneticError, OSError):
+        return None
+
+
+def _rounded_departure(place: Departure) -> Departure:
+    time, distance, x, y = (round(v, 3) for v in (place.time, place.distance, place.x, place.y))
+    return Departure(time, distance, x, y, place.side)
+
+
+def _rounded(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)

@@ -1,0 +1,138 @@
+"""The failures, those that are the same problem together, and how they came about."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from frenetic.analysis.clusters import Cluster, Clusters
+from frenetic.analysis.rerunning import Rerun
+from frenetic.oracle import Side
+from frenetic.report.html.blocks import Section
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """How often a failure repeats when it is driven again."""
+
+    test: int
+    stability: str
+    share: float | None
+    """Of the drives that failed, 0..1."""
+    low: float
+    """Ends of its 95 % interval."""
+    high: float
+    text: str
+
+
+@dataclass(frozen=True)
+class ClusterData:
+    """Failures that are the same problem."""
+
+    most_severe: int
+    typical: int
+    size: int
+    shown: tuple[int, ...]
+    """Ids of those whose drive is in the page, the most severe first."""
+    moobd: float
+    """m, the lowest."""
+    side: Side | None
+    first: int
+    """Id of the one that was found first."""
+    description: str
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """Pictures of failures, by cluster."""
+
+    kind: ClassVar[str] = "gallery"
+    clusters: tuple[ClusterData, ...]
+    repeats: tuple[Repeats, ...]
+
+
+@dataclass(frozen=True)
+class Family:
+    """Which operators led to a failure: a tree for the one that is chosen."""
+
+    kind: ClassVar[str] = "family"
+    ids: tuple[int, ...]
+    """Of the failures to choose from."""
+
+
+def gallery_section(
+    clusters: Clusters,
+    moobds: Mapping[int, float],
+    shown: Collection[int],
+    reruns: Mapping[int, Rerun],
+    failures: int,
+) -> Section:
+    """The failures as pictures.
+
+    Args:
+        clusters: the distinct failures.
+        moobds: m, of each of their tests.
+        shown: ids of the tests whose drive is in the page.
+        reruns: of those failures that were driven again.
+        failures: how many there are in all.
+    """
+    title = "Failures"
+    if not failures:
+        return Section("failures", title, (), "No failure was found.")
+    data = tuple(_cluster_data(cluster, moobds, shown) for cluster in clusters if cluster.ids)
+    there = sum(len(cluster.shown) for cluster in data)
+    lead = (
+        f"{_number(len(data), 'distinct failure')} among {clusters.failures}: failures that are"
+        " the same problem are together, by their most severe."
+    )
+    if clusters.failures < failures:
+        lead += f" Compared were the {clusters.failures} most severe of {failures}."
+    if there < failures:
+        lead += (
+            f" {there} of {failures} failures can be opened here; 'frenetic show' shows any other."
+        )
+    repeats = tuple(
+        Repeats(
+            one.test_id,
+            str(one.stability),
+            one.share,
+            round(one.interval[0], 4),
+            round(one.interval[1], 4),
+            str(one),
+        )
+        for one in reruns.values()
+    )
+    return Section("failures", title, (Gallery(data, repeats),), lead)
+
+
+def family_section(clusters: Clusters, shown: Collection[int]) -> Section:
+    """The ancestors of a failure."""
+    ids = tuple(cluster.most_severe for cluster in clusters if cluster.most_severe in shown)
+    lead = (
+        "Which roads a failure descends from, and by which operators. A road that can be opened"
+        " here is a button."
+    )
+    if not ids:
+        return Section("family", "Family tree", (), "No failure was found.")
+    return Section("family", "Family tree", (Family(ids),), lead)
+
+
+def _cluster_data(
+    cluster: Cluster, moobds: Mapping[int, float], shown: Collection[int]
+) -> ClusterData:
+    members = sorted((i for i in cluster.ids if i in shown), key=lambda i: (moobds.get(i, 0.0), i))
+    return ClusterData(
+        most_severe=cluster.most_severe,
+        typical=cluster.typical,
+        size=len(cluster),
+        shown=tuple(members),
+        moobd=round(cluster.moobd, 3),
+        side=cluster.side,
+        first=min(cluster.ids),
+        description=cluster.description,
+    )
+
+
+def _number(count: int, what: str) -> str:
+    return f"1 {what}" if count == 1 else f"{count} {what}s"

@@ -1,0 +1,179 @@
+"""What was searched, and what came out, at a glance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, ClassVar
+
+from frenetic.analysis.clusters import Clusters
+from frenetic.campaign.store import Counts, JSONValue
+from frenetic.durations import format_duration
+from frenetic.outcome import Outcome
+from frenetic.report.html.blocks import Fact, Role, percent
+
+
+@dataclass(frozen=True)
+class Tile:
+    """A number that matters."""
+
+    label: str
+    value: str
+    note: str = ""
+    role: Role | None = None
+
+
+@dataclass(frozen=True)
+class Headline:
+    """The top of a campaign's page."""
+
+    kind: ClassVar[str] = "headline"
+    title: str
+    lead: str
+    warning: str
+    """That something is not as it should be: unfinished, for example. Mostly empty."""
+    tiles: tuple[Tile, ...]
+    facts: tuple[Fact, ...]
+
+
+def headline(
+    config: Mapping[str, JSONValue],
+    facts: Mapping[str, JSONValue],
+    counts: Counts,
+    clusters: Clusters,
+    *,
+    folder: str,
+    elapsed: float,
+    trouble: str = "",
+) -> Headline:
+    """The headline of a campaign.
+
+    Args:
+        config: of the campaign.
+        facts: likewise.
+        counts: likewise.
+        clusters: its distinct failures.
+        folder: where it is.
+        elapsed: s of its time that were spent.
+        trouble: what else a reader has to know.
+    """
+    number = counts.by_outcome
+    failures, tests = number[Outcome.FAIL], counts.tests
+    seconds: Any = facts.get("seconds")
+    duration = float(seconds) if isinstance(seconds, int | float) else elapsed
+    strategy, driver, simulator = (_named(config, part) for part in _PARTS)
+    seed = config.get("seed")
+    lead = (
+        f"{strategy} searched for roads on which {driver} leaves its lane in {simulator},"
+        f" seed {'unknown' if seed is None else seed}."
+    )
+    most = f" among the {clusters.failures} most severe" if clusters.failures < failures else ""
+    share = f"{percent(failures / counts.simulations)} of simulations" if counts.simulations else ""
+    least = counts.lowest_moobd
+    tiles = [
+        Tile("simulations", str(counts.simulations), _rate(tests, duration)),
+        Tile("failures", str(failures), share, "fail"),
+        Tile("distinct failures", str(len(clusters)), most.strip(), "fail"),
+        Tile("lowest MOOBD", "–" if least is None else f"{least:.2f} m".replace("-", "−")),
+        Tile(
+            "invalid roads",
+            str(number[Outcome.INVALID]),
+            f"{percent(number[Outcome.INVALID] / tests)} of tests" if tests else "",
+            "invalid",
+        ),
+        Tile("errors", str(number[Outcome.ERROR]), "", "error"),
+    ]
+    if number[Outcome.DROPPED]:
+        tiles.append(Tile("dropped", str(number[Outcome.DROPPED]), "before they were driven"))
+    tiles.append(
+        Tile("wall time", format_duration(duration), "min:s" if duration < 3600.0 else "h:min:s")
+    )
+    return Headline(
+        title=_title(len(clusters), failures, counts.simulations),
+        lead=lead,
+        warning=" ".join(text for text in (_unfinished(facts), trouble) if text),
+        tiles=tuple(tiles),
+        facts=(
+            Fact("campaign", folder),
+            Fact("budget", _budget(config, facts) or "–"),
+            Fact("tests", str(tests)),
+            Fact("begun", _when(facts.get("created_at"))),
+            Fact("finished", _when(facts.get("finished_at"))),
+            Fact("versions", _versions(config)),
+        ),
+    )
+
+
+_PARTS = ("strategy", "driver", "simulator")
+
+
+def _title(distinct: int, failures: int, simulations: int) -> str:
+    if not failures:
+        return f"No failure in {_count(simulations, 'simulation')}"
+    found = _count(distinct, "distinct failure")
+    return f"{found} in {_count(simulations, 'simulation')}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"1 {what}" if number == 1 else f"{number} {what}s"
+
+
+def _named(config: Mapping[str, JSONValue], part: str) -> str:
+    """What a part was called on the command line, or its class, with what lies over it."""
+    command = config.get("command")
+    if isinstance(command, Mapping) and isinstance(command.get(part), str):
+        text = str(command[part])
+        if part == "driver":
+            layers = [
+                f"{layer} {command[layer]:g} {unit}"
+                for layer, unit in (("noise", "m"), ("delay", "s"), ("view", "m"))
+                if isinstance(command.get(layer), int | float)
+            ]
+            text += f" with {', '.join(layers)}" if layers else ""
+        return text
+    described = config.get(part)
+    if not isinstance(described, Mapping):
+        return f"an unknown {part}"
+    name = str(described.get("class", f"an unknown {part}")).rpartition(":")[2]
+    return f"{name} over {_named(described, 'driver')}" if "driver" in described else name
+
+
+def _rate(tests: int, seconds: float) -> str:
+    if not tests or seconds <= 0.0:
+        return ""
+    rate = tests / seconds
+    return f"{rate:.0f} tests/s" if rate >= 10.0 else f"{rate:.2g} tests/s"
+
+
+def _budget(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:
+    budget = facts.get("budget", config.get("budget"))
+    limits = budget if isinstance(budget, Mapping) else {}
+    texts = [
+        f"{format_duration(value)} of time" if name == "time" else f"{value} {name}"
+        for name, value in limits.items()
+        if isinstance(value, int | float)
+    ]
+    return ", ".join(texts)
+
+
+def _unfinished(facts: Mapping[str, JSONValue]) -> str:
+    if facts.get("interrupted"):
+        return "Interrupted before its budget was spent; 'frenetic resume' goes on."
+    if "finished_at" not in facts:
+        return "Not finished: the campaign was still running, or was killed."
+    return ""
+
+
+def _when(value: object) -> str:
+    try:
+        return f"{datetime.fromisoformat(str(value)):%Y-%m-%d %H:%M} UTC"
+    except ValueError:
+        return "–"
+
+
+def _versions(config: Mapping[str, JSONValue]) -> str:
+    versions = config.get("versions")
+    if not isinstance(versions, Mapping):
+        return "–"
+    return ", ".join(f"{name} {version}" for name, version in versions.items())

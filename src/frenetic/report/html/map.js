@@ -1,0 +1,148 @@
+// The feature map: a grid of cells, coloured by what was found in them.
+
+const NOT_MEASURED = ".";
+const SHADES = 7;
+const CELL_PICTURES = 12;
+
+function drawFeatureMap(element, block) {
+  const pick = (id, chosen) =>
+    el("select", { id }, block.axes.map((axis) => el("option", { value: axis.name, selected: axis.name === chosen }, axis.description)));
+  const across = pick("map-across", block.first);
+  const up = pick("map-up", block.second);
+  const scope = el("select", { id: "map-scope" }, el("option", { value: "segment" }, "30 m before and after it left"), el("option", { value: "whole" }, "whole road and drive"));
+  const shade = el("select", { id: "map-shade" }, el("option", { value: "severity" }, "severity (lowest MOOBD)"), el("option", { value: "count" }, "number of failures"));
+  const place = el("div", { class: "map-place" });
+  const panel = el("div", { class: "map-panel", "aria-live": "polite" });
+  const axisOf = (select) => block.axes.find((axis) => axis.name === select.value);
+
+  const show = () => {
+    panel.replaceChildren(el("p", { class: "quiet" }, "Choose a cell: click it, or move with the arrow keys and press Enter."));
+    place.replaceChildren(mapGrid(axisOf(across), axisOf(up), scope.value, shade.value, panel));
+  };
+  for (const select of [across, up, scope, shade]) select.addEventListener("change", show);
+  const labelled = (text, select) => el("span", {}, el("label", { for: select.id }, text), select);
+  element.append(
+    el("div", { class: "choices" }, labelled("Across ", across), labelled("Up ", up), labelled("Of ", scope), labelled("Colour ", shade)),
+    el("div", { class: "map" }, place, panel),
+  );
+  show();
+}
+
+/** (cells) what was found, row by row from the top. */
+function mapCells(xAxis, yAxis, scope) {
+  const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
+  const cells = Array.from({ length: wide * tall }, (_, i) => ({
+    column: i % wide, row: tall - 1 - Math.floor(i / wide), failed: [], passed: [], worst: Infinity,
+  }));
+  for (const test of tests.values()) {
+    const [x, y] = [xAxis[scope][test.row], yAxis[scope][test.row]];
+    if (x === NOT_MEASURED) continue;
+    const cell = cells[(tall - 1 - parseInt(y, 36)) * wide + parseInt(x, 36)];
+    if (test.outcome === "FAIL") {
+      cell.failed.push(test);
+      cell.worst = Math.min(cell.worst, test.moobd ?? Infinity);
+    } else cell.passed.push(test);
+  }
+  return cells;
+}
+
+function mapGrid(xAxis, yAxis, scope, shade, panel) {
+  const cells = mapCells(xAxis, yAxis, scope);
+  const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
+  const found = cells.filter((cell) => cell.failed.length);
+  const worsts = found.map((cell) => cell.worst).filter(Number.isFinite);
+  const [least, most] = [Math.min(...worsts), Math.max(...worsts)];
+  const mostFailed = Math.max(1, ...found.map((cell) => cell.failed.length));
+  const shadeOf = (cell) => {
+    const share =
+      shade === "count"
+        ? Math.log(cell.failed.length) / Math.max(Math.log(mostFailed), 1e-9)
+        : most > least && Number.isFinite(cell.worst) ? (most - cell.worst) / (most - least) : 1;
+    return clamp(Math.floor(share * SHADES), 0, SHADES - 1);
+  };
+  const buttons = [];
+  const grid = el("div", { class: "cells", role: "grid", "aria-label": `Feature map: ${xAxis.description} across, ${yAxis.description} up` });
+  grid.style.gridTemplateRows = `repeat(${tall}, 1fr)`;
+  for (let row = 0; row < tall; row++) {
+    const line = el("div", { role: "row", class: "cell-row" });
+    line.style.gridTemplateColumns = `repeat(${wide}, 1fr)`;
+    for (const cell of cells.slice(row * wide, (row + 1) * wide)) {
+      const driven = cell.failed.length + cell.passed.length;
+      const kind = cell.failed.length ? `${shade}-${shadeOf(cell)}` : driven ? "covered" : "empty";
+      const words = `${rangeText(xAxis, cell.column)}, ${rangeText(yAxis, cell.row)}: ${count(cell.failed.length, "failure")} of ${count(driven, "test")}`;
+      const button = el(
+        "button",
+        { type: "button", role: "gridcell", class: `cell ${kind}`, title: words, "aria-label": words, tabindex: -1 },
+        cell.failed.length ? String(cell.failed.length) : "",
+      );
+      button.addEventListener("click", () => {
+        buttons.forEach((other) => other.setAttribute("aria-selected", String(other === button)));
+        buttons.forEach((other) => (other.tabIndex = other === button ? 0 : -1));
+        showCell(panel, cell, xAxis, yAxis);
+      });
+      buttons.push(button);
+      line.append(button);
+    }
+    grid.append(line);
+  }
+  (buttons.find((button, i) => cells[i].failed.length) ?? buttons[0]).tabIndex = 0;
+  arrowKeys(grid, () => buttons);
+  const covered = cells.filter((cell) => cell.failed.length || cell.passed.length).length;
+  return el(
+    "figure",
+    { class: "map-figure" },
+    el("div", { class: "map-y" }, axisTitle(yAxis)),
+    edgeLabels(yAxis, true),
+    grid,
+    edgeLabels(xAxis, false),
+    el("div", { class: "map-x" }, axisTitle(xAxis)),
+    el(
+      "figcaption",
+      {},
+      `Failures in ${found.length} of ${cells.length} cells; ${covered} were reached. `,
+      ...(found.length ? [shadeKey(shade, shade === "count" ? ["1 failure", String(mostFailed)] : [`MOOBD ${fixed(most, 2)} m`, `${fixed(least, 2)} m`])] : []),
+      el("span", { class: "key" }, el("i", { class: "covered" }), " driven without failure"),
+    ),
+  );
+}
+
+function shadeKey(shade, [first, last]) {
+  const steps = Array.from({ length: SHADES }, (_, i) => el("i", { class: `${shade}-${i}` }));
+  return el("span", { class: "key" }, `${first} `, el("span", { class: "ramp" }, steps), ` ${last}`);
+}
+
+function axisTitle(axis) {
+  return axis.unit ? `${axis.description} (${axis.unit})` : axis.description;
+}
+
+function edgeText(value) {
+  return fixed(value, 3).replace(/\.?0+$/, "");
+}
+
+function rangeText(axis, bin) {
+  return `${axis.description} ${edgeText(axis.edges[bin])} to ${edgeText(axis.edges[bin + 1])}${axis.unit ? ` ${axis.unit}` : ""}`;
+}
+
+function edgeLabels(axis, isUp) {
+  const labels = axis.edges.map((edge, i) => {
+    const label = el("span", { class: i % 2 ? "odd" : "" }, edgeText(edge));
+    label.style[isUp ? "bottom" : "left"] = `${(100 * i) / (axis.edges.length - 1)}%`;
+    return label;
+  });
+  return el("div", { class: isUp ? "edges-y" : "edges-x", "aria-hidden": "true" }, labels);
+}
+
+function showCell(panel, cell, xAxis, yAxis) {
+  const all = [...cell.failed].sort((a, b) => a.moobd - b.moobd).concat(cell.passed);
+  const shown = all.filter((test) => drives.has(test.id));
+  const pictures = shown.slice(0, CELL_PICTURES);
+  const order = () => shown.map((test) => test.id);
+  const others = all.filter((test) => !pictures.includes(test)).map((test) => `${test.id}${test.outcome === "FAIL" ? "" : " (pass)"}`);
+  const parts = [
+    el("h3", {}, `${count(cell.failed.length, "failure")} of ${count(all.length, "test")}`),
+    el("p", { class: "quiet" }, `${rangeText(xAxis, cell.column)}; ${rangeText(yAxis, cell.row)}`),
+    el("div", { class: "members" }, pictures.map((test) => card(test.id, order, { small: true }))),
+  ];
+  if (others.length) parts.push(el("p", { class: "quiet" }, `${pictures.length ? "Also tests" : "Tests"} ${others.slice(0, 40).join(", ")}${others.length > 40 ? `, and ${others.length - 40} more` : ""}.`));
+  panel.replaceChildren(...parts);
+}

@@ -1,0 +1,134 @@
+"""A page from its data: one HTML file with all that it needs."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import importlib.util
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.errors import FreneticError
+from frenetic.report.html.blocks import Section, to_json
+from frenetic.report.html.drives import DriveData
+from frenetic.report.html.told import TestTable
+
+SCRIPTS: Final = (
+    "base.js",
+    "road.js",
+    "player.js",
+    "family.js",
+    "gallery.js",
+    "map.js",
+    "charts.js",
+    "blocks.js",
+    "main.js",
+)
+"""Files of this package that become one script, in this order."""
+
+_MARK: Final = re.compile(r"\{\{(\w+)\}\}")
+_SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that a page says."""
+
+    title: str
+    sections: tuple[Section, ...]
+    campaign: str = ""
+    """The campaign's folder as a shell wants it, for commands."""
+    drive_options: str | None = None
+    """Options with which its roads are driven as they were; None if a command line cannot."""
+    made_by: str = ""
+    """The program and its version."""
+    lane_width: float = 4.0
+    """m."""
+    tests: TestTable | None = None
+    """The tests that blocks speak of by their ids."""
+    drives: tuple[DriveData, ...] = ()
+    """Those of them that can be looked at."""
+
+
+def render(report: Report) -> str:
+    """The page: HTML that needs nothing else, and may load nothing.
+
+    Raises:
+        ValueError: a section's id is none, or is there twice.
+        FreneticError: Plotly is not installed as it should be.
+    """
+    ids = [section.id for section in report.sections]
+    for name in ids:
+        if _SECTION_ID.fullmatch(name) is None or ids.count(name) > 1:
+            raise ValueError(
+                f"a section's id is {name!r}: letters, digits and hyphens are needed, and each id"
+                " once"
+            )
+    script, plotly, style = _script(), _plotly(), _text("report.css")
+    parts = {
+        "title": html.escape(report.title),
+        "policy": _policy([script, plotly]),
+        "style": style,
+        "data": _island(to_json(report)),
+        "script": script,
+        "plotly": plotly,
+    }
+    return _MARK.sub(lambda mark: parts[mark[1]], _text("template.html"))
+
+
+def _island(data: Any) -> str:
+    """JSON that ends no script element, whatever its texts say."""
+    text = json.dumps(data, allow_nan=False, separators=(",", ":"))  # ASCII, so no U+2028 either
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _policy(scripts: Sequence[str]) -> str:
+    """A content security policy that lets these scripts run and nothing be loaded.
+
+    Styles are free, since Plotly sets some of its own.
+    """
+    hashes = " ".join(
+        f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+        for script in scripts
+    )
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:;"
+        " base-uri 'none'; form-action 'none'"
+    )
+
+
+@cache
+def _text(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+@cache
+def _script() -> str:
+    parts = "\n".join(_text(name) for name in SCRIPTS)
+    return _unbreakable(f'"use strict";\n(() => {{\n{parts}\n}})();\n')
+
+
+@cache
+def _plotly() -> str:
+    """Plotly's JavaScript, which its Python package carries; the package itself is not imported."""
+    spec = importlib.util.find_spec("plotly")
+    for folder in (spec and spec.submodule_search_locations) or ():
+        try:
+            path = Path(folder) / "package_data" / "plotly.min.js"
+            return _unbreakable(path.read_text(encoding="utf-8"))
+        except OSError:
+            continue
+    raise FreneticError("a report needs Plotly: pip install plotly")
+
+
+def _unbreakable(script: str) -> str:
+    """A script as it may stand in a page: one line end, and nothing that ends its element."""
+    script = script.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\\0")
+    return re.sub(r"<(?=/script|script|!--)", r"\\x3c", script, flags=re.IGNORECASE)

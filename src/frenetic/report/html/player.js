@@ -1,0 +1,390 @@
+// One test in a dialog: from above, replayed, and its profiles along the road.
+
+const SPEEDS = [0.5, 1, 2, 4, 8];
+const CLOSE_UP = 28; // m across
+
+const PROFILES = [
+  { name: "oob", title: "oob distance", unit: "m", digits: 2, of: (r) => r.oob, zero: true },
+  { name: "speed", title: "speed", unit: "km/h", digits: 0, of: (r) => r.speed.map((v) => 3.6 * v) },
+  { name: "steering", title: "steering", unit: "°", digits: 1, of: (r) => r.steering.map((a) => (180 / Math.PI) * a), zero: true },
+];
+
+const player = (() => {
+  const dialog = document.getElementById("player");
+  let shown = null; // what of the open test moves
+  let playing = false;
+  let speed = 1;
+  let frame = 0;
+  let clock = 0;
+
+  function open(id, order = [id]) {
+    const drive = drives.get(id);
+    if (drive === undefined) return;
+    pause();
+    shown = build(drive, order);
+    if (!dialog.open) dialog.showModal();
+    dialog.scrollTop = 0;
+    shown.slider.focus();
+    seek(0);
+    setFragment(`#test-${id}`);
+  }
+
+  function close() {
+    dialog.close();
+  }
+
+  dialog.addEventListener("close", () => {
+    pause();
+    shown = null;
+    dialog.replaceChildren();
+    setFragment("");
+  });
+  dialog.addEventListener("click", (event) => {
+    if (event.target === dialog) close(); // beside it
+  });
+  dialog.addEventListener("keydown", (event) => {
+    if (shown === null || event.ctrlKey || event.metaKey || event.altKey) return;
+    const isButton = event.target.matches("button, a, select");
+    if (event.key === " " && !isButton) toggle();
+    else if (event.key === "ArrowRight" && !event.target.matches("select")) seek(shown.time + (event.shiftKey ? 1 : 0.1));
+    else if (event.key === "ArrowLeft" && !event.target.matches("select")) seek(shown.time - (event.shiftKey ? 1 : 0.1));
+    else if (event.key === "Home") seek(0);
+    else if (event.key === "End") seek(shown.end);
+    else if (event.key === "+" || event.key === "=") faster(1);
+    else if (event.key === "-") faster(-1);
+    else if (event.key === "n") step(1);
+    else if (event.key === "p") step(-1);
+    else return;
+    event.preventDefault();
+  });
+
+  // Time
+
+  function toggle() {
+    if (playing) pause();
+    else play();
+  }
+
+  function play() {
+    if (shown.time >= shown.end - 1e-6) seek(0);
+    playing = true;
+    clock = performance.now();
+    frame = requestAnimationFrame(tick);
+    showPlaying();
+  }
+
+  function pause() {
+    playing = false;
+    cancelAnimationFrame(frame);
+    showPlaying();
+  }
+
+  function tick(now) {
+    const passed = Math.max(0, now - clock) / 1000;
+    clock = now;
+    seek(shown.time + passed * speed);
+    if (shown.time >= shown.end) pause();
+    else if (playing) frame = requestAnimationFrame(tick);
+  }
+
+  function faster(by) {
+    setSpeed(SPEEDS[clamp(SPEEDS.indexOf(speed) + by, 0, SPEEDS.length - 1)]);
+  }
+
+  function setSpeed(value) {
+    speed = value;
+    if (shown !== null) shown.speeds.value = String(value);
+  }
+
+  function step(by) {
+    const at = shown.order.indexOf(shown.drive.id);
+    const next = shown.order[at + by];
+    if (next !== undefined) open(next, shown.order);
+  }
+
+  function showPlaying() {
+    if (shown === null) return;
+    shown.play.textContent = playing ? "Pause" : "Play";
+    shown.play.setAttribute("aria-pressed", String(playing));
+  }
+
+  /** Shows the moment at so many seconds: car, cursor, numbers. */
+  function seek(time) {
+    const { records } = shown;
+    shown.time = clamp(time, 0, shown.end);
+    const at = momentAt(records, shown.time + records.time[0]);
+    const [u, v] = shown.view.place(at.x, at.y);
+    const angle = (-(at.heading + shown.view.turn) * 180) / Math.PI;
+    const move = `translate(${u.toFixed(3)} ${v.toFixed(3)}) rotate(${angle.toFixed(2)})`;
+    for (const car of shown.cars) {
+      car.setAttribute("transform", move);
+      car.classList.toggle("is-out", at.oob < 0);
+    }
+    const tall = CLOSE_UP / shown.closeAspect;
+    shown.close.setAttribute("viewBox", `${u - CLOSE_UP / 2} ${v - tall / 2} ${CLOSE_UP} ${tall}`);
+    const place = clamp(at.distance / shown.length, 0, 1);
+    shown.cursor.style.left = `${100 * place}%`;
+    shown.values.forEach((value, i) => {
+      const { digits, unit, scale } = shown.profiles[i];
+      const now = shown.profiles[i].now(at);
+      value.textContent = fixed(now * scale, digits, unit);
+    });
+    shown.slider.value = String(shown.time);
+    shown.slider.setAttribute("aria-valuetext", `${fixed(shown.time, 1)} s, at ${fixed(at.distance, 0)} m`);
+    shown.clock.textContent = `${fixed(shown.time, 1)} / ${fixed(shown.end, 1)} s`;
+  }
+
+  /** Shows the moment at which the car was so far along the road. */
+  function seekDistance(distance) {
+    const { records } = shown;
+    let i = shown.along.findIndex((d) => d >= distance);
+    if (i < 0) i = shown.along.length - 1;
+    const before = Math.max(i - 1, 0);
+    const span = shown.along[i] - shown.along[before];
+    const share = span > 0 ? clamp((distance - shown.along[before]) / span, 0, 1) : 0;
+    seek(records.time[before] + share * (records.time[i] - records.time[before]) - records.time[0]);
+  }
+
+  // Building
+
+  function build(drive, order) {
+    const records = recordsOf(drive);
+    const line = centreLine(drive.road);
+    const isNarrow = window.innerWidth < 820;
+    // So that the profiles are in sight, too.
+    const aspect = isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
+    const closeAspect = isNarrow ? 2.2 : 0.85;
+    const view = viewOf([...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))], aspect);
+    const length = roadLength(drive.road);
+    let furthest = -Infinity;
+    const along = records.distance.map((d) => (furthest = Math.max(furthest, d)));
+    const state = {
+      drive, order, records, view, length, along, closeAspect,
+      time: 0,
+      end: records.time[records.time.length - 1] - records.time[0],
+      cars: [],
+    };
+    const main = scene(drive, line, records, view, state, true);
+    main.setAttribute("viewBox", view.box.join(" "));
+    main.style.aspectRatio = String(aspect);
+    state.close = scene(drive, line, records, view, state, false);
+    const plots = profilePlots(drive, records, length, state);
+    const name = `Test ${drive.id}`;
+    const at = order.indexOf(drive.id);
+    state.play = el("button", { type: "button", class: "primary", id: "play", on: { click: toggle } }, "Play");
+    state.slider = el("input", {
+      type: "range", id: "scrub", min: 0, max: state.end, step: 0.01, value: 0, "aria-label": "Time of the replay",
+      on: { input: () => { pause(); seek(Number(state.slider.value)); } },
+    });
+    state.clock = el("output", { class: "clock" });
+    state.speeds = el(
+      "select",
+      { "aria-label": "Speed of the replay", on: { change: () => setSpeed(Number(state.speeds.value)) } },
+      SPEEDS.map((value) => el("option", { value, selected: value === speed }, `${value}×`)),
+    );
+    dialog.replaceChildren(
+      el(
+        "header",
+        { class: "player-head" },
+        el("h2", { id: "player-title" }, name, " ", badge(drive.outcome)),
+        el(
+          "div",
+          { class: "player-nav" },
+          el("button", { type: "button", title: "Previous (p)", "aria-label": "Previous test", disabled: at <= 0, on: { click: () => step(-1) } }, "‹"),
+          at < 0 || order.length < 2 ? null : el("span", { class: "quiet" }, `${at + 1} of ${order.length}`),
+          el("button", { type: "button", title: "Next (n)", "aria-label": "Next test", disabled: at < 0 || at >= order.length - 1, on: { click: () => step(1) } }, "›"),
+          el("button", { type: "button", class: "close", on: { click: close } }, "Close"),
+        ),
+      ),
+      el("p", { class: "reason" }, drive.reason),
+      el(
+        "div",
+        { class: "stage" },
+        el("figure", { class: "stage-main" }, main, legend()),
+        el("figure", { class: "stage-close" }, state.close, el("figcaption", {}, `${CLOSE_UP} m around the car`)),
+      ),
+      el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
+      plots,
+      el("div", { class: "details" }, factsOf(drive), actionsOf(drive)),
+      familyPart(drive.id, order),
+    );
+    return state;
+  }
+
+  function scene(drive, line, records, view, state, isMain) {
+    const car = svg("g", { class: "car", ...(isMain ? { id: "car" } : {}) });
+    const [length, width, ahead] = drive.car;
+    car.append(
+      svg("rect", { class: "body", x: ahead - length / 2, y: -width / 2, width: length, height: width, rx: 0.35 }),
+      svg("path", { class: "screen", d: `M${ahead + length * 0.14} ${-width * 0.36}L${ahead + length * 0.26} ${-width * 0.28}V${width * 0.28}L${ahead + length * 0.14} ${width * 0.36}Z` }),
+    );
+    state.cars.push(car);
+    const parts = [...roadShapes(line, view), ...pathShapes(records, view)];
+    if (isMain) {
+      const [x, y] = view.place(records.x[0], records.y[0]);
+      parts.push(svg("circle", { class: "start", cx: x, cy: y, r: view.box[2] / 150 }));
+    }
+    if (drive.departure !== null) {
+      const [x, y] = view.place(drive.departure.x, drive.departure.y);
+      parts.push(svg("circle", { class: "left-here", cx: x, cy: y, r: isMain ? view.box[2] / 60 : 1.2 }));
+    }
+    const label = isMain ? "The road from above, with the car's path and the car" : "The car close up";
+    return svg("svg", { class: "scene", role: "img", "aria-label": label }, parts, car);
+  }
+
+  function profilePlots(drive, records, length, state) {
+    const own = PROFILES.map((profile) => ({
+      ...profile,
+      scale: profile.name === "speed" ? 3.6 : profile.name === "steering" ? 180 / Math.PI : 1,
+      now: (at) => at[profile.name],
+      points: profile.of(records).map((value, i) => [records.distance[i], value]),
+      limit: profile.name === "speed" ? drive.speed_limit : null,
+    }));
+    const { step, curvatures } = drive.road;
+    own.push({
+      name: "curvature", title: "curvature", unit: "1/m", digits: 3, zero: true, scale: 1, limit: null,
+      now: (at) => curvatureAt(drive.road, at.distance),
+      points: curvatures.map((value, i) => [i * step, value]),
+    });
+    state.profiles = own;
+    state.values = [];
+    state.cursor = el("div", { class: "cursor", id: "cursor" });
+    const marks = [];
+    if (drive.departure !== null) {
+      const mark = el("div", { class: "mark", title: "departure" });
+      mark.style.left = `${100 * clamp(drive.departure.distance / length, 0, 1)}%`;
+      marks.push(mark);
+    }
+    const area = el("div", { class: "plot-area", id: "profiles" }, own.map((profile) => plotOf(profile, length)), marks, state.cursor);
+    const follow = (event) => {
+      const box = area.getBoundingClientRect();
+      pause();
+      seekDistance((length * clamp(event.clientX - box.left, 0, box.width)) / box.width);
+    };
+    area.addEventListener("pointermove", follow);
+    area.addEventListener("pointerdown", follow);
+    const names = own.map((profile) => {
+      const value = el("span", { class: "now" });
+      state.values.push(value);
+      const [low, high] = profile.range.map((end) => fixed(end, profile.range[1] - profile.range[0] < 0.5 ? 2 : profile.range[1] - profile.range[0] < 8 ? 1 : 0));
+      return el("div", { class: "plot-name" }, el("span", {}, profile.title), value, el("span", { class: "high" }, high), el("span", { class: "low" }, low));
+    });
+    const ticks = el("div", { class: "plot-ticks" });
+    const every = length > 160 ? 50 : length > 60 ? 20 : 10;
+    for (let place = 0; place <= length; place += every) {
+      const tick = el("span", {}, place + every > length ? `${place} m` : String(place));
+      tick.style.left = `${(100 * place) / length}%`;
+      if (place > 0.95 * length) tick.classList.add("last");
+      ticks.append(tick);
+    }
+    return el(
+      "div",
+      { class: "plots" },
+      el("div", { class: "plot-names" }, names),
+      area,
+      ticks,
+    );
+  }
+
+  function plotOf(profile, length) {
+    const values = profile.points.map(([, value]) => value);
+    let low = Math.min(...values, profile.zero ? 0 : Infinity, profile.name === "speed" ? 0 : Infinity);
+    let high = Math.max(...values, profile.zero ? 0 : -Infinity, profile.limit ?? -Infinity);
+    if (profile.name === "oob") high = Math.max(high, report.lane_width / 2);
+    profile.range = [low, high];
+    const room = 0.08 * (high - low) || 1;
+    [low, high] = [low - room, high + room];
+    const [wide, tall] = [1000, 100];
+    const across = (distance) => (wide * distance) / length;
+    const up = (value) => tall * (1 - (value - low) / (high - low));
+    const shapes = [];
+    if (profile.name === "oob") shapes.push(svg("rect", { class: "outside", x: 0, y: up(0), width: wide, height: Math.max(0, tall - up(0)) }));
+    if (profile.zero) shapes.push(svg("path", { class: "zero", d: `M0 ${up(0)}H${wide}` }));
+    if (profile.limit !== null && profile.limit !== undefined) shapes.push(svg("path", { class: "limit", d: `M0 ${up(profile.limit)}H${wide}` }));
+    shapes.push(svg("path", { class: `line line-${profile.name}`, d: pathText(profile.points.map(([d, v]) => [across(d), up(v)])) }));
+    const label = `${profile.title} in ${profile.unit} along the road`;
+    return el(
+      "div",
+      { class: "plot" },
+      svg("svg", { viewBox: `0 0 ${wide} ${tall}`, preserveAspectRatio: "none", role: "img", "aria-label": label }, shapes),
+    );
+  }
+
+  return { open, close, get state() { return shown; } };
+})();
+
+/** The car at a time, between records. */
+function momentAt(records, time) {
+  const { time: times } = records;
+  let low = 0;
+  let high = times.length - 1;
+  while (high - low > 1) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= time) low = middle;
+    else high = middle;
+  }
+  const span = times[high] - times[low];
+  const share = span > 0 ? clamp((time - times[low]) / span, 0, 1) : 0;
+  const between = (name) => records[name][low] + share * (records[name][high] - records[name][low]);
+  return Object.fromEntries(Object.keys(RESOLUTIONS).map((name) => [name, between(name)]));
+}
+
+function legend() {
+  const stops = Array.from({ length: COLOURS }, (_, i) => el("i", { class: `oob-${COLOURS - 1 - i}` }));
+  return el("figcaption", {}, "Path by oob distance: in its lane ", el("span", { class: "ramp" }, stops), " 1 m outside");
+}
+
+function badge(outcome) {
+  return el("span", { class: `badge outcome-${outcome.toLowerCase()}` }, outcome);
+}
+
+function factsOf(drive) {
+  const test = tests.get(drive.id);
+  const parents = test.parents.length ? ` of ${test.parents.join(" and ")}` : "";
+  const facts = [
+    ["MOOBD", `${fixed(drive.moobd, 2, "m")}${drive.moobd_distance === null ? "" : `, at ${fixed(drive.moobd_distance, 0, "m")}`}`],
+    ["Largest oob share", percent(drive.max_oob_share)],
+    ["Left its lane", drive.departure === null ? "no" : `to the ${drive.departure.side}, at ${fixed(drive.departure.distance, 0, "m")} after ${fixed(drive.departure.time, 1, "s")}`],
+    ["Duration", fixed(drive.duration, 1, "s")],
+    ["Road", `${fixed(roadLength(drive.road), 0, "m")}, sharpest radius ${sharpest(drive.road)}`],
+    ["Origin", `${test.operator}${parents}, generation ${drive.generation}`],
+  ];
+  const repeats = repeatsOf(drive.id);
+  if (repeats !== null) facts.push([`Driven again: ${repeats.stability}`, repeats.text]);
+  return el("dl", { class: "facts" }, facts.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
+}
+
+function sharpest(road) {
+  const most = Math.max(...road.curvatures.map(Math.abs));
+  return most < 1e-4 ? "straight" : fixed(1 / most, 0, "m");
+}
+
+function actionsOf(drive) {
+  const { campaign, drive_options: options } = report;
+  const isNamed = options !== null; // and not made in Python
+  const parts = [];
+  if (drive.road_file !== null) {
+    const line = `frenetic drive ${joined(campaign, drive.road_file)}`;
+    parts.push(isNamed ? commandLine(`${line} ${options}`, "Drive it again") : commandLine(line, "Drive its road, with the driver of your choice"));
+  }
+  parts.push(commandLine(`frenetic show ${campaign} ${drive.id}`, "Show it in full, with a picture"));
+  if (drive.outcome === "FAIL" && isNamed) parts.push(commandLine(`frenetic minimise ${campaign} ${drive.id}`, "Find the shortest road that fails like it"));
+  const minimised = drive.minimised;
+  if (minimised !== null) {
+    const text = `Minimised: ${fixed(roadLength(minimised), 0, "m")} of ${fixed(roadLength(drive.road), 0, "m")}`;
+    parts.unshift(el("figure", { class: "minimised" }, roadPicture(drive, text, minimised), el("figcaption", {}, text)));
+  }
+  return el("div", { class: "actions" }, parts);
+}
+
+/** A file in the campaign's folder, whose name may be quoted. */
+function joined(campaign, file) {
+  const quote = campaign.at(-1);
+  return quote === "'" || quote === '"' ? `${campaign.slice(0, -1)}/${file}${quote}` : `${campaign}/${file}`;
+}
+
+function familyPart(id, order) {
+  const tree = familyTree(id);
+  if (tree === null) return el("div");
+  return el("section", { class: "player-family" }, el("h3", {}, "Ancestors"), tree);
+}

@@ -1,0 +1,161 @@
+// Roads and drives: from the page's numbers to shapes.
+
+const RESOLUTIONS = {
+  time: 0.01, x: 0.01, y: 0.01, heading: 0.001, distance: 0.01, oob: 0.01, speed: 0.01, steering: 0.001,
+};
+const COLOURS = 9; // of the path, from out of the lane to in it
+const POINT_SPACING = 2; // m, of a road's lines
+
+/** The records of a drive, decoded once: columns in m, s, rad, m/s. */
+const decoded = new WeakMap();
+
+function recordsOf(drive) {
+  if (!decoded.has(drive)) {
+    const records = {};
+    Object.entries(RESOLUTIONS).forEach(([name, resolution], place) => {
+      let value = 0;
+      let slope = 0;
+      records[name] = drive.columns[place].map((second) => {
+        slope += second;
+        value += slope;
+        return value * resolution;
+      });
+    });
+    decoded.set(drive, records);
+  }
+  return decoded.get(drive);
+}
+
+/** Curvature at a distance: linear between the samples. */
+function curvatureAt(road, distance) {
+  const last = road.curvatures.length - 1;
+  const place = clamp(distance / road.step, 0, last);
+  const i = Math.min(Math.floor(place), last - 1);
+  return road.curvatures[i] + (place - i) * (road.curvatures[i + 1] - road.curvatures[i]);
+}
+
+function roadLength(road) {
+  return road.step * (road.curvatures.length - 1);
+}
+
+/** The centre line: {x, y, heading, distance} every POINT_SPACING m or less. */
+function centreLine(road) {
+  const length = roadLength(road);
+  const steps = Math.max(1, Math.ceil(length / POINT_SPACING));
+  const h = length / steps;
+  let [x, y, heading] = road.pose;
+  const line = [{ x, y, heading, distance: 0 }];
+  for (let i = 0; i < steps; i++) {
+    // Four pieces per step, Simpson's rule over the heading in each.
+    const piece = h / 4;
+    for (let k = 0; k < 4; k++) {
+      const from = i * h + k * piece;
+      const first = curvatureAt(road, from);
+      const middle = curvatureAt(road, from + piece / 2);
+      const end = curvatureAt(road, from + piece);
+      const half = heading + (piece / 2) * ((first + middle) / 2);
+      const next = half + (piece / 2) * ((middle + end) / 2);
+      x += (piece / 6) * (Math.cos(heading) + 4 * Math.cos(half) + Math.cos(next));
+      y += (piece / 6) * (Math.sin(heading) + 4 * Math.sin(half) + Math.sin(next));
+      heading = next;
+    }
+    line.push({ x, y, heading, distance: (i + 1) * h });
+  }
+  return line;
+}
+
+/** Where on the screen the world lies: turned so that the road is wider than high, y downwards. */
+function viewOf(points, aspect) {
+  let best = null;
+  for (let k = 0; k < 36; k++) {
+    const turn = (k * Math.PI) / 36;
+    const [c, s] = [Math.cos(turn), Math.sin(turn)];
+    let [left, right, top, bottom] = [Infinity, -Infinity, Infinity, -Infinity];
+    for (const { x, y } of points) {
+      const [u, v] = [c * x - s * y, -(s * x + c * y)];
+      left = Math.min(left, u);
+      right = Math.max(right, u);
+      top = Math.min(top, v);
+      bottom = Math.max(bottom, v);
+    }
+    const scale = Math.max((right - left + 14) / aspect, bottom - top + 14);
+    if (best === null || scale < best.scale - 0.5) {
+      best = { scale, turn, c, s, left, right, top, bottom };
+    }
+  }
+  const width = best.scale * aspect;
+  return {
+    turn: best.turn,
+    box: [(best.left + best.right - width) / 2, (best.top + best.bottom - best.scale) / 2, width, best.scale],
+    place: (x, y) => [best.c * x - best.s * y, -(best.s * x + best.c * y)],
+  };
+}
+
+function pathText(points) {
+  return "M" + points.map(([x, y]) => `${x.toFixed(2)} ${y.toFixed(2)}`).join("L");
+}
+
+/** A line beside the centre line, `offset` m to its left. */
+function besideLine(line, offset, view) {
+  return line.map(({ x, y, heading }) =>
+    view.place(x - offset * Math.sin(heading), y + offset * Math.cos(heading)),
+  );
+}
+
+/** Which colour of the path an oob distance has: 0 is 1 m or more outside of the lane. */
+function oobColour(oob) {
+  return clamp(Math.floor(((oob + 1) / 2) * COLOURS), 0, COLOURS - 1);
+}
+
+/** The lanes and their edges as SVG elements. */
+function roadShapes(line, view) {
+  const lane = report.lane_width;
+  const [left, centre, right] = [lane, 0, -lane].map((offset) => besideLine(line, offset, view));
+  const between = (one, other) => pathText([...one, ...[...other].reverse()]) + "Z";
+  return [
+    svg("path", { class: "lane-other", d: between(left, centre) }),
+    svg("path", { class: "lane-ego", d: between(centre, right) }),
+    svg("path", { class: "edge", d: pathText(left) }),
+    svg("path", { class: "edge", d: pathText(right) }),
+    svg("path", { class: "centre", d: pathText(centre) }),
+  ];
+}
+
+/** The car's path as SVG elements, each with the colour of its oob distance. */
+function pathShapes(records, view) {
+  const shapes = [];
+  let points = [];
+  let last = null;
+  records.x.forEach((x, i) => {
+    const point = view.place(x, records.y[i]);
+    const tint = oobColour(records.oob[i]);
+    points.push(point);
+    if (last !== null && tint !== last) {
+      shapes.push(svg("path", { class: `path oob-${last}`, d: pathText(points) }));
+      points = [point];
+    }
+    last = tint;
+  });
+  if (points.length > 1) shapes.push(svg("path", { class: `path oob-${last}`, d: pathText(points) }));
+  return shapes;
+}
+
+/** A small picture of a drive from above. */
+function roadPicture(drive, label, road = drive.road) {
+  const line = centreLine(road);
+  const aspect = 1.6;
+  const isOwn = road === drive.road;
+  const records = isOwn ? recordsOf(drive) : null;
+  const seen = records === null ? line : [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
+  const view = viewOf(seen, aspect);
+  const [startX, startY] = records === null ? besideLine(line.slice(0, 1), -report.lane_width / 2, view)[0] : view.place(records.x[0], records.y[0]);
+  const shapes = [...roadShapes(line, view), svg("circle", { class: "start", cx: startX, cy: startY, r: view.box[2] / 70 })];
+  if (isOwn) {
+    shapes.push(...pathShapes(records, view));
+    if (drive.departure !== null) {
+      const [x, y] = view.place(drive.departure.x, drive.departure.y);
+      shapes.push(svg("circle", { class: "left-here", cx: x, cy: y, r: view.box[2] / 32 }));
+    }
+  }
+  return svg("svg", { viewBox: view.box.map((v) => v.toFixed(2)).join(" "), class: "picture", role: "img", "aria-label": label }, shapes);
+}

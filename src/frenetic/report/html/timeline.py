@@ -1,0 +1,156 @@
+"""Failures over simulations, tests and time, beside what random roads would have found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.analysis.clusters import Clusters
+from frenetic.analysis.statistics import proportion_interval
+from frenetic.arrays import FloatArray
+from frenetic.outcome import Outcome
+from frenetic.report.html.blocks import Section, percent
+from frenetic.report.html.told import Told
+from frenetic.search.random_search import RANDOM
+
+POINTS: Final = 1200
+"""Points of a curve that are kept at most."""
+
+_UNITS: Final = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What would have been found if all roads were as those of the random phase."""
+
+    share: float
+    """Of the random roads that failed, 0..1."""
+    low: float
+    """Ends of Wilson's 95 % interval of the share."""
+    high: float
+    of: tuple[float, ...]
+    """How many roads the share is multiplied with, per point."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One way to count what was spent."""
+
+    name: str
+    title: str
+    x: tuple[float, ...]
+    expected: Expectation | None
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """Failures found so far, over what was spent by then."""
+
+    kind: ClassVar[str] = "timeline"
+    failures: tuple[int, ...]
+    distinct: tuple[int, ...]
+    axes: tuple[Axis, ...]
+    caption: str
+
+
+def timeline_section(tests: Sequence[Told], clusters: Clusters) -> Section:
+    """Failures over time; a section without blocks if nothing was tested."""
+    tested = [test for test in tests if test.outcome.is_test]
+    if not tested:
+        return Section("time", "Failures over time", (), "Nothing was tested yet.")
+    shown = _shown(len(tested))
+    failed = np.array([test.outcome is Outcome.FAIL for test in tested])
+    driven = np.array([test.outcome is not Outcome.INVALID for test in tested])
+    simulations = np.cumsum(driven)[shown]
+    numbers = np.arange(1, len(tested) + 1)[shown]
+    random = np.array([test.origin.operator == RANDOM for test in tested])
+    failures = int((failed & random).sum())
+    axes = [
+        Axis(
+            "simulations",
+            "simulations",
+            _floats(simulations),
+            _expectation(failures, int((driven & random).sum()), simulations),
+        ),
+        Axis(
+            "tests",
+            "tests, roads that were refused included",
+            _floats(numbers),
+            _expectation(failures, int(random.sum()), numbers),
+        ),
+    ]
+    elapsed = [test.elapsed for test in tested]
+    if None not in elapsed:
+        # Results may be told out of the order in which they were timed.
+        seconds = np.maximum.accumulate(np.array(elapsed, dtype=np.float64))[shown]
+        expected = _expectation(failures, int((driven & random).sum()), simulations)
+        unit, length = next(one for one in _UNITS if seconds[-1] >= 3.0 * one[1] or one[1] == 1.0)
+        axes.append(Axis("time", f"wall time ({unit})", _floats(seconds / length, 4), expected))
+    timeline = Timeline(
+        failures=tuple(np.cumsum(failed)[shown].tolist()),
+        distinct=_distinct(tested, clusters, shown),
+        axes=tuple(axes),
+        caption=_caption(failures, int((driven & random).sum()), bool(random.all()), clusters)
+        + _compared(clusters, int(failed.sum())),
+    )
+    return Section("time", "Failures over time", (timeline,))
+
+
+def _shown(number: int) -> npt.NDArray[np.int64]:
+    """Which of so many points are kept, first and last among them."""
+    places = np.linspace(0, number - 1, min(number, POINTS)).round()
+    return np.unique(places.astype(np.int64))
+
+
+def _expectation(failures: int, roads: int, counts: npt.NDArray[np.int64]) -> Expectation | None:
+    if roads == 0:
+        return None
+    low, high = proportion_interval(failures, roads)
+    return Expectation(failures / roads, low, high, _floats(counts))
+
+
+def _distinct(
+    tested: Sequence[Told], clusters: Clusters, shown: npt.NDArray[np.int64]
+) -> tuple[int, ...]:
+    place = {test.id: i for i, test in enumerate(tested)}
+    found = np.zeros(len(tested), dtype=np.int64)
+    for cluster in clusters:
+        # A campaign that goes on may have more failures by now than were read.
+        places = [place[i] for i in cluster.ids if i in place]
+        if places:
+            found[min(places)] += 1
+    return tuple(np.cumsum(found)[shown].tolist())
+
+
+def _caption(failures: int, roads: int, all_random: bool, clusters: Clusters) -> str:
+    distinct = (
+        f"Distinct failures: failures that differ by up to {clusters.threshold:g} m are the same"
+        " problem; the curve rises with the first failure of each."
+    )
+    if roads == 0:
+        return f"No candidate was random, so there is no random expectation. {distinct}"
+    low, high = proportion_interval(failures, roads)
+    share = (
+        f"Random expectation: {failures} of the {roads} random roads that were driven failed"
+        f" ({percent(failures / roads)}); the line continues that share over all simulations, the"
+        f" band the 95 % Wilson interval of the share, {percent(low)} to {percent(high)}. The band"
+        " holds what is not known of the share, not the scatter of the counts."
+    )
+    if all_random:
+        share += " Here all candidates are random."
+    return f"{share} Over tests, roads that were refused count, too. {distinct}"
+
+
+def _compared(clusters: Clusters, failures: int) -> str:
+    if clusters.failures >= failures:
+        return ""
+    return f" Compared were the {clusters.failures} most severe of {failures} failures."
+
+
+def _floats(values: npt.NDArray[np.int64] | FloatArray, digits: int = 0) -> tuple[float, ...]:
+    rounded: list[float] = np.round(values, digits).tolist()
+    return tuple(rounded)

@@ -1,0 +1,209 @@
+"""The HTML report of a campaign, as a file."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.analysis.clusters import Clusters
+from frenetic.analysis.rerunning import Rerun, read_reruns
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.stored import stored_test
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.outcome import Outcome
+from frenetic.report.failures import distinct_failures
+from frenetic.report.html.blocks import Section
+from frenetic.report.html.drives import DRIVES_SIZE, DriveData, drive_data
+from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
+from frenetic.report.html.gallery import family_section, gallery_section
+from frenetic.report.html.headline import headline
+from frenetic.report.html.operators import operators_section
+from frenetic.report.html.page import Report, render
+from frenetic.report.html.repeating import drive_options, repeat_section
+from frenetic.report.html.timeline import timeline_section
+from frenetic.report.html.told import TestTable, Told, ancestors, read_told
+
+REPORT: Final = "report.html"
+"""Name of the report in a campaign's folder."""
+
+
+def write_report(
+    campaign: CampaignStore | Path | str,
+    path: Path | str | None = None,
+    *,
+    clusters: Clusters | None = None,
+    sections: Sequence[Section] = (),
+) -> Path:
+    """Writes the report of a campaign: one HTML file that needs nothing else.
+
+    Args:
+        campaign: open, or its folder.
+        path: where to; ``report.html`` in the campaign's folder by default. What is there is
+            replaced.
+        clusters: its distinct failures, if they are known already.
+        sections: to put after those of the campaign.
+
+    Returns:
+        The file.
+
+    Raises:
+        CampaignError: there is no campaign, or it is damaged.
+        FreneticError: the file cannot be written.
+    """
+    with ExitStack() as stack:
+        store = (
+            campaign
+            if isinstance(campaign, CampaignStore)
+            else stack.enter_context(CampaignStore.open(Path(campaign)))
+        )
+        path = store.folder / REPORT if path is None else Path(path)
+        report = campaign_report(store, clusters=clusters, sections=sections)
+    return write_page(report, path)
+
+
+def write_page(report: Report, path: Path | str) -> Path:
+    """Writes a page beside its place, then renames it: no half page is ever seen.
+
+    Raises:
+        FreneticError: it cannot be written.
+    """
+    path = Path(path)
+    page = render(report)
+    partial = path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
+    try:
+        partial.write_text(page, encoding="utf-8", newline="\n")
+        partial.replace(path)
+    except OSError as error:
+        raise FreneticError(
+            f"the report {path} cannot be written: {error.strerror or error}; choose another place"
+            " with --out"
+        ) from None
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+    return path
+
+
+def campaign_report(
+    store: CampaignStore,
+    *,
+    clusters: Clusters | None = None,
+    sections: Sequence[Section] = (),
+) -> Report:
+    """What the report of a campaign says.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    clusters = distinct_failures(store) if clusters is None else clusters
+    counts, config, facts = store.counts(), store.config, store.facts
+    tests = read_told(store)
+    by_id = {test.id: test for test in tests}
+    reruns, trouble = _reruns(store.folder)
+    drives, measured = _look(
+        store, _telling(tests, by_id, clusters), [test.id for test in choose_mapped(tests)]
+    )
+    opened = {drive.id for drive in drives}
+    spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
+    table = TestTable.of(test for test in tests if test.id in spoken_of)
+    moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
+    top = headline(
+        config,
+        facts,
+        counts,
+        clusters,
+        folder=str(store.folder),
+        elapsed=store.elapsed(),
+        trouble=trouble,
+    )
+    return Report(
+        title=top.title,
+        sections=(
+            Section("summary", top.title, (top,)),
+            timeline_section(tests, clusters),
+            gallery_section(clusters, moobds, opened, reruns, counts.by_outcome[Outcome.FAIL]),
+            map_section(table.ids, measured, tests),
+            family_section(clusters, opened),
+            operators_section(tests, clusters),
+            repeat_section(config, facts),
+            *sections,
+        ),
+        campaign=_shell(store.folder),
+        drive_options=drive_options(config),
+        made_by=f"frenetic {_version()}",
+        lane_width=_lane_width(config.get("lane_width")),
+        tests=table,
+        drives=tuple(drives),
+    )
+
+
+def _look(
+    store: CampaignStore, telling: Sequence[int], mapped: Sequence[int]
+) -> tuple[list[DriveData], dict[int, Measured]]:
+    """The drives of as many telling tests as there is room for, and the features of the mapped.
+
+    Each trajectory is read once, and not kept.
+    """
+    drives: list[DriveData] = []
+    measured: dict[int, Measured] = {}
+    room, is_mapped, is_telling = DRIVES_SIZE, set(mapped), set(telling)
+    for test_id in dict.fromkeys([*telling, *mapped]):
+        if room <= 0 and test_id not in is_mapped:
+            continue
+        record = store.test(test_id)
+        test = stored_test(store, record)
+        if test.drive is None or not len(test.drive.trajectory):
+            continue
+        segment = segment_of(test.road, test.drive, record.departure)
+        if test_id in is_mapped:
+            measured[test_id] = Measured.of(segment)
+        if room > 0 and test_id in is_telling:
+            drives.append(drive_data(record, segment, store.folder))
+            room -= drives[-1].size
+    return drives, measured
+
+
+def _telling(tests: Sequence[Told], by_id: dict[int, Told], clusters: Clusters) -> list[int]:
+    """Ids of the tests to show, the most telling first.
+
+    Each cluster's most severe and typical failure, then those that they descend from, then the
+    most severe failures.
+    """
+    heads = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
+    driven = [i for i in ancestors(by_id, heads) if by_id[i].outcome.is_driven]
+    failed = sorted(
+        (test for test in tests if test.outcome is Outcome.FAIL),
+        key=lambda test: (test.moobd or 0.0, test.id),
+    )
+    return list(dict.fromkeys([*heads, *driven, *(test.id for test in failed)]))
+
+
+def _reruns(folder: Path) -> tuple[dict[int, Rerun], str]:
+    """What is kept of reruns, and what is wrong with it."""
+    try:
+        return read_reruns(folder), ""
+    except CampaignError as error:
+        return {}, str(error)
+
+
+def _shell(path: Path) -> str:
+    """A path as it can be pasted into a shell."""
+    return f'"{path}"' if sys.platform == "win32" else shlex.quote(str(path))
+
+
+def _lane_width(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) else 4.0
+
+
+def _version() -> str:
+    try:
+        return version("frenetic-roads")
+    except PackageNotFoundError:
+        return "unknown"

@@ -1,0 +1,100 @@
+"""Campaigns for the tests of the HTML report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign.store import JSONValue
+from frenetic.drivers import Planner
+from frenetic.outcome import Outcome
+from frenetic.search import Candidate, Frenetic, Origin
+from frenetic.simulators import EmbeddedSimulator
+
+HOSTILE = (
+    "</script><script>window.hacked = 1</script><!-- \u2028 & ' \" <img src=x onerror=hacked=1>"
+)
+"""A text that a page must show and never run."""
+
+
+def make_searched(folder: Path) -> Path:
+    """A campaign with failures, random roads, and roads that were made from others."""
+    Campaign(
+        strategy=Frenetic(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=300),
+        folder=folder,
+    ).run()
+    return folder
+
+
+def make_hostile(folder: Path, searched: Path) -> Path:
+    """A campaign in which every text that may come from outside is `HOSTILE`."""
+    with CampaignStore.open(searched) as store:
+        config = dict(store.config)
+        (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
+    part: JSONValue = {"class": f"module:{HOSTILE}", "options": {HOSTILE: HOSTILE}}
+    versions: JSONValue = {HOSTILE: HOSTILE}
+    texts = {"strategy": part, "driver": part, "versions": versions, "seed": HOSTILE}
+    with CampaignStore.create(folder / "it's <b>", {**config, **texts}) as store:
+        for number in (1, 2):
+            candidate = Candidate(
+                number,
+                failure.candidate.curvatures,
+                failure.candidate.step,
+                Origin(HOSTILE, (1,) if number == 2 else (), number - 1),
+            )
+            store.asked(candidate)
+            store.told(
+                TestRecord(
+                    candidate=candidate,
+                    told=number,
+                    outcome=Outcome.FAIL,
+                    reason=HOSTILE,
+                    budget_spent=0.5,
+                    pose=failure.pose,
+                    moobd=failure.moobd,
+                    max_oob_share=failure.max_oob_share,
+                    duration=failure.duration,
+                    moobd_distance=failure.moobd_distance,
+                    departure_time=failure.departure_time,
+                    departure_distance=failure.departure_distance,
+                    departure_x=failure.departure_x,
+                    departure_y=failure.departure_y,
+                    departure_side=failure.departure_side,
+                    seconds=0.1,
+                    elapsed=0.1 * number,
+                    trajectory=failure.trajectory,
+                )
+            )
+        return store.folder
+
+
+def make_empty(folder: Path, searched: Path) -> Path:
+    """A campaign that was killed before its first test."""
+    with CampaignStore.open(searched) as store:
+        config = store.config
+    CampaignStore.create(folder, config).close()
+    return folder
+
+
+def make_refused(folder: Path, searched: Path) -> Path:
+    """A campaign with one road, which was refused."""
+    make_empty(folder, searched)
+    with CampaignStore.open(folder, readonly=False) as store:
+        candidate = Candidate(1, np.zeros(3), 10.0, Origin("random"))
+        store.asked(candidate)
+        store.told(
+            TestRecord(
+                candidate=candidate,
+                told=1,
+                outcome=Outcome.INVALID,
+                reason="too short",
+                budget_spent=0.0,
+                seconds=0.0,
+            )
+        )
+    return folder

@@ -1,0 +1,604 @@
+from __future__ import annotations
+
+import base64
+import hashlib
+import json
+import re
+import shlex
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
+
+from frenetic.analysis.clusters import Cluster, Clusters
+from frenetic.analysis.features import FEATURES, features_of
+from frenetic.analysis.rerunning import Repeat, Rerun, write_reruns
+from frenetic.analysis.segments import segments_of
+from frenetic.analysis.statistics import proportion_interval
+from frenetic.campaign import CampaignStore
+from frenetic.campaign.store import JSONValue
+from frenetic.cli import cli
+from frenetic.cli.search import run
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.oracle import assess
+from frenetic.outcome import Outcome
+from frenetic.report.failures import distinct_failures, stored_test
+from frenetic.report.html import (
+    Chart,
+    Fact,
+    Facts,
+    Paragraph,
+    Report,
+    Section,
+    Series,
+    campaign_report,
+    render,
+    write_report,
+)
+from frenetic.report.html.drives import RoadData
+from frenetic.report.html.feature_map import NOT_MEASURED, choose_mapped
+from frenetic.report.html.operators import operator_results
+from frenetic.report.html.repeating import repeat_command, repeatability
+from frenetic.report.html.timeline import POINTS, Timeline, timeline_section
+from frenetic.report.html.told import TestTable, Told, ancestors
+from frenetic.road import Road
+from frenetic.search import Origin
+from frenetic.simulators.worlds import World
+
+
+@pytest.fixture(scope="session")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_searched(tmp_path_factory.mktemp("html") / "searched")
+
+
+class Page(HTMLParser):
+    """The scripts of a page, its policy, and all addresses in it."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.scripts: list[tuple[str, str]] = []
+        self.addresses: list[str] = []
+        self.policy = ""
+        self.title = ""
+        self._open = ""
+        self._type = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        given = dict(attributes)
+        self.addresses += [str(given[name]) for name in ("src", "href", "action") if name in given]
+        if given.get("http-equiv") == "Content-Security-Policy":
+            self.policy = given["content"] or ""
+        self._open, self._type = tag, given.get("type") or ""
+        if tag == "script":
+            self.scripts.append((self._type, ""))
+
+    def handle_data(self, data: str) -> None:
+        if self._open == "script":
+            self.scripts[-1] = (self._type, self.scripts[-1][1] + data)
+        elif self._open == "title":
+            self.title += data
+
+    def handle_endtag(self, tag: str) -> None:
+        self._open = ""
+
+    @property
+    def data(self) -> Any:
+        (text,) = (text for kind, text in self.scripts if kind == "application/json")
+        return json.loads(text)
+
+
+def page_of(path: Path) -> Page:
+    return Page(path.read_text(encoding="utf-8"))
+
+
+def block_of(data: Any, kind: str) -> Any:
+    (found,) = (b for s in data["sections"] for b in s["blocks"] if b["kind"] == kind)
+    return found
+
+
+def told(number: int, outcome: Outcome, operator: str = "random", *parents: int) -> Told:
+    moobd = {Outcome.PASS: 1.0, Outcome.FAIL: -number / 10.0}.get(outcome)
+    return Told(number, outcome, moobd, float(number), Origin(operator, parents))
+
+
+def alike(*ids: int) -> Cluster:
+    return Cluster(ids, ids[0], ids[0], -1.0, "left", 0.1, "leaves to the left")
+
+
+# The page
+
+
+def test_page_needs_nothing_else_and_may_load_nothing(searched: Path, tmp_path: Path) -> None:
+    path = write_report(searched, tmp_path / "r.html")
+    page = page_of(path)
+    assert all(address.startswith("#") for address in page.addresses)
+    assert page.policy.startswith("default-src 'none'; ")
+    allowed = re.findall(r"'sha256-([^']+)'", page.policy)
+    for kind, script in page.scripts:
+        if kind != "application/json":
+            digest = hashlib.sha256(script.encode()).digest()
+            assert base64.b64encode(digest).decode() in allowed
+    assert "unsafe-inline" not in page.policy.split("script-src")[1].split(";")[0]
+    assert path.stat().st_size < 8e6
+
+
+def test_same_campaign_gives_the_same_page(searched: Path, tmp_path: Path) -> None:
+    first = write_report(searched, tmp_path / "1.html").read_bytes()
+    assert write_report(str(searched), tmp_path / "2.html").read_bytes() == first
+
+
+def test_no_text_from_outside_becomes_markup(searched: Path, tmp_path: Path) -> None:
+    folder = make_hostile(tmp_path, searched)
+    page = page_of(write_report(folder))
+    assert len(page.scripts) == 3
+    assert page.data["drives"][0]["reason"] == HOSTILE
+    assert page.data["tests"]["operators"] == [HOSTILE]
+    assert shlex.split(page.data["campaign"]) == [str(folder)]
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    assert "window.hacked" in text
+    assert "<script>window.hacked" not in text
+    assert "\u2028" not in text
+
+
+def test_title_is_escaped() -> None:
+    page = Page(render(Report(title=HOSTILE, sections=(Section("a", HOSTILE, ()),))))
+    assert page.title == HOSTILE
+    assert len(page.scripts) == 3
+
+
+# What it says
+
+
+def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        counts = store.counts()
+        clusters = distinct_failures(store)
+        report = campaign_report(store)
+    (headline,) = report.sections[0].blocks
+    tiles = {tile.label: tile.value for tile in headline.tiles}  # type: ignore[attr-defined]
+    assert tiles["simulations"] == str(counts.simulations) == "300"
+    assert tiles["failures"] == str(counts.by_outcome[Outcome.FAIL])
+    assert tiles["distinct failures"] == str(len(clusters))
+    assert tiles["invalid roads"] == str(counts.by_outcome[Outcome.INVALID])
+    assert report.title == f"{len(clusters)} distinct failures in 300 simulations"
+    assert headline.warning == ""  # type: ignore[attr-defined]
+
+
+def test_drives_come_back_as_they_were_stored(searched: Path, tmp_path: Path) -> None:
+    data = page_of(write_report(searched, tmp_path / "r.html")).data
+    steps = (0.01, 0.01, 0.01, 0.001, 0.01, 0.01, 0.01, 0.001)
+    with CampaignStore.open(searched) as store:
+        for drive in data["drives"][:20]:
+            test = stored_test(store, store.test(drive["id"]))
+            assert test.drive is not None
+            path, seen = test.drive.trajectory, assess(test.road, test.drive)
+            n = len(seen.distance)
+            time, x, y, heading, distance, oob, speed, steering = (
+                step * np.cumsum(np.cumsum(column))
+                for step, column in zip(steps, drive["columns"], strict=True)
+            )
+            assert len(time) < n
+            assert time[-1] == pytest.approx(path.time[n - 1], abs=0.006)
+            assert oob.min() == pytest.approx(test.record.moobd, abs=0.006)
+            for column, original, close in (
+                (x, path.x, 0.25),
+                (y, path.y, 0.25),
+                (heading, path.heading, 0.02),
+                (distance, seen.distance, 0.25),
+                (speed, path.speed, 0.1),
+                (steering, path.steering, 0.02),
+            ):
+                assert column == pytest.approx(np.interp(time, path.time, original), abs=close)
+            road = RoadData(**drive["road"])
+            again = Road(road.curvatures, road.step, road.pose, lane_width=4.0)
+            assert np.abs(again.points - test.road.points).max() < 0.05
+
+
+def test_every_cluster_and_its_ancestors_can_be_opened(searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        clusters = distinct_failures(store)
+        report = campaign_report(store, clusters=clusters)
+        outcomes = {record.candidate.id: record.outcome for record in store.tests()}
+    opened = {drive.id for drive in report.drives}
+    assert {cluster.most_severe for cluster in clusters} <= opened
+    assert report.tests is not None
+    parents = dict(zip(report.tests.ids, report.tests.parents, strict=True))
+    for i in opened:
+        for parent in parents[i]:
+            assert parent in parents
+            assert parent in opened or outcomes[parent] is not Outcome.FAIL
+
+
+def test_few_drives_are_shown_where_there_is_little_room(
+    searched: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.report.html.writing.DRIVES_SIZE", 20_000)
+    with CampaignStore.open(searched) as store:
+        report = campaign_report(store)
+        worst = distinct_failures(store)[0].most_severe
+    assert 2 <= len(report.drives) < 10
+    assert report.drives[0].id == worst
+    gallery = next(section for section in report.sections if section.id == "failures")
+    assert re.search(r"\d+ of \d+ failures can be opened here", gallery.lead)
+
+
+def test_timeline_ends_with_the_counts_and_continues_the_random_share() -> None:
+    tests = [told(i, Outcome.FAIL if i % 4 == 0 else Outcome.PASS) for i in range(1, 21)]
+    tests += [told(i, Outcome.INVALID) for i in range(21, 26)]
+    tests += [told(i, Outcome.FAIL, "C1", 4) for i in range(26, 31)]
+    tests += [told(31, Outcome.DROPPED, "C1", 4)]
+    clusters = Clusters((alike(4, 8, 26), alike(12, 16, 20, 27), alike(28, 29, 30)), 2.0)
+    (block,) = timeline_section(tests, clusters).blocks
+    assert isinstance(block, Timeline)
+    assert block.failures[-1] == 10
+    assert block.failures[24] == 5
+    assert block.distinct[-1] == 3
+    assert [block.distinct[i - 1] for i in (3, 4, 12, 27, 28)] == [0, 1, 2, 2, 3]
+    simulations, number, time = block.axes
+    assert simulations.x[-1] == 25
+    assert number.x[-1] == 30
+    assert time.x[-1] == 30.0
+    assert simulations.expected is not None
+    assert number.expected is not None
+    assert simulations.expected.share == pytest.approx(5 / 20)
+    assert (simulations.expected.low, simulations.expected.high) == proportion_interval(5, 20)
+    assert number.expected.share == pytest.approx(5 / 25)
+    assert simulations.expected.of == simulations.x
+    assert "5 of the 20 random roads" in block.caption
+
+
+def test_timeline_of_a_long_campaign_is_thinned_but_keeps_its_ends() -> None:
+    tests = [told(i, Outcome.FAIL if i % 10 == 0 else Outcome.PASS) for i in range(1, 10_001)]
+    (block,) = timeline_section(tests, Clusters((), 2.0)).blocks
+    assert isinstance(block, Timeline)
+    assert len(block.failures) == POINTS
+    assert block.axes[0].x[0] == 1
+    assert block.axes[0].x[-1] == 10_000
+    assert block.failures[-1] == 1000
+
+
+@pytest.mark.parametrize(
+    ("seconds", "title", "last"),
+    [
+        (100.0, "wall time (s)", 100.0),
+        (600.0, "wall time (min)", 10.0),
+        (36e3, "wall time (h)", 10),
+    ],
+)
+def test_wall_time_has_a_unit_that_suits_it(seconds: float, title: str, last: float) -> None:
+    tests = [Told(i, Outcome.PASS, 1.0, seconds * i / 10, Origin("random")) for i in range(1, 11)]
+    (block,) = timeline_section(tests, Clusters((), 2.0)).blocks
+    assert isinstance(block, Timeline)
+    assert block.axes[-1].title == title
+    assert block.axes[-1].x[-1] == last
+
+
+def test_timeline_without_random_roads_or_times_says_so() -> None:
+    tests = [Told(1, Outcome.FAIL, -1.0, None, Origin("mine"))]
+    (block,) = timeline_section(tests, Clusters((alike(1),), 2.0)).blocks
+    assert isinstance(block, Timeline)
+    assert [axis.name for axis in block.axes] == ["simulations", "tests"]
+    assert block.axes[0].expected is None
+    assert "no random expectation" in block.caption
+
+
+def test_operators_are_counted_by_hand() -> None:
+    tests = [
+        told(1, Outcome.PASS),
+        told(2, Outcome.FAIL),
+        told(3, Outcome.FAIL, "C1", 1, 2),  # -0.3, from -0.2 and 1.0
+        told(4, Outcome.INVALID, "C1", 1),
+        told(5, Outcome.PASS, "P1", 1),
+        told(6, Outcome.FAIL, "P1", 3),  # -0.6, from -0.3
+        told(7, Outcome.DROPPED, "F1", 3),
+    ]
+    clusters = Clusters((alike(2, 3), alike(6)), 2.0)
+    random, crossed, mutated = operator_results(tests, clusters)
+    assert (random.name, random.tests, random.failures, random.change) == ("random", 2, 1, None)
+    assert (crossed.tests, crossed.driven, crossed.failures, crossed.share) == (2, 1, 1, 1.0)
+    assert (crossed.distinct, crossed.first) == (1, 0)
+    assert (random.distinct, random.first) == (1, 1)
+    assert (mutated.distinct, mutated.first) == (1, 1)
+    assert crossed.change == pytest.approx(-0.1)
+    assert mutated.change == pytest.approx((0.0 - 0.3) / 2)
+    assert mutated.interval == proportion_interval(1, 2)
+
+
+def test_map_has_the_bins_of_the_features(searched: Path, tmp_path: Path) -> None:
+    data = page_of(write_report(searched, tmp_path / "r.html")).data
+    block, ids = block_of(data, "featureMap"), data["tests"]["ids"]
+    axes = {axis["name"]: axis for axis in block["axes"]}
+    assert axes.keys() == FEATURES.keys()
+    measured = 0
+    with CampaignStore.open(searched) as store:
+        for record, segment in segments_of(store):
+            row = ids.index(record.candidate.id)
+            measured += 1
+            for name, feature in FEATURES.items():
+                assert int(axes[name]["segment"][row], 36) == feature.bin_of(features_of(segment))
+                whole = features_of(segment.whole())
+                assert int(axes[name]["whole"][row], 36) == feature.bin_of(whole)
+    assert measured == sum(letter != NOT_MEASURED for letter in axes["length"]["segment"])
+
+
+def test_of_too_many_tests_the_most_severe_and_a_spread_of_the_others_are_mapped() -> None:
+    tests = [told(i, Outcome.FAIL if i % 2 else Outcome.PASS) for i in range(1, 1001)]
+    chosen = choose_mapped(tests, limit=100)
+    failed = [test for test in chosen if test.outcome is Outcome.FAIL]
+    passed = [test.id for test in chosen if test.outcome is Outcome.PASS]
+    assert len(chosen) == 100
+    assert len(failed) == 50
+    assert min(test.moobd for test in failed if test.moobd is not None) == -99.9
+    assert passed[0] == 2
+    assert passed[-1] == 1000
+    assert choose_mapped(tests) == tests
+
+
+def test_ancestors_are_found_nearest_first_and_once() -> None:
+    tests = [
+        told(1, Outcome.FAIL),
+        told(2, Outcome.FAIL),
+        told(3, Outcome.FAIL, "C1", 1, 2),
+        told(4, Outcome.FAIL, "C1", 3, 1),
+    ]
+    assert ancestors({test.id: test for test in tests}, [4]) == [3, 1, 2]
+
+
+def test_table_keeps_what_it_was_made_of() -> None:
+    table = TestTable.of(
+        [told(1, Outcome.PASS), told(2, Outcome.INVALID), told(5, Outcome.FAIL, "F1", 1)]
+    )
+    assert table.ids == (1, 2, 5)
+    assert table.outcomes == "PIF"
+    assert table.moobds == (100, None, -50)
+    assert [table.operators[i] for i in table.operator] == ["random", "random", "F1"]
+    assert table.parents == ((), (), (1,))
+
+
+def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
+    folder = make_hostile(tmp_path, searched)
+    recorded = Repeat(World(), Outcome.FAIL, -1.0)
+    passed = Repeat(World(), Outcome.PASS, 1.0)
+    write_reruns(folder, [Rerun(1, recorded, (), 0, {}, {}, (recorded, *[passed] * 19))])
+    (folder / "minimised").mkdir()
+    (folder / "minimised" / "test-00001.json").write_text('{"curvatures": [0, 0.05, 0]}')
+    (folder / "minimised" / "test-00002.json").write_text("no road")
+    (folder / "failures").mkdir()
+    (folder / "failures" / "test-00002.json").write_text("{}")
+    data = page_of(write_report(folder)).data
+    (repeats,) = block_of(data, "gallery")["repeats"]
+    assert repeats["test"] == 1
+    assert repeats["stability"] == "fragile"
+    assert repeats["share"] == pytest.approx(0.05)
+    drives = {drive["id"]: drive for drive in data["drives"]}
+    assert drives[1]["minimised"]["curvatures"] == [0.0, 0.05, 0.0]
+    assert drives[2]["minimised"] is None
+    assert drives[1]["road_file"] is None
+    assert drives[2]["road_file"] == "failures/test-00002.json"
+
+
+def test_damaged_reruns_are_mentioned_and_do_no_harm(searched: Path, tmp_path: Path) -> None:
+    folder = make_hostile(tmp_path, searched)
+    (folder / "reruns.json").write_text("{")
+    warning = block_of(page_of(write_report(folder)).data, "headline")["warning"]
+    assert "reruns.json is damaged" in warning
+
+
+def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path) -> None:
+    for make in (make_empty, make_refused):
+        folder = make(tmp_path / make.__name__, searched)
+        data = page_of(write_report(folder)).data
+        headline = block_of(data, "headline")
+        assert headline["title"] == "No failure in 0 simulations"
+        assert headline["warning"].startswith("Not finished")
+        assert data["drives"] == []
+
+
+# Sections of one's own
+
+
+def test_a_section_of_ones_own_is_shown(searched: Path, tmp_path: Path) -> None:
+    section = Section(
+        "bench",
+        "The bench",
+        (
+            Paragraph("Two tools."),
+            Facts((Fact("tools", "2"),)),
+            Chart((Series("ours", (1.0, 2.0), (float("nan"), 4.0)),), "runs", "failures"),
+        ),
+    )
+    data = page_of(write_report(searched, tmp_path / "r.html", sections=[section])).data
+    assert data["sections"][-1]["title"] == "The bench"
+    assert block_of(data, "chart")["series"][0]["y"] == [None, 4.0]
+
+
+@pytest.mark.parametrize("name", ["", "a b", "x'y", "map", "<b>"])
+def test_a_section_id_that_cannot_be_used_is_refused(name: str) -> None:
+    sections = (Section("map", "Map", ()), Section(name, "Mine", ()))
+    with pytest.raises(ValueError, match="a section's id is"):
+        render(Report(title="x", sections=sections))
+
+
+# Repeating
+
+
+def command_of(*arguments: str) -> dict[str, Any]:
+    """The values of all options of `frenetic run`."""
+    with run.make_context("run", list(arguments)) as context:
+        return dict(context.params)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--simulations", "20", "--seed", "3"],
+        ["--failures", "1", "--time", "90", "--seed", "7", "--unordered", "--workers", "1"],
+        ["--simulations", "2", "--noise", "0.1", "--view", "20", "--speed-limit", "55.5"],
+        ["--simulations", "2", "--ordered", "--lookahead", "3", "--map-size", "250"],
+        [
+            "--simulations",
+            "2",
+            "--driver-option",
+            "aggression=1.2",
+            "--strategy-option",
+            "threshold=-0.2",
+        ],
+    ],
+)
+def test_command_repeats_the_campaign(arguments: list[str], tmp_path: Path) -> None:
+    given = [*arguments, "--workers", "1"] if "--workers" not in arguments else arguments
+    done = CliRunner().invoke(cli, ["run", *given, "--out", str(tmp_path / "c")])
+    assert done.exit_code == 0, done.output
+    with CampaignStore.open(tmp_path / "c") as store:
+        line = repeat_command(store.config, store.facts)
+        seed = store.config["seed"]
+    assert line is not None
+    words = shlex.split(line)
+    assert words[:2] == ["frenetic", "run"]
+    wanted = command_of(*given)
+    if wanted["ordered"] is None:
+        wanted["ordered"] = "--seed" in given
+    if wanted["ordered"] and wanted["lookahead"] is None:
+        wanted["lookahead"] = 16
+    wanted["seed"] = seed
+    assert command_of(*words[2:]) == wanted
+
+
+@pytest.mark.parametrize(
+    "value", ["x y", "7", "$HOME", "it's", 3, 0.25, True, None, [1, "a"], {"a": 1}, ""]
+)
+def test_options_of_a_repeated_command_keep_their_values(value: JSONValue, searched: Path) -> None:
+    command: JSONValue = {
+        "strategy": "frenetic",
+        "strategy_options": {"mine": value},
+        "driver": "my drivers.py:It's",
+        "driver_options": {},
+        "noise": None,
+        "delay": 0.05,
+        "view": None,
+        "simulator": "embedded",
+        "simulator_options": {},
+        "speed_limit": 70.0,
+        "oob_tolerance": 0.95,
+        "wall_limit": 60.0,
+    }
+    with CampaignStore.open(searched) as store:
+        line = repeat_command({**store.config, "command": command}, store.facts)
+    assert line is not None
+    again = command_of(*shlex.split(line)[2:])
+    assert again["strategy_options"] == (("mine", value),)
+    assert again["driver"] == "my drivers.py:It's"
+    assert again["delay"] == 0.05
+
+
+def test_it_is_said_whether_a_campaign_can_be_repeated(searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        config, facts = dict(store.config), store.facts
+    assert repeat_command(config, facts) is None
+    assert "started from Python" in repeatability(config, facts)
+    many = {**config, "workers": 4}
+    assert "not exactly repeatable" in repeatability(many, facts)
+    assert "any number of workers" in repeatability({**many, "lookahead": 16}, facts)
+    timed = {"budget": {"simulations": None, "time": 60, "failures": None}}
+    assert "machine's speed" in repeatability(config, timed)
+    damaged = {**config, "command": {"strategy": 3}}
+    assert repeat_command(damaged, facts) is None
+    assert "damaged" in repeatability(damaged, facts)
+
+
+# Files and the command line
+
+
+def test_report_replaces_an_older_one_and_leaves_nothing_else(
+    searched: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "r.html"
+    path.write_text("old")
+    with CampaignStore.open(searched) as store:
+        assert write_report(store, path) == path
+    assert page_of(path).title.endswith("simulations")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_report_that_cannot_be_written_is_one_clear_line(searched: Path, tmp_path: Path) -> None:
+    with pytest.raises(FreneticError, match=r"cannot be written: .*--out") as caught:
+        write_report(searched, tmp_path / "nowhere" / "r.html")
+    assert "\n" not in str(caught.value)
+    in_the_way = tmp_path / "r.html"
+    in_the_way.mkdir()
+    with pytest.raises(FreneticError, match="cannot be written"):
+        write_report(searched, in_the_way)
+    assert list(tmp_path.iterdir()) == [in_the_way]
+
+
+def test_there_is_no_report_of_what_is_no_campaign(tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match="holds no campaign"):
+        write_report(tmp_path)
+
+
+def test_report_command_says_where(searched: Path, tmp_path: Path) -> None:
+    out = tmp_path / "r.html"
+    done = CliRunner().invoke(cli, ["report", str(searched), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert done.output == f"Report:      {out}\n"
+    assert page_of(out).data["campaign"] == shlex.quote(str(searched))
+
+
+def test_report_is_shown_in_a_browser_or_its_absence_is_mentioned(
+    searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["report", str(searched), "--out", str(tmp_path / "r.html"), "--open"]
+    opened: list[str] = []
+
+    def open_second(url: str) -> bool:
+        opened.append(url)
+        return len(opened) > 1
+
+    monkeypatch.setattr("webbrowser.open", open_second)
+    done = CliRunner().invoke(cli, arguments)
+    assert "There is no browser here" in done.stderr
+    done = CliRunner().invoke(cli, arguments)
+    assert "browser" not in done.stderr
+    assert opened == [(tmp_path / "r.html").as_uri()] * 2
+
+
+def test_a_search_ends_with_a_report(tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    search = ["run", "--simulations", "30", "--seed", "1", "--workers", "1", "--out", str(folder)]
+    done = CliRunner().invoke(cli, search)
+    assert done.exit_code == 0, done.output
+    assert f"Report:      {folder / 'report.html'}\n" in done.output
+    first = block_of(page_of(folder / "report.html").data, "headline")["title"]
+    assert first.endswith("in 30 simulations")
+    more = ["resume", str(folder), "--simulations", "10", "--workers", "1"]
+    done = CliRunner().invoke(cli, more)
+    assert done.exit_code == 0, done.output
+    assert block_of(page_of(folder / "report.html").data, "headline")["title"].endswith(
+        "in 40 simulations"
+    )
+
+
+def test_a_search_loses_nothing_when_its_report_cannot_be_written(tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    (folder / "report.html").mkdir(parents=True)
+    search = ["run", "--simulations", "30", "--seed", "1", "--workers", "1", "--out", str(folder)]
+    done = CliRunner().invoke(cli, search)
+    assert done.exit_code == 0, done.output
+    assert "There is no report: " in done.stderr
+    assert f"Results:     {folder}" in done.output
+    with CampaignStore.open(folder) as store:
+        assert store.counts().simulations == 30
+
+
+def test_report_command_has_help() -> None:
+    done = CliRunner().invoke(cli, ["report", "--help"])
+    assert done.exit_code == 0
+    assert isinstance(cli, click.Group)
+    assert "without a network" in " ".join(done.output.split())

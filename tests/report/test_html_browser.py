@@ -1,0 +1,478 @@
+"""The HTML report as a browser shows it: Chromium without a window, driven by Playwright.
+
+Without a Chromium these tests are skipped, unless ``FRENETIC_REQUIRE_BROWSER`` is set, as in CI.
+``FRENETIC_CHROMIUM`` names one that is not found by itself.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import shlex
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
+from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
+
+from frenetic.campaign import CampaignStore
+from frenetic.cli import cli
+from frenetic.report.failures import stored_test
+from frenetic.report.html import (
+    Bars,
+    Chart,
+    Column,
+    Command,
+    Fact,
+    Facts,
+    Paragraph,
+    Section,
+    Series,
+    Table,
+    write_report,
+)
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
+
+
+def find_chromium() -> str | None:
+    named = os.environ.get("FRENETIC_CHROMIUM")
+    return named or next((path for name in NAMES if (path := shutil.which(name))), None)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    path = find_chromium()
+    missing = pytest.fail if os.environ.get("FRENETIC_REQUIRE_BROWSER") else pytest.skip
+    if path is None:
+        missing("there is no Chromium here: install one, or name it in FRENETIC_CHROMIUM")
+    is_root = hasattr(os, "geteuid") and os.geteuid() == 0
+    with sync_playwright() as playwright:
+        try:
+            launched = playwright.chromium.launch(
+                executable_path=path, args=["--no-sandbox"] if is_root else []
+            )
+        except Error as error:
+            missing(f"{path} does not start: {error.message.splitlines()[0]}")
+        yield launched
+        launched.close()
+
+
+@pytest.fixture(scope="session")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = make_searched(tmp_path_factory.mktemp("html") / "searched")
+    write_report(folder)
+    return folder
+
+
+@dataclass
+class Trouble:
+    """What went wrong in a page."""
+
+    errors: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
+
+
+@pytest.fixture
+def show(browser: Browser) -> Iterator[Callable[..., Page]]:
+    """Opens a file and, at the end, asserts that nothing was complained about or loaded."""
+    trouble = Trouble()
+    addresses: list[str] = []
+
+    def opened(path: Path, *, fragment: str = "", **context: Any) -> Page:
+        given = {"viewport": {"width": 1280, "height": 900}, **context}
+        page = browser.new_context(**given).new_page()
+        page.on(
+            "console",
+            lambda m: trouble.errors.append(m.text) if m.type in ("error", "warning") else None,
+        )
+        page.on("pageerror", lambda error: trouble.errors.append(str(error)))
+        page.on("request", lambda request: trouble.requests.append(request.url.split("#")[0]))
+        addresses.append(path.resolve().as_uri())
+        page.goto(addresses[-1] + fragment)
+        return page
+
+    yield opened
+    for context in browser.contexts:
+        context.close()
+    assert trouble.errors == []
+    assert set(trouble.requests) == set(addresses)
+
+
+@pytest.fixture
+def page(show: Callable[..., Page], searched: Path) -> Page:
+    return show(searched / "report.html")
+
+
+def seconds(page: Page) -> float:
+    return float(page.locator("#scrub").input_value())
+
+
+def cursor(page: Page) -> float:
+    """Where the cursor of the profiles is, as a share of their width."""
+    area, line = page.locator("#profiles").bounding_box(), page.locator("#cursor").bounding_box()
+    assert area is not None
+    assert line is not None
+    return (line["x"] - area["x"]) / area["width"]
+
+
+def car(page: Page) -> tuple[float, float]:
+    """Where the car is, in m on the turned map."""
+    moved = page.locator("#car").get_attribute("transform") or ""
+    x, y = re.findall(r"-?[\d.]+", moved)[:2]
+    return float(x), float(y)
+
+
+def background(page: Page) -> int:
+    """How light the page is, 0..765."""
+    found = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    return sum(int(part) for part in re.findall(r"\d+", found)[:3])
+
+
+def test_page_has_all_parts(page: Page) -> None:
+    expect(page.locator("h1")).to_contain_text("in 300 simulations")
+    titles = page.locator("main h2").all_text_contents()
+    assert titles == [
+        "Failures over time",
+        "Failures",
+        "Feature map",
+        "Family tree",
+        "Operators",
+        "Configuration",
+    ]
+    expect(page.locator(".chart .main-svg").first).to_be_visible()
+    assert page.locator(".chart .plot-container").count() == 2
+    assert page.locator(".gallery .card svg .path").count() > 5
+
+
+def test_time_can_be_counted_in_three_ways(page: Page) -> None:
+    for name, title in (("tests", "tests, roads that"), ("wall time", "wall time (s)")):
+        page.get_by_role("button", name=name, exact=True).click()
+        expect(page.locator(".block-timeline .xtitle")).to_contain_text(title)
+
+
+def test_cell_of_the_map_shows_its_roads(page: Page) -> None:
+    cell = page.locator(".cell[class*=severity]").first
+    number = cell.text_content()
+    cell.click()
+    expect(cell).to_have_attribute("aria-selected", "true")
+    panel = page.locator(".map-panel")
+    expect(panel.locator("h3")).to_have_text(re.compile(rf"^{number} failures? of \d+ tests?$"))
+    panel.locator(".card").first.click()
+    expect(page.get_by_role("dialog")).to_be_visible()
+
+
+def test_map_changes_with_its_features(page: Page) -> None:
+    counts = "els => els.map(el => Number(el.textContent)).reduce((a, b) => a + b, 0)"
+    cells = page.locator(".cell")
+    failures = cells.evaluate_all(counts)
+    assert failures > 0
+    before = cells.all_text_contents()
+    page.select_option("#map-across", "std_steering")
+    assert cells.all_text_contents() != before
+    page.select_option("#map-scope", "whole")
+    page.select_option("#map-shade", "count")
+    assert cells.evaluate_all(counts) == failures
+    assert page.locator(".cell[class*=count-]").count() > 0
+
+
+def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
+    page.locator(".gallery .card").first.click()
+    assert seconds(page) == 0.0
+    start = car(page)
+    page.select_option("select[aria-label='Speed of the replay']", "8")
+    page.get_by_role("button", name="Play").click()
+    expect(page.locator(".clock")).to_have_text(re.compile(r"^([3-9]|\d\d)\."))
+    page.get_by_role("button", name="Pause").click()
+    assert math.dist(car(page), start) > 5.0
+    assert cursor(page) > 0.03
+    now = seconds(page)
+    page.wait_for_timeout(100)
+    assert seconds(page) == now
+    page.locator("#scrub").focus()
+    page.keyboard.press("End")
+    page.get_by_role("button", name="Play").click()  # from the start again
+    expect(page.locator("#play")).to_have_text("Play", timeout=20_000)
+    assert seconds(page) == pytest.approx(float(page.locator("#scrub").get_attribute("max") or 0))
+
+
+def test_pointing_at_a_profile_moves_the_car(page: Page) -> None:
+    page.locator(".gallery .card").first.click()
+    box = page.locator("#profiles").bounding_box()
+    assert box is not None
+    before = car(page)
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 20)
+    assert cursor(page) == pytest.approx(0.3, abs=0.01)
+    assert math.dist(car(page), before) > 5.0
+
+
+def test_replay_is_drawn_where_the_simulator_drove(page: Page, searched: Path) -> None:
+    page.locator(".gallery .card").first.click()
+    number = int(re.findall(r"\d+", page.locator("#player-title").text_content() or "")[0])
+    with CampaignStore.open(searched) as store:
+        test = stored_test(store, store.test(number))
+    assert test.drive is not None
+    path = test.drive.trajectory
+    start = car(page)
+    page.keyboard.press("End")
+    driven = math.dist((path.x[0], path.y[0]), (path.x[-1], path.y[-1]))
+    assert math.dist(car(page), start) == pytest.approx(driven, abs=0.1)
+    # The page has made the road out of its curvatures.
+    centre = page.locator("dialog .scene .centre").first.get_attribute("d") or ""
+    points = [tuple(map(float, p.split())) for p in centre.strip("M").split("L")]
+    ends = test.road.points[[0, -1]]
+    assert math.dist(points[0], points[-1]) == pytest.approx(math.dist(*ends), abs=0.1)
+    length = sum(math.dist(a, b) for a, b in pairwise(points))
+    assert length == pytest.approx(test.road.length, abs=0.5)
+    box = page.locator("#car .body")
+    assert float(box.get_attribute("width") or 0) == pytest.approx(test.drive.car.length, abs=1e-3)
+    assert float(box.get_attribute("height") or 0) == pytest.approx(test.drive.car.width, abs=1e-3)
+
+
+def test_keyboard_alone_is_enough(page: Page) -> None:
+    cards = page.locator(".gallery .card")
+    cards.first.focus()
+    page.keyboard.press("ArrowRight")
+    expect(cards.nth(1)).to_be_focused()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowUp")
+    expect(cards.nth(1)).to_be_focused()
+    outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+    assert outline == "solid"
+    page.keyboard.press("Enter")
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_be_visible()
+    first = page.locator("#player-title").text_content()
+    page.keyboard.press("ArrowRight")
+    assert seconds(page) == pytest.approx(0.1)
+    page.keyboard.press("Shift+ArrowRight")
+    assert seconds(page) == pytest.approx(1.1)
+    page.keyboard.press("ArrowLeft")
+    assert seconds(page) == pytest.approx(1.0)
+    page.keyboard.press("Space")
+    expect(page.locator("#play")).to_have_text("Pause")
+    page.keyboard.press("Space")
+    expect(page.locator("#play")).to_have_text("Play")
+    page.keyboard.press("n")
+    assert page.locator("#player-title").text_content() != first
+    page.keyboard.press("p")
+    assert page.locator("#player-title").text_content() == first
+    page.keyboard.press("Escape")
+    expect(dialog).to_be_hidden()
+    expect(cards.nth(1)).to_be_focused()
+
+
+def test_map_is_walked_with_arrow_keys(page: Page) -> None:
+    page.locator(".cell[tabindex='0']").focus()
+    before = page.evaluate("document.activeElement.title")
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowDown")
+    assert page.evaluate("document.activeElement.title") != before
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("ArrowRight")
+    assert page.evaluate("document.activeElement.title") == before
+    page.keyboard.press("Enter")
+    expect(page.locator(".map-panel h3")).to_contain_text("failure")
+
+
+def test_alike_failures_open_beneath_theirs(page: Page) -> None:
+    more = page.locator("button.alike").first
+    number = int(re.findall(r"\d+", more.text_content() or "")[0])
+    members = page.locator(".cluster.is-open .members .card")
+    assert members.count() == 0
+    more.click()
+    expect(more).to_have_attribute("aria-expanded", "true")
+    assert members.count() == min(number, 60)
+    more.click()
+    expect(members.first).to_be_hidden()
+
+
+def test_gallery_is_sorted_and_filtered(page: Page) -> None:
+    cards = page.locator(".gallery > .cluster > .card")
+    everything = cards.count()
+    page.select_option("#gallery-side", "left")
+    texts = page.locator(".gallery .card-text").all_text_contents()
+    assert 0 < len(texts) < everything
+    assert all("leaves to the left" in text for text in texts)
+    page.select_option("#gallery-side", "")
+    page.select_option("#gallery-sort", "first")
+    ids = [int(i) for i in cards.evaluate_all("els => els.map(el => el.dataset.test)")]
+    assert len(ids) == everything
+
+
+def test_family_tree_leads_from_test_to_test(page: Page) -> None:
+    node = page.locator("#family button.node").first
+    words = node.get_attribute("aria-label") or ""
+    node.click()
+    title = page.locator("#player-title").text_content() or ""
+    assert words.startswith(title.split(" FAIL")[0].split(" PASS")[0])
+
+
+def test_commands_are_copied_as_they_are(page: Page, searched: Path) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.locator(".gallery .card").first.click()
+    line = page.locator("dialog .command-line").last
+    text = line.locator("code").text_content() or ""
+    assert re.fullmatch(rf"frenetic show {re.escape(str(searched))} \d+", text)
+    line.get_by_role("button").click()
+    expect(line.get_by_role("button")).to_have_text("Copied")
+    assert page.evaluate("navigator.clipboard.readText()") == text
+
+
+def test_commands_of_a_campaign_in_a_folder_with_blanks_can_be_pasted(
+    show: Callable[..., Page], tmp_path: Path
+) -> None:
+    folder = tmp_path / "it's a night"
+    arguments = ["run", "--failures", "2", "--seed", "1", "--workers", "1", "--out", str(folder)]
+    assert CliRunner().invoke(cli, [*arguments, "--noise", "0.1"]).exit_code == 0
+    page = show(folder / "report.html")
+    page.locator(".gallery .card").first.click()
+    lines = [shlex.split(text) for text in page.locator("dialog code").all_text_contents()]
+    drive, shown, minimise = lines
+    assert drive[:2] == ["frenetic", "drive"]
+    done = CliRunner().invoke(cli, drive[1:])
+    assert done.exit_code == 0
+    assert done.output.startswith("FAIL")
+    assert drive[drive.index("--noise") + 1] == "0.1"
+    assert shown[:3] == ["frenetic", "show", str(folder)]
+    assert minimise[:3] == ["frenetic", "minimise", str(folder)]
+
+
+def test_a_test_has_an_address_of_its_own(show: Callable[..., Page], searched: Path) -> None:
+    page = show(searched / "report.html")
+    page.locator(".gallery .card").nth(1).click()
+    address = page.evaluate("location.hash")
+    title = page.locator("#player-title").text_content()
+    assert re.fullmatch(r"#test-\d+", address)
+    again = show(searched / "report.html", fragment=address)
+    expect(again.locator("#player-title")).to_have_text(title or "")
+
+
+def test_dark_colours_follow_the_system_and_the_switch(
+    show: Callable[..., Page], searched: Path
+) -> None:
+    page = show(searched / "report.html", color_scheme="dark")
+    assert background(page) < 150
+    ink = "getComputedStyle(document.querySelector('.xtitle')).fill"
+    dark = page.evaluate(ink)
+    button = page.locator("#theme")
+    button.click()
+    expect(button).to_have_text("Light")
+    assert background(page) > 600
+    assert page.evaluate(ink) != dark
+    page.reload()
+    expect(page.locator("#theme")).to_have_text("Light")
+    page.locator("#theme").click()
+    expect(page.locator("#theme")).to_have_text("Dark")
+    assert background(page) < 150
+
+
+@pytest.mark.parametrize("width", [320, 390, 768])
+def test_small_screens_need_no_scrolling_sideways(
+    show: Callable[..., Page], searched: Path, width: int
+) -> None:
+    page = show(searched / "report.html", viewport={"width": width, "height": 844}, has_touch=True)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.locator(".gallery .card").first.click()
+    dialog = page.get_by_role("dialog")
+    assert dialog.evaluate("dialog => dialog.scrollWidth <= dialog.clientWidth")
+    box = dialog.bounding_box()
+    assert box is not None
+    assert box["width"] <= width
+
+
+def test_paper_is_white_and_has_no_switches(show: Callable[..., Page], searched: Path) -> None:
+    page = show(searched / "report.html", color_scheme="dark")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    page.emulate_media(media="print")
+    assert background(page) == 3 * 255
+    for hidden in (".bar", ".choices", ".copy", ".map-panel"):
+        expect(page.locator(hidden).first).to_be_hidden()
+    widths = page.locator(".main-svg").evaluate_all("els => els.map(el => el.clientWidth)")
+    assert max(widths) <= 660
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    page.emulate_media(media="screen")
+    assert background(page) < 150
+    assert len(page.pdf(format="A4")) > 20_000
+
+
+def test_no_text_from_outside_is_run(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    page = show(write_report(make_hostile(tmp_path, searched)))
+    page.locator(".gallery .card").first.click()
+    expect(page.locator(".reason")).to_have_text(HOSTILE)
+    assert page.evaluate("window.hacked === undefined && typeof hacked === 'undefined'")
+    assert page.locator("main img, dialog img").count() == 0
+    expect(page.locator("#operators tbody th")).to_have_text(HOSTILE)
+
+
+def test_a_script_that_is_not_ours_is_refused(browser: Browser, searched: Path) -> None:
+    page = browser.new_page()
+    page.goto((searched / "report.html").as_uri())
+    blocked = page.evaluate(
+        """() => new Promise((resolve) => {
+          const refused = (event) => resolve(event.effectiveDirective);
+          document.addEventListener("securitypolicyviolation", refused);
+          const script = document.createElement("script");
+          script.textContent = "window.hacked = 1";
+          document.body.append(script);
+        })"""
+    )
+    assert blocked.startswith("script-src")
+    assert page.evaluate("window.hacked === undefined")
+    page.close()
+
+
+def test_a_campaign_without_tests_has_a_page(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    page = show(write_report(make_empty(tmp_path / "empty", searched)))
+    expect(page.locator("h1")).to_have_text("No failure in 0 simulations")
+    expect(page.locator(".warning")).to_contain_text("Not finished")
+    expect(page.locator("#failures")).to_contain_text("No failure was found.")
+
+
+def test_sections_of_ones_own_are_drawn(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    section = Section(
+        id="bench",
+        title="The bench",
+        lead="Two tools.",
+        blocks=(
+            Paragraph("A paragraph."),
+            Facts((Fact("a", "b"),), "Some facts"),
+            Facts((Fact("c", "d"),), "Folded facts", folded=True),
+            Command("frenetic bench", "How it was made"),
+            Table(
+                (Column("tool"), Column("n", True)), (("ours", "1"), ("theirs", "2")), "Caption."
+            ),
+            Chart(
+                (Series("line", (0.0, 1.0), (1.0, 2.0), (0.5, 1.5), (1.5, 2.5), dashed=True),),
+                "runs",
+                "failures",
+            ),
+            Bars(("one", "two"), (1.0, None), "share", (0.5, None), (1.5, None), role="pass"),
+        ),
+    )
+    page = show(write_report(searched, tmp_path / "r.html", sections=[section]))
+    ours = page.locator("#bench")
+    for text in (
+        "Two tools.",
+        "A paragraph.",
+        "Some facts",
+        "frenetic bench",
+        "theirs",
+        "Caption.",
+    ):
+        expect(ours).to_contain_text(text)
+    assert ours.locator(".chart .plot-container").count() == 2
+    expect(page.locator("nav a").last).to_have_text("The bench")
