@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
+from enum import Enum
 
 
-class Outcome(StrEnum):
+class Outcome(str, Enum):  # noqa: UP042  # Python 3.9 runs `frenetic.competition`
     """What became of a road test."""
+
+    __str__ = str.__str__  # PASS, not Outcome.PASS: it is an `enum.StrEnum`, which 3.9 lacks
 
     PASS = "PASS"
     """The car reached the end of the road in its lane."""

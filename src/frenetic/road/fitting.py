@@ -17,15 +17,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.errors import RoadError
 from frenetic.road.validity import MAP_SIZE, as_points
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 __all__ = ["MARGIN", "RigidMotion", "fit_to_map"]
 

@@ -20,13 +20,16 @@ starts on the first point, or reaches the last, stands on a lane.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.errors import RoadError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 X, Y, HEADING, CURVATURE, COS, SIN = range(6)
 

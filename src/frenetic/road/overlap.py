@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.road.geometry import frame_at
 
 SECTION = 0.5

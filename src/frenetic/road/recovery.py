@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import lstsq, solve_banded
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.road import geometry
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
 
 RECOGNISED = 1e-5
 """m, largest distance to the given points at which they count as samples of a clothoid chain."""

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from frenetic.arrays import FloatArray
 from frenetic.errors import RoadError
@@ -16,6 +15,9 @@ from frenetic.road import geometry
 from frenetic.road.fitting import MARGIN, fit_to_map
 from frenetic.road.recovery import curvature_from_points
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 MAX_SAMPLES = 10_000
 """Most curvature samples of a road."""

@@ -22,14 +22,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
-import numpy.typing as npt
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.errors import RoadError
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 __all__ = ["MAP_SIZE", "Verdict", "check_validity", "interpolate", "min_radius"]
 

@@ -30,19 +30,22 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from frenetic.arrays import FloatArray
 from frenetic.search.strategy import require, require_whole
 
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
 CURVATURE_BOUND = 0.07  # 1/m
 MAX_CHANGE = 0.05  # 1/m from one value to the next
 MIN_VALUES = 2  # fewer do not describe a road
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class MutationOptions:
     """How strongly the mutations P1 .. P6 change a road; the defaults are the paper's.
 
@@ -166,7 +169,8 @@ def replace_random(
     count = min(_count(rng, options), n)
     positions = np.sort(rng.choice(n, size=count, replace=False)).tolist()
     mutant = curvatures.copy()
-    for i, u in zip(positions, rng.random(count).tolist(), strict=True):
+    for i in positions:
+        u = rng.random()
         previous = float(mutant[i - 1]) if i > 0 else 0.0
         mutant[i] = next_curvature(previous, u, bound=options.bound, max_change=options.max_change)
     return mutant
@@ -220,7 +224,7 @@ def splice(first: FloatArray, second: FloatArray) -> tuple[FloatArray, FloatArra
 
 
 PassOperator: TypeAlias = Callable[
-    [np.random.Generator, FloatArray, MutationOptions], FloatArray | None
+    [np.random.Generator, FloatArray, MutationOptions], "FloatArray | None"
 ]
 FailOperator: TypeAlias = Callable[[FloatArray], FloatArray]
 

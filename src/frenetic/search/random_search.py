@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from frenetic.road import MAP_SIZE, Road
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, options_of, require, require_whole
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
 
 STEP = 10.0  # m
 LENGTH_JITTER = 5
@@ -29,7 +32,7 @@ RoadCheck: TypeAlias = Callable[[FloatArray, float], bool]
 It must depend on nothing else, or a campaign cannot be replayed.
 """
 
-_Draw = TypeVar("_Draw", FloatArray, FloatArray | None)
+_Draw = TypeVar("_Draw", "FloatArray", "FloatArray | None")
 
 
 def competition_check(map_size: float) -> RoadCheck:

@@ -1,0 +1,186 @@
+"""The loop of a test generator: ask the strategy, hand over what is valid, tell what came back."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, ClassVar, Final
+
+from frenetic.competition.budget import TimeBudget
+from frenetic.competition.pipeline import (
+    Executor,
+    RoadTests,
+    least_oob_distance,
+    restart_generation_clock,
+)
+from frenetic.competition.settings import make_strategy, read_options, read_seed
+from frenetic.compiled import IS_COMPILED
+from frenetic.errors import FreneticError, RoadError, describe_error
+from frenetic.outcome import Outcome
+from frenetic.road import MAP_SIZE, Road, Verdict
+from frenetic.search import Candidate, Evaluation
+
+logger = logging.getLogger(__name__)
+
+MOST_EXCEPTIONS: Final = 100
+"""Exceptions of the executor, one after the other, after which the search ends."""
+MANY_INVALID: Final = 100
+"""Invalid roads, one after the other, at which the log says so."""
+
+_OUTCOMES: Final = {
+    str(outcome): outcome for outcome in (Outcome.PASS, Outcome.FAIL, Outcome.INVALID)
+}
+
+
+class Generator:
+    """A test generator for the official pipeline, around a search strategy.
+
+    For a strategy of one's own::
+
+        class Mine(Generator):
+            strategy = MyStrategy
+
+    Seed and options come from the environment, see `frenetic.competition.settings`, or from the
+    class; the environment has the last word.
+
+    Args:
+        executor: The pipeline's executor.
+        map_size: m, side of the square map.
+        time_budget: s; only the pipeline of 2021 gives it, later ones ask the executor.
+
+    Raises:
+        FreneticError: Map size, seed or options cannot be used, or there is no pipeline.
+
+    """
+
+    strategy: ClassVar[type[Any]]
+    """Class of the strategy; seed and map size are passed to one that takes them."""
+    seed: ClassVar[int | None] = None
+    """A whole number of at least 0; None for a new one in every run, which is logged."""
+    options: ClassVar[Mapping[str, Any]] = {}
+    """Options of the strategy."""
+
+    def __init__(
+        self,
+        executor: Executor,
+        map_size: float = MAP_SIZE,
+        time_budget: float | None = None,
+    ) -> None:
+        if not 0.0 < map_size < math.inf:
+            raise FreneticError(f"map_size is {map_size}, but must be a positive number of metres")
+        kind = type(self)
+        self._executor = executor
+        self._budget = TimeBudget(executor, time_budget)
+        self._road_tests = RoadTests()
+        self._map_size = float(map_size)
+        self._seed = read_seed(kind.seed)
+        self._options = read_options(kind.options)
+        self._strategy = make_strategy(
+            kind.strategy, seed=self._seed, map_size=self._map_size, options=self._options
+        )
+        self._exceptions = 0  # one after the other
+        self._invalid = 0  # one after the other
+        self._tally: Counter[str] = Counter()  # of what the executor answered
+
+    def start(self) -> None:
+        """Search until the executor says that the budget is spent.
+
+        Raises:
+            SystemExit: The executor ends the process when the budget is spent; it passes through.
+
+        """
+        logger.info(
+            "%s starts: seed %d, options %s, map of %g m, %s, kernels %s",
+            type(self).__name__,
+            self._seed,
+            self._options or "as published",
+            self._map_size,
+            ", ".join(f"{name} {total:g} s" for name, total in self._budget.totals.items())
+            or "unknown time budget",
+            "compiled" if IS_COMPILED else "not compiled: numba is missing",
+        )
+        try:
+            while not self._is_over():
+                self._try_road(self._strategy.ask())
+        finally:
+            counts = ", ".join(f"{n} {answer}" for answer, n in sorted(self._tally.items()))
+            logger.info("%s ends after %s", type(self).__name__, counts or "no test")
+
+    def _try_road(self, candidate: Candidate) -> None:
+        road, verdict = self._placed(candidate)
+        if road is None or not verdict.valid:
+            self._refuse(candidate, verdict)
+            return
+        self._invalid = 0
+        outcome, moobd = self._execute(candidate, road)
+        self._tell(candidate, outcome, moobd)
+
+    def _placed(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
+        try:
+            return Road(candidate.curvatures, candidate.step).placed(self._map_size)
+        except RoadError as error:
+            return None, Verdict(False, str(error))
+
+    def _refuse(self, candidate: Candidate, verdict: Verdict) -> None:
+        logger.debug("road %d is not handed over: %s", candidate.id, verdict.message)
+        self._invalid += 1
+        if self._invalid % MANY_INVALID == 0:
+            logger.warning("%d invalid roads in a row, now: %s", self._invalid, verdict.message)
+        self._tell(candidate, Outcome.INVALID, None)
+
+    def _execute(self, candidate: Candidate, road: Road) -> tuple[Outcome, float | None]:
+        """Hand a road over; return what to tell of it: the outcome and the MOOBD in m."""
+        try:
+            test = self._road_tests.make(road.road_points)
+            answer, description, execution_data = self._executor.execute_test(test)
+        except Exception as error:
+            logger.warning("%s: the executor raised %s", _name(candidate), describe_error(error))
+            logger.debug("the executor raised", exc_info=True)
+            restart_generation_clock(self._executor)
+            self._exceptions += 1
+            self._tally["exceptions"] += 1
+            return Outcome.ERROR, None
+        self._exceptions = 0
+        self._tally[str(answer)] += 1
+        outcome = _OUTCOMES.get(str(answer), Outcome.ERROR)
+        moobd = least_oob_distance(execution_data)
+        logger.log(
+            logging.INFO if outcome.is_driven else logging.WARNING,
+            "test %s, %s: %s%s, %s",
+            getattr(test, "id", "?"),
+            _name(candidate),
+            answer,
+            "" if moobd is None else f", MOOBD {moobd:.2f} m",
+            description,
+        )
+        if not outcome.is_driven:
+            return outcome, None
+        if moobd is None:
+            logger.warning("%s: nothing is learnt, as no oob distance came", _name(candidate))
+            return Outcome.ERROR, None
+        return outcome, moobd
+
+    def _tell(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
+        spent = self._budget.share_spent()
+        logger.debug("%.1f %% of the budget are spent", 100.0 * spent)
+        self._strategy.tell(Evaluation(candidate, outcome, moobd, spent))
+
+    def _is_over(self) -> bool:
+        if self._exceptions >= MOST_EXCEPTIONS:
+            logger.error("the executor raised %d times in a row: giving up", self._exceptions)
+            return True
+        try:
+            return bool(self._executor.is_over())
+        except Exception as error:
+            logger.warning("is_over: the executor raised %s", describe_error(error))
+            self._exceptions += 1
+            return False
+
+
+def _name(candidate: Candidate) -> str:
+    """What the log calls a candidate: its number and where it comes from."""
+    origin = candidate.origin
+    parents = " and ".join(str(parent) for parent in origin.parents)
+    return f"road {candidate.id} ({origin.operator}{' of ' if parents else ''}{parents})"

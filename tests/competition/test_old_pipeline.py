@@ -1,0 +1,169 @@
+"""The pipeline's Python is old, its packages are pinned, and numba is not among them."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stand_in import Executor2022, RoadTest, driven, enter, run_2022
+
+from frenetic.competition import Frenetic
+
+HERE = Path(__file__).parent
+SOURCE = Path(__file__).parents[2] / "src"
+
+RUN = """
+import importlib.abc
+import json
+import sys
+
+ALLOWED = {*sys.stdlib_module_names, "frenetic", "numpy", "scipy", "stand_in"}
+
+
+class NothingElse(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        top = name.partition(".")[0]
+        if top not in ALLOWED and not top.startswith("_"):
+            raise ModuleNotFoundError(f"no {name} here", name=name)
+
+
+sys.meta_path.insert(0, NothingElse())
+
+import stand_in
+from frenetic.competition import Frenetic
+
+stand_in.install()
+executor = stand_in.Executor2022(
+    tests=15,
+    answer=lambda test: stand_in.driven("FAIL" if test.id % 4 == 0 else "PASS", -0.1 * test.id),
+)
+stand_in.run_2022(Frenetic, executor)
+modules = [vars(m).get("__file__") for n, m in sys.modules.items() if n.startswith("frenetic")]
+print(json.dumps([[test.road_points for test in executor.tests], modules]))
+"""
+
+
+@pytest.fixture(autouse=True)
+def _in_the_pipeline(monkeypatch: pytest.MonkeyPatch) -> None:
+    enter(monkeypatch)
+
+
+@pytest.fixture(scope="module")
+def outcome() -> tuple[list[list[tuple[float, float]]], list[str]]:
+    """The roads of a run with numpy and scipy only, and the files it took of Frenetic."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", RUN],
+        capture_output=True,
+        text=True,
+        env=os.environ
+        | {"PYTHONPATH": os.pathsep.join([str(SOURCE), str(HERE)]), "FRENETIC_SEED": "5"},
+    )
+    assert done.returncode == 0, done.stderr
+    roads, files = json.loads(done.stdout)
+    return roads, files
+
+
+def test_numpy_and_scipy_suffice_and_the_roads_are_the_same(
+    outcome: tuple[list[list[tuple[float, float]]], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FRENETIC_SEED", "5")
+
+    def answer(test: RoadTest) -> object:
+        return driven("FAIL" if test.id % 4 == 0 else "PASS", -0.1 * test.id)
+
+    executor = Executor2022(tests=15, answer=answer)
+    run_2022(Frenetic, executor)
+    roads = outcome[0]
+    assert len(roads) == 15
+    for plain, compiled in zip(roads, (test.road_points for test in executor.tests), strict=True):
+        assert np.allclose(plain, compiled, atol=1e-6)
+
+
+# What Python 3.9 does not have, as far as this project is tempted.
+NEW_NAMES = {
+    ("enum", "StrEnum"),
+    ("itertools", "pairwise"),
+    *(
+        ("typing", name)
+        for name in (
+            "Concatenate",
+            "Never",
+            "NotRequired",
+            "ParamSpec",
+            "Required",
+            "Self",
+            "TypeAlias",
+            "TypeGuard",
+            "Unpack",
+            "assert_never",
+            "override",
+            "reveal_type",
+        )
+    ),
+    ("numpy", "typing"),  # not in numpy 1.19
+    ("numpy.typing", "NDArray"),
+}
+NEW_ARGUMENTS = {("zip", "strict"), ("dataclass", "kw_only"), ("dataclass", "slots")}
+
+
+def too_new(tree: ast.AST) -> Iterator[str]:
+    """What a module would ask of its Python, when it is imported or run, that 3.9 does not have."""
+    if isinstance(tree, ast.If) and "TYPE_CHECKING" in ast.unparse(tree.test):
+        children: list[ast.AST] = list(tree.orelse)
+    elif isinstance(tree, (ast.AnnAssign, ast.arg)):
+        # `from __future__ import annotations` leaves annotations unread.
+        children = [tree.value] if isinstance(tree, ast.AnnAssign) and tree.value else []
+    else:
+        children = list(ast.iter_child_nodes(tree))
+        if isinstance(tree, ast.FunctionDef) and tree.returns:
+            children.remove(tree.returns)
+    match tree:
+        case ast.ImportFrom(module=str(module), names=names):
+            yield from (
+                f"{module}.{a.name}"
+                for a in names
+                if (module, a.name) in NEW_NAMES or module == "numpy.typing"
+            )
+        case ast.Import(names=names):
+            yield from (a.name for a in names if a.name == "numpy.typing")
+        case ast.Call(func=ast.Name(id=function), keywords=keywords):
+            yield from (
+                f"{function}({k.arg}=)" for k in keywords if (function, k.arg) in NEW_ARGUMENTS
+            )
+        case ast.BinOp(op=ast.BitOr(), right=ast.Constant(value=None)):
+            yield ast.unparse(tree)
+    for child in children:
+        yield from too_new(child)
+
+
+def test_python_3_9_can_run_what_the_plug_in_imports(
+    outcome: tuple[list[list[tuple[float, float]]], list[str]],
+) -> None:
+    files = [Path(file) for file in outcome[1]]
+    assert {"generator.py", "frenetic.py", "validity.py"} <= {file.name for file in files}
+    for file in files:
+        source = file.read_text(encoding="utf-8")
+        ast.parse(source, feature_version=(3, 9))
+        assert "def " not in source or "from __future__ import annotations" in source
+        assert list(too_new(ast.parse(source))) == [], file
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from typing import Self",
+        "import numpy.typing as npt",
+        "Maybe = int | None",
+        "pairs = zip(a, b, strict=True)",
+        "def f(a):\n    @dataclass(slots=True)\n    class B: ...",
+    ],
+)
+def test_what_python_3_9_lacks_is_noticed(line: str) -> None:
+    assert list(too_new(ast.parse(line)))
