@@ -28,6 +28,7 @@ if TYPE_CHECKING:
         Stanley,
     )
     from frenetic.errors import FreneticError
+    from frenetic.export import data_frame
     from frenetic.oracle import Departure, Result, judge
     from frenetic.outcome import Outcome
     from frenetic.report import draw_drive, draw_road
@@ -50,6 +51,7 @@ _HOMES = {
         "Stanley",
     ),
     "frenetic.errors": ("FreneticError",),
+    "frenetic.export": ("data_frame",),
     "frenetic.oracle": ("Departure", "Result", "judge"),
     "frenetic.outcome": ("Outcome",),
     "frenetic.report": ("draw_drive", "draw_road"),
@@ -109,6 +111,7 @@ __all__ = [
     "Vehicle",
     "Verdict",
     "check_validity",
+    "data_frame",
     "draw_drive",
     "draw_road",
     "judge",

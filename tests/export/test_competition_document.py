@@ -129,7 +129,8 @@ def test_the_document_of_a_driven_test() -> None:
     assert (read["id"], read["is_valid"], read["validation_message"]) == (7, True, "")
     assert (read["test_outcome"], read["description"]) == ("PASS", "Arrived")
     assert np.allclose(read["road_points"], ROAD.road_points, atol=1e-6)
-    assert read["interpolated_points"] == interpolate(ROAD.road_points).tolist()
+    interpolated = interpolate(ROAD.road_points).tolist()
+    assert read["interpolated_points"] == [[x, y, -28.0, 8.0] for x, y in interpolated]
     records = simulation_records(ROAD, drive)
     assert read["execution_data"] == json.loads(json.dumps([astuple(r) for r in records]))
     assert all(len(record) == 17 for record in read["execution_data"])

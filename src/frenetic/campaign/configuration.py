@@ -60,7 +60,9 @@ def _a_whole_number(at_least: int) -> Check:
 
 
 def _or_none(check: Check) -> Check:
-    return lambda value: "" if value is None else check(value)
+    return lambda value: (
+        "" if value is None else check(value).replace(" is needed", " or null is needed")
+    )
 
 
 def _a_text(value: object) -> str:

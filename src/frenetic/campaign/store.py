@@ -52,7 +52,8 @@ DATABASE: Final = "campaign.sqlite"
 APPLICATION_ID: Final = int.from_bytes(b"Fren")
 """What marks an SQLite file as a campaign of ours (`PRAGMA application_id`)."""
 
-_LOCK: Final = "campaign.lock"
+LOCK: Final = "campaign.lock"
+"""Name of the file in a campaign's folder that its writer holds locked."""
 _BUSY_TIMEOUT: Final = (
     10.0  # [s] readers wait for the rare moments in which the writer excludes them
 )
@@ -258,7 +259,7 @@ class CampaignStore:
         self._asked: dict[int, tuple[object, ...]] = {}  # rows that the next `told` writes
         self._last_asked = 0
         self._told = 0
-        with _translated(self._path):
+        with translated(self._path):
             if lock is not None:
                 (last,) = connection.execute("SELECT max(id) FROM candidate").fetchone()
                 self._last_asked = last or 0
@@ -288,12 +289,12 @@ class CampaignStore:
             ) from error
         path = folder / DATABASE
         _refuse_existing(path)
-        lock = FileLock(folder / _LOCK)
+        lock = FileLock(folder / LOCK)
         try:
             _refuse_existing(path)  # again: someone may have been faster before we had the lock
             # Made under another name, so that a campaign is either there completely or not at all.
             unfinished = folder / f"{DATABASE}.new"
-            with _translated(path):
+            with translated(path):
                 for leftover in ("", "-wal", "-shm", "-journal"):
                     unfinished.with_name(unfinished.name + leftover).unlink(missing_ok=True)
                 _make_database(unfinished, facts)
@@ -311,18 +312,10 @@ class CampaignStore:
         or no campaign at all (it is left as it is), or, for writing, if another process writes it.
         """
         folder = Path(folder)
-        path = folder / DATABASE
-        with _translated(path):
-            if not path.is_file():
-                what = "holds no campaign" if folder.is_dir() else "is not a folder"
-                if not os.path.lexists(folder):
-                    what = "does not exist"
-                raise CampaignError(
-                    f"{folder} {what}: the folder of a campaign is needed, one with {DATABASE}"
-                )
+        find_database(folder)
         if readonly:
             return cls._open_to_read(folder)
-        lock = FileLock(folder / _LOCK)
+        lock = FileLock(folder / LOCK)
         try:
             return cls._open_locked(folder, lock)
         except BaseException:
@@ -332,16 +325,16 @@ class CampaignStore:
     @classmethod
     def _open_to_read(cls, folder: Path) -> Self:
         path = folder / DATABASE
-        with _translated(path):
-            connection = _connect_to_read(path)
+        with translated(path):
+            connection = connect_to_read(path)
         try:
-            with _translated(path):
-                version = _check_identity(connection, path)
+            with translated(path):
+                version = check_identity(connection, path)
             if version < len(MIGRATIONS):
                 connection.close()
                 cls._update_schema(folder, version)
-                with _translated(path):
-                    connection = _connect_to_read(path)
+                with translated(path):
+                    connection = connect_to_read(path)
             return cls(folder, connection, None)
         except BaseException:
             connection.close()
@@ -361,11 +354,11 @@ class CampaignStore:
     @classmethod
     def _open_locked(cls, folder: Path, lock: FileLock) -> Self:
         path = folder / DATABASE
-        with _translated(path):
+        with translated(path):
             connection = _connect(path, "mode=rw")
         try:
-            with _translated(path):
-                version = _check_identity(connection, path)
+            with translated(path):
+                version = check_identity(connection, path)
                 connection.execute("PRAGMA journal_mode = WAL").fetchone()
                 connection.execute("PRAGMA synchronous = NORMAL")
                 # Waiting for the disk every 16 MiB instead of every 4 MiB.
@@ -405,7 +398,7 @@ class CampaignStore:
     @property
     def facts(self) -> Mapping[str, JSONValue]:
         """What else is known of the campaign: ``created_at`` and what `finish` added."""
-        with _translated(self._path):
+        with translated(self._path):
             rows = self._connection.execute("SELECT key, value FROM campaign ORDER BY key")
             return MappingProxyType(
                 {
@@ -489,7 +482,7 @@ class CampaignStore:
         # open while the caller thinks.
         only = None if outcome is None else str(outcome)
         wanted = (only, only, -1 if limit is None else limit)
-        with _translated(self._path):
+        with translated(self._path):
             ids = self._connection.execute(_SELECT_IDS[order_by], wanted).fetchall()
         return (self._read_test(candidate_id, with_trajectory) for (candidate_id,) in ids)
 
@@ -506,7 +499,7 @@ class CampaignStore:
         Raises a `CampaignError` if there is none (naming the ids there are) or if it is damaged.
         """
         self._write_asked()
-        with _translated(self._path):
+        with translated(self._path):
             row = self._fetch(_SELECT_CANDIDATE, id)
             if row is None:
                 raise self._unknown("candidate", id, "SELECT min(id), max(id) FROM candidate")
@@ -519,7 +512,7 @@ class CampaignStore:
     def candidates_with_place(self) -> Iterator[tuple[Candidate, int]]:
         """Return what `candidates` does, each with how many results were told before it."""
         self._write_asked()
-        with _translated(self._path):
+        with translated(self._path):
             rows = self._connection.execute(
                 "SELECT id, asked_after FROM candidate ORDER BY id"
             ).fetchall()
@@ -527,7 +520,7 @@ class CampaignStore:
 
     def counts(self) -> Counts:
         """Return how many tests there are of which outcome, and the lowest MOOBD."""
-        with _translated(self._path):
+        with translated(self._path):
             rows = self._connection.execute(
                 "SELECT outcome, count(*), min(moobd) FROM test GROUP BY outcome"
             ).fetchall()
@@ -544,7 +537,7 @@ class CampaignStore:
 
     def elapsed(self) -> float:
         """Return the s of the campaign's time that were spent when the last result was told."""
-        with _translated(self._path):
+        with translated(self._path):
             rows = self._connection.execute("SELECT seconds, elapsed FROM test ORDER BY told")
             total = 0.0
             for seconds, elapsed in rows:
@@ -557,6 +550,15 @@ class CampaignStore:
                 )
         return total
 
+    def rows(self, select: str, parameters: Sequence[object] = ()) -> Iterator[tuple[Any, ...]]:
+        """Return what a SELECT of one's own gives, for those who want many tests at once.
+
+        Nothing of it is checked. What is told while the iterator is used may show up in it.
+        """
+        self._write_asked()
+        with translated(self._path):
+            yield from self._connection.execute(select, tuple(parameters))
+
     def close(self) -> None:
         """Write what is left to write and let go of the database; closing twice does no harm."""
         try:
@@ -564,7 +566,7 @@ class CampaignStore:
         finally:
             self._asked.clear()
             try:
-                with _translated(self._path):
+                with translated(self._path):
                     self._connection.close()
             finally:
                 if self._lock is not None:
@@ -578,15 +580,17 @@ class CampaignStore:
 
         They are kept when it fails, so that it can be tried again.
         """
-        with _translated(self._path):
-            self._connection.execute("BEGIN IMMEDIATE")
+        with translated(self._path):
             try:
+                self._connection.execute("BEGIN IMMEDIATE")
                 self._connection.executemany(_INSERT_CANDIDATE, self._asked.values())
                 yield self._connection
                 self._connection.execute("COMMIT")
-            except BaseException:
+            except BaseException as error:
                 if self._connection.in_transaction:  # SQLite ends some by itself
                     self._connection.execute("ROLLBACK")
+                elif not isinstance(error, sqlite3.Error):
+                    self._asked.clear()  # Ctrl-C, noticed when all was written
                 raise
         self._asked.clear()
 
@@ -600,6 +604,16 @@ class CampaignStore:
             raise CampaignError(f"{self._path} was opened for reading: open it with readonly=False")
 
     # Reading: nothing that comes from the disk is believed
+
+    def require_whole(self) -> None:
+        """Raise a `CampaignError` if SQLite finds the file damaged: nothing is to be added then.
+
+        Reads the whole file once, which takes a second or so per gigabyte.
+        """
+        with translated(self._path):
+            (verdict,) = self._connection.execute("PRAGMA quick_check(1)").fetchone()
+        if verdict != "ok":
+            raise self._damaged(" ".join(verdict.split()))
 
     def _fetch(self, select: str, candidate_id: int) -> tuple[Any, ...] | None:
         """Return the row with this id, if there is one; SQLite knows no ids beyond 64 bits."""
@@ -619,7 +633,7 @@ class CampaignStore:
         )
 
     def _read_test(self, candidate_id: int, with_trajectory: bool) -> TestRecord:
-        with _translated(self._path):
+        with translated(self._path):
             row = self._fetch(_SELECT_TEST, candidate_id)
             if row is None:
                 raise self._unknown(
@@ -700,7 +714,7 @@ class CampaignStore:
 
     def _outcome(self, value: object, name: str) -> Outcome:
         try:
-            return Outcome(value)  # type: ignore[arg-type]
+            return Outcome(value)
         except ValueError:
             raise self._damaged(f"the outcome {name} is {value!r}") from None
 
@@ -819,7 +833,21 @@ def _connect(path: Path, options: str) -> sqlite3.Connection:
     )
 
 
-def _connect_to_read(path: Path) -> sqlite3.Connection:
+def find_database(folder: Path) -> Path:
+    """Return the path of the database in a campaign's folder, or a CampaignError without one."""
+    path = folder / DATABASE
+    with translated(path):
+        if not path.is_file():
+            what = "holds no campaign" if folder.is_dir() else "is not a folder"
+            if not os.path.lexists(folder):
+                what = "does not exist"
+            raise CampaignError(
+                f"{folder} {what}: the folder of a campaign is needed, one with {DATABASE}"
+            )
+    return path
+
+
+def connect_to_read(path: Path) -> sqlite3.Connection:
     """Return a connection that changes nothing, not even if the folder would let it."""
     connection = _connect(path, "mode=ro")
     try:
@@ -836,7 +864,7 @@ def _connect_to_read(path: Path) -> sqlite3.Connection:
     return connection
 
 
-def _check_identity(connection: sqlite3.Connection, path: Path) -> int:
+def check_identity(connection: sqlite3.Connection, path: Path) -> int:
     """Return the schema version of what is surely a campaign that we can read."""
     (application_id,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
@@ -882,7 +910,7 @@ def _migrate(connection: sqlite3.Connection, version: int) -> None:
 
 
 @contextmanager
-def _translated(path: Path) -> Iterator[None]:
+def translated(path: Path) -> Iterator[None]:
     """Turn what SQLite and the file system complain about into a `CampaignError` about `path`."""
     try:
         yield

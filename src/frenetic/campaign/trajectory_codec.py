@@ -35,6 +35,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from frenetic.arrays import FloatArray
 from frenetic.errors import CampaignError
 from frenetic.simulators.drive import Trajectory
 
@@ -99,6 +100,11 @@ def decode(data: bytes) -> Trajectory:
 
     Raises a `CampaignError` if `data` is not what `encode` writes, or comes from a newer version.
     """
+    return Trajectory(*decode_columns(data))
+
+
+def decode_columns(data: bytes) -> FloatArray:
+    """Return what `decode` does as an (11, n) array, its columns in the order of `RESOLUTIONS`."""
     if len(data) < _HEADER.size:
         raise CampaignError(
             f"a stored trajectory is damaged: {len(data)} bytes are less than its header"
@@ -126,23 +132,34 @@ def decode(data: bytes) -> Trajectory:
     steps = np.empty((_COLUMNS, count), dtype=np.int64)
     steps[:, :first] = heads
     if rest:
-        codes = np.zeros((_COLUMNS, rest), dtype=np.uint64)
-        widths = np.frombuffer(width_bytes, dtype=np.uint8)
-        taken = head_size
-        for plane in range(widths.max()):
-            wide_enough = widths > plane
-            size = int(wide_enough.sum()) * rest
-            low_bytes = np.frombuffer(body, dtype=np.uint8, count=size, offset=taken)
-            codes[wide_enough] |= low_bytes.reshape(-1, rest).astype(np.uint64) << np.uint64(
-                8 * plane
-            )
-            taken += size
-        _sum_up(
-            steps, (codes >> np.uint64(1)).view(np.int64) ^ -(codes & np.uint64(1)).view(np.int64)
-        )
+        _sum_up(steps, _unzigzag(_read_planes(body[head_size:], width_bytes, rest)))
     if count and max(-int(steps.min()), int(steps.max())) > _LIMIT:
         raise CampaignError("a stored trajectory is damaged: a value is out of range")
-    return Trajectory(*(steps / _STEPS_PER_UNIT))
+    columns: FloatArray = steps / _STEPS_PER_UNIT
+    return columns
+
+
+def _read_planes(data: bytes, widths: bytes, count: int) -> npt.NDArray[np.uint64]:
+    """Return the (11, count) codes whose bytes `data` holds plane by plane, lowest first."""
+    codes = np.zeros((_COLUMNS, count), dtype="<u8")
+    places = codes.view(np.uint8).reshape(_COLUMNS, count, 8)
+    taken = 0
+    for plane in range(max(widths)):
+        wide_enough = [k for k, width in enumerate(widths) if width > plane]
+        size = len(wide_enough) * count
+        plane_bytes = np.frombuffer(data, dtype=np.uint8, count=size, offset=taken)
+        places[wide_enough, :, plane] = plane_bytes.reshape(-1, count)
+        taken += size
+    return codes.astype(np.uint64, copy=False)
+
+
+def _unzigzag(codes: npt.NDArray[np.uint64]) -> _Steps:
+    """Return the numbers behind codes, in their place: 0, 1, 2, 3 .. become 0, -1, 1, -2 .."""
+    signs = (codes & np.uint64(1)).view(np.int64)
+    codes >>= np.uint64(1)
+    numbers = codes.view(np.int64)
+    numbers ^= np.negative(signs, out=signs)
+    return numbers
 
 
 def _to_steps(trajectory: Trajectory) -> _Steps:

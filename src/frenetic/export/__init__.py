@@ -1,11 +1,14 @@
 """Files for other tools."""
 
+from frenetic.export.campaigns import export_campaign
+from frenetic.export.columns import TABLES
 from frenetic.export.competition import (
     SimulationRecord,
     competition_document,
     simulation_records,
     stored_test_document,
 )
+from frenetic.export.frames import data_frame
 from frenetic.export.roads import (
     FORMATS,
     ExportedRoad,
@@ -16,10 +19,13 @@ from frenetic.export.roads import (
 
 __all__ = [
     "FORMATS",
+    "TABLES",
     "ExportedRoad",
     "RoadFormat",
     "SimulationRecord",
     "competition_document",
+    "data_frame",
+    "export_campaign",
     "road_format",
     "simulation_records",
     "stored_test_document",

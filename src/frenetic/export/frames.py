@@ -12,6 +12,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.export.columns import TABLES, Column, Kind
 from frenetic.export.extras import needing_tables
 from frenetic.export.tables import (
+    ALL,
     Lists,
     Values,
     batches_of_tests,
@@ -53,7 +54,7 @@ def data_frame(
     """
     if table not in TABLES:
         raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
-    wanted = tuple(Outcome(outcome) for outcome in outcomes)
+    wanted = tuple(Outcome(outcome) for outcome in outcomes) or ALL
     with needing_tables("a data frame"):
         import pandas as pd
     if not isinstance(campaign, CampaignStore):
@@ -62,7 +63,9 @@ def data_frame(
     number_of_tests(campaign)  # which knows an outcome that there is not
     batches = batches_of_tests if table == "tests" else batches_of_trajectories
     rows = join(TABLES[table], batches(campaign, wanted))
-    return pd.DataFrame({column.name: _series(column, rows.values[column.name]) for column in rows.columns})
+    return pd.DataFrame(
+        {column.name: _series(column, rows.values[column.name]) for column in rows.columns}
+    )
 
 
 def _series(column: Column, values: Values) -> Any:

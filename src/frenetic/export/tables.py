@@ -29,6 +29,7 @@ IntArray: TypeAlias = npt.NDArray[np.int64]
 Which: TypeAlias = Literal["all", "failures", "none"]
 """Of which tests the trajectories are wanted."""
 
+ALL: Final = tuple(Outcome)
 TESTS_AT_ONCE: Final = 5_000
 """Rows of the table of tests in a batch."""
 RECORDS_AT_ONCE: Final = 250_000
@@ -51,7 +52,7 @@ class Lists:
     def __iter__(self) -> Iterator[npt.NDArray[Any]]:
         """The lists, as views."""
         places = self.offsets.tolist()
-        return (self.values[a:b] for a, b in zip(places[:-1], places[1:], strict=True))
+        return (self.values[a:b] for a, b in itertools.pairwise(places))
 
 
 Values: TypeAlias = "FloatArray | IntArray | npt.NDArray[np.datetime64] | list[str | None] | Lists"
@@ -65,6 +66,9 @@ class Batch:
     columns: tuple[Column, ...]
     values: Mapping[str, Values]
     """Name of a column -> its values, all of one length."""
+
+    tests: int
+    """How many tests they are about."""
 
     def __len__(self) -> int:
         return len(self.values["id"])
@@ -83,23 +87,32 @@ _SELECT_TRAJECTORIES: Final = f"""
 """  # noqa: S608
 
 
-def number_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ()) -> int:
-    """How many rows the table of tests has; of these outcomes, of all without any."""
+def number_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> int:
+    """How many tests have these outcomes."""
     by_outcome = store.counts().by_outcome
-    return sum(by_outcome[outcome] for outcome in outcomes or Outcome)
+    return sum(by_outcome[outcome] for outcome in outcomes)
 
 
-def batches_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ()) -> Iterator[Batch]:
+def number_of_trajectories(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> int:
+    """How many tests with these outcomes have a trajectory."""
+    select = "SELECT count(*) FROM test JOIN trajectory USING (candidate_id) WHERE outcome IN ({})"
+    ((number,),) = store.rows(
+        select.format(", ".join("?" * len(outcomes))), list(map(str, outcomes))
+    )
+    return int(number)
+
+
+def batches_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> Iterator[Batch]:
     """The table of tests in the order of telling, a batch at a time.
 
     Args:
         store: the campaign. What is told meanwhile does not show up.
-        outcomes: only tests of these; of all without any.
+        outcomes: of the tests.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
-    wanted = [str(outcome) for outcome in outcomes or Outcome]
+    wanted = [str(outcome) for outcome in outcomes]
     select = _SELECT_TESTS.format(", ".join("?" * len(wanted)))
     last, done = _last_told(store), 0
     while rows := list(store.rows(select, (done, last, *wanted))):
@@ -109,48 +122,40 @@ def batches_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ()) -
 
 
 def batches_of_trajectories(
-    store: CampaignStore,
-    outcomes: Collection[Outcome] = (),
-    on_test: Callable[[int], None] | None = None,
+    store: CampaignStore, outcomes: Collection[Outcome] = ALL
 ) -> Iterator[Batch]:
     """The table of trajectories, a batch at a time: drives in the order of telling, each in time.
 
     Args:
         store: the campaign.
-        outcomes: only trajectories of tests of these; of all without any.
-        on_test: called with the number of trajectories read, now and then.
+        outcomes: of the tests.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
     ids: list[int] = []
     parts: list[FloatArray] = []
-    records = count = 0
-    for candidate_id, columns in trajectories(store, outcomes):
+    records = 0
+    for candidate_id, columns in trajectories_of(store, outcomes):
         ids.append(candidate_id)
         parts.append(columns)
         records += columns.shape[1]
-        count += 1
         if records >= RECORDS_AT_ONCE:
             yield _trajectory_batch(ids, parts)
             ids, parts, records = [], [], 0
-            if on_test is not None:
-                on_test(count)
-    if parts:
+    if records:
         yield _trajectory_batch(ids, parts)
-        if on_test is not None:
-            on_test(count)
 
 
-def trajectories(
-    store: CampaignStore, outcomes: Collection[Outcome] = ()
+def trajectories_of(
+    store: CampaignStore, outcomes: Collection[Outcome] = ALL
 ) -> Iterator[tuple[int, FloatArray]]:
     """Ids of the driven tests in the order of telling, each with its (11, n) trajectory.
 
     Raises:
         CampaignError: the campaign is damaged.
     """
-    wanted = [str(outcome) for outcome in outcomes or Outcome]
+    wanted = [str(outcome) for outcome in outcomes]
     select = _SELECT_TRAJECTORIES.format(", ".join("?" * len(wanted)))
     last, done = _last_told(store), 0
     while rows := list(store.rows(select, (done, last, *wanted))):
@@ -168,7 +173,8 @@ def _trajectory_batch(ids: list[int], parts: list[FloatArray]) -> Batch:
     columns = np.concatenate(parts, axis=1)
     repeated = np.repeat(np.array(ids, dtype=np.int64), [part.shape[1] for part in parts])
     names = [column.name for column in TRAJECTORIES[1:]]
-    return Batch(TRAJECTORIES, {"id": repeated, **dict(zip(names, columns, strict=True))})
+    values = {"id": repeated, **dict(zip(names, columns, strict=True))}
+    return Batch(TRAJECTORIES, values, len(ids))
 
 
 def _last_told(store: CampaignStore) -> int:
@@ -178,8 +184,9 @@ def _last_told(store: CampaignStore) -> int:
 
 def join(columns: tuple[Column, ...], batches: Iterable[Batch]) -> Batch:
     """All rows of some batches of one table as a single batch, which may be empty."""
-    parts = [batch.values for batch in batches]
-    return Batch(columns, {c.name: _join(c, [values[c.name] for values in parts]) for c in columns})
+    parts = list(batches)
+    values = {c.name: _join(c, [part.values[c.name] for part in parts]) for c in columns}
+    return Batch(columns, values, sum(part.tests for part in parts))
 
 
 def _join(column: Column, parts: Sequence[Any]) -> Values:
@@ -236,7 +243,7 @@ def _to_batch(store: CampaignStore, rows: Sequence[tuple[Any, ...]]) -> Batch:
     values["curvature_count"] = counts
     values["length"] = np.maximum(counts - 1, 0) * step
     values["max_curvature"] = _largest(curvatures)
-    return Batch(TESTS, {column.name: values[column.name] for column in TESTS})
+    return Batch(TESTS, {column.name: values[column.name] for column in TESTS}, len(rows))
 
 
 def _largest(lists: Lists) -> FloatArray:

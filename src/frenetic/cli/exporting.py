@@ -1,0 +1,63 @@
+"""The command that writes a campaign for other tools: export."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from frenetic.cli.console import Log
+from frenetic.cli.options import Folder
+from frenetic.cli.progress import counted_progress
+from frenetic.outcome import Outcome
+
+# `frenetic.export.campaigns.Format` and `frenetic.export.tables.Which`, which take longer to import
+# than help may.
+FORMATS: Final = ("parquet", "csv", "json", "competition")
+TRAJECTORIES: Final = ("all", "failures", "none")
+
+
+@click.command(short_help="Write a campaign as tables, or for the competition's tools.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option(
+    "--format",
+    "name",
+    type=click.Choice(FORMATS),
+    required=True,
+    help="What to write; parquet needs the extra 'tables'.",
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    metavar="DIR",
+    help="Folder to write, empty or not there yet. [default: exports/FORMAT in the campaign's]",
+)
+@click.option(
+    "--outcome",
+    "outcomes",
+    type=click.Choice([str(outcome) for outcome in Outcome], case_sensitive=False),
+    multiple=True,
+    help="Only tests with this outcome; may be repeated. [default: all]",
+)
+@click.option(
+    "--trajectories",
+    type=click.Choice(TRAJECTORIES),
+    default="all",
+    show_default=True,
+    help="Of which tests to write what was driven.",
+)
+def export(
+    campaign: Path, name: Any, out: Path | None, outcomes: tuple[str, ...], trajectories: Any
+) -> None:
+    """Write the tests of a CAMPAIGN and what was driven, for pandas, DuckDB and others.
+
+    The folder with the files is printed. It is there completely or not at all.
+    """
+    from frenetic.export import export_campaign
+
+    with counted_progress(Log(), "Exporting") as show:
+        folder = export_campaign(
+            campaign, name, out, outcomes=outcomes, trajectories=trajectories, on_progress=show
+        )
+    click.echo(folder)

@@ -1,0 +1,136 @@
+"""A whole campaign for other tools."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
+from pathlib import Path
+from typing import Final, Literal, TypeAlias, get_args
+
+from frenetic.campaign.store import CampaignStore
+from frenetic.export.columns import TESTS, TRAJECTORIES
+from frenetic.export.parquet import write_parquet
+from frenetic.export.tables import (
+    ALL,
+    Batch,
+    Which,
+    batches_of_tests,
+    batches_of_trajectories,
+    number_of_tests,
+    number_of_trajectories,
+    trajectories_of,
+)
+from frenetic.export.text import write_csv, write_json_lines
+from frenetic.export.whole_folder import whole_folder
+from frenetic.outcome import Outcome
+
+Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
+EXPORTS: Final = "exports"
+"""Folder in a campaign's folder for what is exported of it."""
+
+
+def export_campaign(
+    campaign: CampaignStore | Path | str,
+    format: Format,  # noqa: A002
+    out: Path | str | None = None,
+    *,
+    outcomes: Collection[Outcome | str] = (),
+    trajectories: Which = "all",
+    on_progress: Callable[[int, int], None] | None = None,
+) -> Path:
+    """Writes a campaign's tests and trajectories into a folder, completely or not at all.
+
+    | format | files | read by |
+    | --- | --- | --- |
+    | parquet | ``tests.parquet``, ``trajectories.parquet`` | pandas, DuckDB, Polars, R |
+    | csv | ``tests.csv``, ``trajectories.csv`` | anything |
+    | json | ``tests.jsonl``: one object per line and test | pandas, DuckDB, jq |
+    | competition | ``test.NNNN.json`` and its tables | the competition's tools |
+
+    The tables' columns are in `frenetic.export.columns`. Memory does not grow with the campaign,
+    which may be running: what is told after the export began is left out.
+
+    Args:
+        campaign: its folder, or the opened campaign.
+        format: what to write.
+        out: a folder that is empty or not there; by default ``exports/FORMAT`` in the campaign's.
+        outcomes: only tests of these, such as ``["FAIL"]``; all without any.
+        trajectories: of which of them the trajectories are written.
+        on_progress: called now and then with how much is done, and how much there is to do.
+
+    Returns:
+        The folder.
+
+    Raises:
+        FreneticError: there is something in the folder or it cannot be written, the campaign is
+            damaged, or Parquet is asked for and pyarrow is not installed.
+        ValueError: there is no such format, outcome or choice of trajectories.
+    """
+    for name, value, allowed in (
+        ("format", format, get_args(Format)),
+        ("trajectories", trajectories, get_args(Which)),
+    ):
+        if value not in allowed:
+            raise ValueError(f"{name} is {value!r}: one of {', '.join(allowed)} is needed")
+    wanted = tuple(Outcome(outcome) for outcome in outcomes) or ALL
+    if not isinstance(campaign, CampaignStore):
+        with CampaignStore.open(Path(campaign)) as store:
+            return export_campaign(
+                store,
+                format,
+                out,
+                outcomes=wanted,
+                trajectories=trajectories,
+                on_progress=on_progress,
+            )
+    target = campaign.folder / EXPORTS / format if out is None else Path(out)
+    with whole_folder(target) as folder:
+        _write(folder, campaign, format, wanted, trajectories, on_progress or (lambda *_: None))
+    return target
+
+
+def _write(
+    folder: Path,
+    store: CampaignStore,
+    format: Format,  # noqa: A002
+    outcomes: tuple[Outcome, ...],
+    trajectories: Which,
+    on_progress: Callable[[int, int], None],
+) -> None:
+    tests = number_of_tests(store, outcomes)
+    driven = tuple(o for o in outcomes if trajectories == "all" or o is Outcome.FAIL)
+    if format == "competition":
+        # Its measures need scipy, which takes its time.
+        from frenetic.export.competition_folder import write_competition_folder
+
+        total = number_of_tests(store)
+        write_competition_folder(
+            folder,
+            store,
+            outcomes=outcomes,
+            driven=() if trajectories == "none" else driven,
+            on_test=lambda done: on_progress(done, total),
+        )
+        return
+    if format == "json":
+        write_json_lines(
+            folder / "tests.jsonl",
+            batches_of_tests(store, outcomes),
+            None if trajectories == "none" else trajectories_of(store, driven),
+            lambda done: on_progress(done, tests),
+        )
+        return
+    write = write_parquet if format == "parquet" else write_csv
+    total = tests if trajectories == "none" else tests + number_of_trajectories(store, driven)
+    done = 0
+
+    def counted(batches: Iterable[Batch]) -> Iterator[Batch]:
+        nonlocal done
+        for batch in batches:
+            yield batch
+            done += batch.tests
+            on_progress(done, total)
+
+    write(folder / f"tests.{format}", TESTS, counted(batches_of_tests(store, outcomes)))
+    if trajectories != "none":
+        batches = counted(batches_of_trajectories(store, driven))
+        write(folder / f"trajectories.{format}", TRAJECTORIES, batches)

@@ -1,0 +1,179 @@
+"""A campaign as a results folder of the SBST/SBFT cyber-physical systems competition."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.analysis.competition import competition_segment
+from frenetic.analysis.sparseness import competition_sparseness
+from frenetic.arrays import FloatArray
+from frenetic.campaign.store import CampaignStore, TestRecord
+from frenetic.campaign.stored import StoredTest, stored_test
+from frenetic.errors import RoadError
+from frenetic.export.competition import stored_test_document
+from frenetic.outcome import Outcome
+
+MOST_COMPARED: Final = 2000
+"""Failures up to which sparseness is computed; the time it takes grows with their square."""
+
+
+def write_competition_folder(
+    folder: Path,
+    store: CampaignStore,
+    *,
+    outcomes: Collection[Outcome],
+    driven: Collection[Outcome],
+    on_test: Callable[[int], None],
+) -> None:
+    """Writes a file per road test, and three tables about the whole campaign.
+
+    DROPPED candidates are no road tests and have no file. The tables are about all tests, whether
+    or not they have one. A cell whose value is not known is empty: ``time_budget`` without one,
+    ``real_time_generation`` where several tests were driven at once, and sparseness for fewer than
+    two failures or more than `MOST_COMPARED`.
+
+    Args:
+        folder: is there and empty.
+        store: the campaign.
+        outcomes: only tests of these get a file.
+        driven: only files of tests of these hold execution data.
+        on_test: called with the number of tests that were looked at, after each.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+        OSError: a file cannot be written.
+    """
+    failures = store.counts().by_outcome[Outcome.FAIL]
+    statistics = _Statistics(with_sparseness=failures <= MOST_COMPARED)
+    for done, record in enumerate(store.tests(), start=1):
+        outcome = record.outcome
+        if outcome.is_test:
+            test = _stored_test(store, record)
+            statistics.count(record, test)
+            if outcome in outcomes:
+                if outcome in driven:
+                    test = _stored_test(store, store.test(record.candidate.id))
+                _write_test(folder, record, test)
+        on_test(done)
+    alone = store.config.get("workers", 1) == 1 and store.config.get("cluster") is None
+    _write_row(folder / "generation_stats.csv", statistics.generation(alone))
+    _write_row(folder / "oob_stats.csv", statistics.out_of_bounds())
+    _write_row(folder / "experiment_description.csv", _experiment(store))
+
+
+def _stored_test(store: CampaignStore, record: TestRecord) -> StoredTest | None:
+    """The test made ready; None if the candidate is no road."""
+    try:
+        return stored_test(store, record)
+    except RoadError:
+        return None
+
+
+def _write_test(folder: Path, record: TestRecord, test: StoredTest | None) -> None:
+    document: Mapping[str, Any]
+    if test is not None:
+        document = stored_test_document(test)
+    else:
+        document = {
+            "id": record.candidate.id,
+            "is_valid": False,
+            "validation_message": record.reason,
+            "road_points": [],
+            "interpolated_points": [],
+            "test_outcome": str(record.outcome),
+            "description": record.reason,
+            "execution_data": [],
+        }
+    path = folder / f"test.{record.candidate.id:04d}.json"
+    path.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+
+
+class _Statistics:
+    """What the competition's tables say of the tests together."""
+
+    def __init__(self, *, with_sparseness: bool) -> None:
+        self._with_sparseness = with_sparseness
+        self._outcomes: Counter[Outcome] = Counter()
+        self._sides: Counter[str] = Counter()
+        self._segments: list[FloatArray] = []
+        self._seconds = self._simulated = self._elapsed = 0.0
+
+    def count(self, record: TestRecord, test: StoredTest | None) -> None:
+        """Takes one more test into account."""
+        self._outcomes[record.outcome] += 1
+        self._simulated += record.duration or 0.0
+        if record.outcome is not Outcome.INVALID:
+            self._seconds += record.seconds
+        self._elapsed = record.elapsed or self._elapsed + record.seconds
+        departure = record.departure
+        if record.outcome is Outcome.FAIL and departure is not None and test is not None:
+            self._sides[departure.side] += 1
+            if self._with_sparseness:
+                place = (departure.x, departure.y)
+                segment = competition_segment(test.road.road_points, place)
+                if segment is not None:
+                    self._segments.append(segment.points)
+
+    def generation(self, alone: bool) -> dict[str, object]:
+        """The row of generation_stats.csv; ``alone`` if one test was driven at a time."""
+        number = self._outcomes
+        invalid = number[Outcome.INVALID]
+        return {
+            "test_generated": number.total(),
+            "test_valid": number.total() - invalid,
+            "test_invalid": invalid,
+            "test_passed": number[Outcome.PASS],
+            "test_failed": number[Outcome.FAIL],
+            "test_in_error": number[Outcome.ERROR],
+            "real_time_generation": round(self._elapsed - self._seconds, 3) if alone else "",
+            "real_time_execution": round(self._seconds, 3),
+            "simulated_time_execution": round(self._simulated, 3),
+        }
+
+    def out_of_bounds(self) -> dict[str, object]:
+        """The row of oob_stats.csv."""
+        sparseness = competition_sparseness(self._segments)
+        return {
+            "total_oob": self._sides.total(),
+            "left_oob": self._sides["left"],
+            "right_oob": self._sides["right"],
+            "avg_sparseness": _or_nothing(sparseness.mean),
+            "stdev_sparseness": _or_nothing(sparseness.stdev),
+        }
+
+
+def _or_nothing(value: float | None) -> object:
+    return "" if value is None else round(value, 6)
+
+
+def _experiment(store: CampaignStore) -> dict[str, object]:
+    """The row of experiment_description.csv: options of the competition's command line."""
+    config = store.config
+    rules = _mapping(config.get("rules"))
+    module, _, name = str(_mapping(config.get("strategy")).get("class", "")).rpartition(":")
+    budget = _mapping(store.facts.get("budget", config.get("budget")))
+    return {
+        "executor": str(_mapping(config.get("simulator")).get("class", "")).rpartition(":")[2],
+        "time_budget": budget.get("time"),
+        "map_size": config.get("map_size"),
+        "oob_tolerance": rules.get("oob_tolerance"),
+        "speed_limit": rules.get("speed_limit"),
+        "module_name": module,
+        "class_name": name,
+    }
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _write_row(path: Path, row: Mapping[str, object]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(row), lineterminator="\n")
+        writer.writeheader()
+        writer.writerow(row)

@@ -1,0 +1,47 @@
+"""A campaign whose tests end in every way but ERROR, and one that is damaged."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from frenetic.campaign import Budget, Campaign
+from frenetic.campaign.store import DATABASE
+from frenetic.drivers import Planner
+from frenetic.search import Frenetic
+from frenetic.simulators import EmbeddedSimulator
+
+
+@pytest.fixture(scope="session")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its folder; nothing in it may be changed."""
+    folder = tmp_path_factory.mktemp("exported") / "c"
+    Campaign(
+        strategy=Frenetic(seed=3, max_redraws=0),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=120),
+        folder=folder,
+        ordered=True,
+    ).run()
+    return folder
+
+
+@pytest.fixture
+def damaged(campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
+    """Makes a copy in which a statement was executed."""
+
+    def damage(statement: str) -> Path:
+        folder = Path(shutil.copytree(campaign, tmp_path / "damaged"))
+        with closing(sqlite3.connect(folder / DATABASE)) as connection:
+            connection.execute("PRAGMA ignore_check_constraints = ON")
+            assert connection.execute(statement).rowcount == 1
+            connection.commit()
+        return folder
+
+    return damage
