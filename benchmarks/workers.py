@@ -34,6 +34,8 @@ R = TypeVar("R")
 
 
 class Measured(NamedTuple):
+    """One campaign."""
+
     tests: int
     seconds: float
     """From the first ready worker to the last result."""
@@ -42,6 +44,7 @@ class Measured(NamedTuple):
 
     @property
     def rate(self) -> float:
+        """Tests per second."""
         return self.tests / self.seconds
 
 
@@ -75,6 +78,8 @@ class StoringTime:
         self.seconds = 0.0
 
     def timed(self, method: Callable[..., R]) -> Callable[..., R]:
+        """The same method, whose time is added up."""
+
         def call(*arguments: Any, **named: Any) -> R:
             begin = time.perf_counter()
             try:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import random
-import sqlite3
-import subprocess
+import signal
 import sys
-import time
 from pathlib import Path
+from typing import Any
 
+import killing
 import numpy as np
 import pytest
+from contents import contents
+from faulty import Marks
+from pids import LIMIT, until_gone
 
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
+from frenetic.campaign.checking import check_campaign
 from frenetic.errors import CampaignError
 from frenetic.search import Candidate, Frenetic, RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -33,25 +39,6 @@ def campaign(folder: Path, strategy=None, simulator=None, simulations=SIMULATION
         budget=Budget(simulations=simulations),
         folder=folder,
     )
-
-
-def contents(folder: Path) -> dict[str, list[tuple[object, ...]]]:
-    """Every row of a campaign's database, but for times."""
-    connection = sqlite3.connect(folder / "campaign.sqlite")
-    try:
-        columns = [
-            row[1]
-            for row in connection.execute("PRAGMA table_info(test)")
-            if row[1] not in ("seconds", "finished_at", "elapsed", "worker")
-        ]
-        queries = {
-            "candidate": "SELECT * FROM candidate ORDER BY id",
-            "test": f"SELECT {', '.join(columns)} FROM test ORDER BY told",
-            "trajectory": "SELECT * FROM trajectory ORDER BY candidate_id",
-        }
-        return {name: connection.execute(query).fetchall() for name, query in queries.items()}
-    finally:
-        connection.close()
 
 
 class Stopping(DummySimulator):
@@ -87,46 +74,76 @@ def test_interrupted_again_and_again_it_ends_as_if_it_had_not_been(
     assert contents(tmp_path) == uninterrupted
 
 
-SCRIPT = """
-import sys
-sys.path.insert(0, {tests!r})
-from pathlib import Path
-from test_resume import campaign
-folder = Path({folder!r})
-one = campaign(folder)
-(one.resume if (folder / "campaign.sqlite").exists() else one.run)()
-"""
-
-
+@pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
+@pytest.mark.parametrize(("workers", "ordered"), [(1, False), (2, True)])
 def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
-    tmp_path: Path, uninterrupted: dict[str, list[tuple[object, ...]]]
+    tmp_path: Path, workers: int, ordered: bool
 ) -> None:
-    rng = random.Random(11)
-    script = SCRIPT.format(tests=str(Path(__file__).parent), folder=str(tmp_path))
-    kills = 0
-    for attempt in range(40):
-        process = subprocess.Popen([sys.executable, "-c", script])
-        before = told(tmp_path)
-        wanted = rng.randint(1, 12)
-        # Not before it got somewhere, or it would never end; then at once, wherever it is.
-        while process.poll() is None and attempt < 8 and told(tmp_path) < before + wanted:
-            time.sleep(0.001)
-        if attempt < 8:
-            kills += process.poll() is None
-            process.kill()
-        if process.wait() == 0:
-            break
-    assert kills >= 5
-    assert told(tmp_path) == len(uninterrupted["test"])
-    assert contents(tmp_path) == uninterrupted
+    marks, folder, whole = (tmp_path / name for name in ("marks", "campaign", "whole"))
+    marks.mkdir()
+    killing.campaign(whole, marks, ordered=ordered).run()
+    rng = random.Random(11 + workers)
+    for kills in range(1, KILLS + 1):
+        blow = random_blow(rng, first=kills == 1)
+        exit_code = go_on(folder, marks, workers, ordered, blow)
+        assert exit_code == -signal.SIGKILL, f"{blow} has not come"
+        reported = size(marks / "reported")
+        stored = told(folder)
+        # Whatever was reported is there, and at most one result more per kill.
+        assert reported <= stored <= reported + kills
+        if (folder / "campaign.sqlite").exists():
+            assert check_campaign(folder).findings == (), blow
+    assert 0 < told(folder) < killing.SIMULATIONS
+    assert go_on(folder, marks, workers, ordered, None) == 0
+    assert contents(folder) == contents(whole)
+    assert check_campaign(folder).findings == ()
+    until_gone(set(Marks(marks).pids()) - {os.getpid()})
+
+
+KILLS = 25
+
+
+def random_blow(rng: random.Random, *, first: bool) -> killing.Blow:
+    """Sometimes early, more often somewhere in the next few tests, and often within a write."""
+    kind = rng.choice(["start", "write", "write", "commit", "commit", "result"])
+    if first:
+        return killing.Blow("write", rng.randint(1, 200))  # when the database is made
+    if kind == "start":
+        return killing.Blow("start", 1, rng.uniform(0.0, 0.05))
+    if kind == "write":
+        return killing.Blow("write", rng.randint(1, 1000))
+    return killing.Blow(kind, rng.randint(1, 7), rng.uniform(0.0, 5e-4))  # type: ignore[arg-type]
+
+
+def go_on(
+    folder: Path, marks: Path, workers: int, ordered: bool, blow: killing.Blow | None
+) -> int | None:
+    """Goes on with a campaign in a process of its own; returns its exit code."""
+    context: Any = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
+    if sys.platform == "linux":  # as workers are made, since the server is the same
+        context.set_forkserver_preload(["frenetic.campaign.workers.preloading"])
+    process = context.Process(
+        target=killing.go_on, args=(folder, marks, workers, ordered, blow), name="campaign"
+    )
+    process.start()
+    try:
+        process.join(LIMIT)
+        exit_code: int | None = process.exitcode
+        return exit_code
+    finally:
+        process.kill()
+        process.join()
+
+
+def size(path: Path) -> int:
+    return path.stat().st_size if path.exists() else 0
 
 
 def told(folder: Path) -> int:
-    try:
-        with CampaignStore.open(folder) as store:
-            return store.counts().told
-    except CampaignError:
+    if not (folder / "campaign.sqlite").exists():
         return 0
+    with CampaignStore.open(folder) as store:
+        return store.counts().told
 
 
 def test_extended_budget_goes_on_from_where_it_ended(tmp_path: Path) -> None:
@@ -170,3 +187,17 @@ def test_strategy_that_replays_differently_is_noticed(tmp_path: Path) -> None:
 def test_there_has_to_be_a_campaign(tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match="holds no campaign"):
         campaign(tmp_path).resume()
+
+
+def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(tmp_path: Path) -> None:
+    campaign(tmp_path, simulations=40).run()
+
+    def end(progress: Progress) -> None:
+        if progress.simulations == 60:
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        campaign(tmp_path, simulations=70).resume(end)
+    with CampaignStore.open(tmp_path) as store:
+        assert "finished_at" not in store.facts
+        assert store.facts["budget"] == {"simulations": 70, "time": None, "failures": None}

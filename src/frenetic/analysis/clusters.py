@@ -6,8 +6,8 @@ left its lane coincide. Their *difference*, in metres, is
     sqrt(mean |p - p'|^2 + mean (d - d')^2 + mean ((v - v') * 1 s)^2)
 
 with p the road's points from 30 m before to 15 m after that place, d the car's lateral offset and v
-its speed over the 30 m before. The road further ahead is left out: the car never got there, and with
-it the clusters of a campaign and of its half were less alike.
+its speed over the 30 m before. The road further ahead is left out: the car never got there, and
+with it the clusters of a campaign and of its half were less alike.
 
 Failures are put together by average linkage (UPGMA on the square of the difference), for each side
 of the lane on its own, as long as the root mean square difference of what is put together is at

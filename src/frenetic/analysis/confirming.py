@@ -171,7 +171,8 @@ def confirm(
         ValueError: an option is out of range.
     """
     kept = read_confirmations(folder)  # complains before anything is driven
-    prepare(simulator)
+    if workers > 1:  # they measure its car, each for itself; here it would never be entered
+        prepare(simulator)
     with CampaignStore.open(folder) as store:
         records = [store.test(test_id, with_trajectory=False) for test_id in test_ids]
         redriver = Redriver.of(store, simulator, driver)

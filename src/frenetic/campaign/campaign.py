@@ -90,6 +90,21 @@ def _plain(value: object) -> JSONValue:
     return repr(value)[:200]
 
 
+def prepare(simulator: Simulator) -> None:
+    """Lets a simulator find out what its `car` is, where that takes starting it.
+
+    Raises:
+        CampaignError: it does not start.
+    """
+    find_out = getattr(simulator, "prepare", None)
+    if callable(find_out):
+        try:
+            find_out()
+        except Exception as error:
+            text = str(error) if isinstance(error, FreneticError) else describe_error(error)
+            raise CampaignError(f"the simulator does not start: {text}") from error
+
+
 class Campaign:
     """One search with its budget.
 
@@ -214,6 +229,7 @@ class Campaign:
                 worker can be started, or nothing but broken drives or refused roads comes any more.
                 What was stored stays.
         """
+        prepare(self.tester.simulator)
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.create(self.folder, self.configuration()))
             log = stack.enter_context(CampaignLog(self.folder))
@@ -246,8 +262,12 @@ class Campaign:
         """
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
+            prepare(self.tester.simulator)
             self._require_same_parts(store.config)
+            store.require_whole()
             tally, outstanding = replay(store, self.strategy, self.budget)
+            # Whatever ends this process, the campaign goes on to this budget afterwards.
+            store.reopen(budget=asdict(self.budget))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
             self._log_start(log, Event.RESUMED, tally)

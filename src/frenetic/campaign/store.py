@@ -458,6 +458,17 @@ class CampaignStore:
         with self._transaction() as connection:
             connection.executemany("INSERT OR REPLACE INTO campaign VALUES (?, ?)", rows)
 
+    def reopen(self, **facts: JSONValue) -> None:
+        """Forget that the campaign has finished, and how, and add facts in place of that.
+
+        Raises a `ValueError` as `finish` does.
+        """
+        self.finish(**facts)
+        with self._transaction() as connection:
+            connection.execute(
+                "DELETE FROM campaign WHERE key IN ('finished_at', 'seconds', 'interrupted')"
+            )
+
     def tests(
         self,
         outcome: Outcome | None = None,
