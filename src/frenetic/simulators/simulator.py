@@ -24,6 +24,7 @@ class Simulator(Protocol):
     """
 
     rules: Rules
+    """By which the next drive is driven and ends; they may be set between two drives."""
     car: CarBody
     """The box that the car covers, the same in every drive."""
 

@@ -120,6 +120,18 @@ class SimulatorContract:
             assert drive.rules == rules
             assert drive.car == simulator.car
 
+    def test_rules_may_be_set_between_drives(self, road: Road) -> None:
+        """The next drive is by the new rules, as if the simulator had been made with them."""
+        rules = Rules(speed_limit=25.0)
+        with self.make(Rules()) as simulator:
+            simulator.drive(road, self.driver())
+            simulator.rules = rules
+            drive = simulator.drive(road, self.driver())
+        assert drive.rules == rules
+        assert np.array_equal(
+            drive.trajectory.to_rows(), self.drive(road, rules).trajectory.to_rows()
+        )
+
     def test_broken_driver_leaves_the_next_drive_clean(self, road: Road) -> None:
         """A driver that raises is an error of its drive, and of no other."""
         clean = self.drive(road).trajectory.to_rows()

@@ -88,7 +88,7 @@ LEAST_ACCELERATION: Final = 19  # m/s², negative: all that the tyres can brake
 MOST_ACCELERATION: Final = 20  # m/s², all that the rear axle can drive
 PARAMETER_COUNT: Final = 21
 
-_MAY_BE_ZERO: Final = ("drag_area", "rolling_resistance")
+_MAY_BE_ZERO: Final = ("body_shift", "drag_area", "rolling_resistance")
 _AT_MOST: Final = {"tyre_shape": 2.0, "slip_control": 1.0, "brake_front_share": 1.0}
 _STABLE_STEP: Final = 2.0
 """Largest decay rate times step length that is accepted; RK4 is stable up to 2.78."""
@@ -118,6 +118,8 @@ class Vehicle:
     """m, bumper to bumper."""
     width: float = 1.610
     """m, without mirrors."""
+    body_shift: float = 0.0
+    """m, how far the body's centre lies ahead of the middle between the axles; may be 0."""
 
     tyre_shape: float = 1.3507
     """Magic Formula C (p_cy1), up to 2."""
@@ -211,6 +213,58 @@ class Vehicle:
                 f" {STEP_RATE:g} Hz"
             )
 
+    @classmethod
+    def metadrive(cls) -> Vehicle:
+        """Return the car of `frenetic.simulators.metadrive`, as far as this model can be it.
+
+        Sizes, mass, steering, engine and brakes are those of MetaDrive 0.4.3's default car with
+        constant parameters. Its wheels do not slide before the friction limit and hold it beyond,
+        so the tyres are as stiff as the step rate allows and their force has no peak; they steer at
+        once; nothing but the engine's limit of 80 km/h holds the car back under throttle. It brakes
+        by 8 m/s², beyond which MetaDrive's rear tyres begin to slide.
+
+        MetaDrive drives all wheels, and its friction limit counts forces along a wheel half. This
+        model cannot have that. To leave as much grip for cornering, half of it is open to driving
+        and braking, so this car starts with 2.1 instead of 2.9 m/s² and brakes by 4.4 m/s².
+        """
+        return cls(
+            mass=1100.0,
+            yaw_inertia=2183.05,
+            front_axle=1.05234,
+            rear_axle=1.4166,
+            cg_height=0.6,
+            length=4.515,
+            width=1.852,
+            body_shift=0.18213,
+            tyre_shape=1.0,
+            tyre_peak=0.9,
+            tyre_stiffness=40.0,
+            slip_control=0.5,
+            steering_limit=math.radians(40.0),
+            steering_rate=20.0,
+            steering_lag=0.01,
+            engine_acceleration=4.0 * 800.0 / 1100.0,
+            switch_speed=80.0 / 3.6,
+            brake_deceleration=8.0,
+            brake_front_share=0.5,
+            drag_area=0.0,
+            rolling_resistance=0.0,
+        )
+
+    @classmethod
+    def named(cls, name: str) -> Vehicle:
+        """Return the car of a name: ``default`` or ``metadrive``.
+
+        Raises:
+            ValueError: there is no such car.
+
+        """
+        if name == "default":
+            return cls()
+        if name == "metadrive":
+            return cls.metadrive()
+        raise ValueError(f"vehicle is {name!r}: default or metadrive is needed")
+
     @property
     def wheelbase(self) -> float:
         """m, from axle to axle."""
@@ -222,11 +276,11 @@ class Vehicle:
         return self.tyre_peak * self.friction
 
     def body(self) -> CarBody:
-        """Return the rectangle that the car covers: its overhangs in front and behind are equal."""
+        """Return the rectangle that the car covers."""
         return CarBody(
             length=self.length,
             width=self.width,
-            centre_ahead=0.5 * (self.front_axle - self.rear_axle),
+            centre_ahead=0.5 * (self.front_axle - self.rear_axle) + self.body_shift,
         )
 
     def to_array(self) -> FloatArray:

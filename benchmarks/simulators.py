@@ -1,0 +1,187 @@
+"""How far the simulators agree on roads, and how fast they are.
+
+    python benchmarks/simulators.py [--roads 200] [--seed 2021] [--drivers planner stanley ...]
+
+Two sets of valid roads are driven by the same driver in MetaDrive and in the embedded simulator:
+with its default car, with one that differs only in that it steers at once, as MetaDrive's does, and
+with the parameters of MetaDrive's car.
+
+random    roads as the strategy `random` proposes them
+failing   roads on which the driver failed in the embedded simulator with its default car, found by
+          the strategy `frenetic`
+
+The columns compare each simulator with MetaDrive:
+
+fails     share of the roads on which the driver failed there
+same      share of the roads with the same outcome
+kappa     Cohen's kappa of the outcomes: 0 is what chance gives, 1 is perfect; none where a
+          simulator has but one outcome
+rank      Spearman's rank correlation of MOOBD
+tests/s   roads driven and judged per s of CPU time, in one process
+
+Then come MetaDrive's own drivers on half as many random roads, with their median MOOBD in m. The
+last line says by how much the memory of the process grew while MetaDrive drove 100 roads.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+import psutil
+from scipy import stats
+
+from frenetic.arrays import FloatArray
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.drivers import Driver, Stanley
+from frenetic.drivers.loading import load_driver
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.road import Pose, Road
+from frenetic.search import Frenetic, RandomSearch
+from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
+from frenetic.simulators.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
+
+AT_ONCE: Final = replace(Vehicle(), steering_rate=20.0, steering_lag=0.01)
+"""The embedded simulator's default car, but for what most sets it apart from MetaDrive's."""
+REFERENCE: Final = "metadrive"
+SPEEDS: Final = (30.0, 50.0, 70.0)
+"""km/h, of MetaDrive's IDM driver."""
+MEMORY_ROADS: Final = 100
+
+
+class Driven(NamedTuple):
+    """What became of a set of roads in one simulator."""
+
+    failed: FloatArray
+    """(n,) 1 where the driver failed, 0 where it passed."""
+    moobd: FloatArray
+    """(n,) m."""
+    rate: float
+    """Tests per s of CPU time."""
+
+
+def random_roads(count: int, seed: int) -> list[Road]:
+    strategy = RandomSearch(seed=seed)
+    roads: list[Road] = []
+    while len(roads) < count:
+        candidate = strategy.ask()
+        placed, verdict = Road(candidate.curvatures, candidate.step).placed()
+        if placed is not None and verdict.valid:
+            roads.append(placed)
+    return roads
+
+
+def failing_roads(count: int, seed: int, driver: Driver) -> list[Road]:
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary) / "campaign"
+        Campaign(
+            strategy=Frenetic(seed=seed),
+            simulator=EmbeddedSimulator(),
+            driver=driver,
+            budget=Budget(failures=count, simulations=100 * count),
+            folder=folder,
+        ).run()
+        with CampaignStore.open(folder) as store:
+            found = [t for t in store.tests() if t.outcome is Outcome.FAIL and t.pose is not None]
+    return [
+        Road(t.candidate.curvatures, t.candidate.step, Pose(*t.pose))
+        for t in found[:count]
+        if t.pose is not None
+    ]
+
+
+def drive_all(simulator: Simulator, driver: Driver, roads: Sequence[Road]) -> Driven:
+    failed, moobd = np.zeros(len(roads)), np.zeros(len(roads))
+    simulator.drive(roads[0], driver)  # what is compiled and loaded once
+    begin = time.process_time()
+    for i, road in enumerate(roads):
+        result = judge(road, simulator.drive(road, driver))
+        if result.moobd is None:
+            raise SystemExit(f"road {i} could not be driven: {result.reason}")
+        failed[i], moobd[i] = result.outcome is Outcome.FAIL, result.moobd
+    return Driven(failed, moobd, len(roads) / (time.process_time() - begin))
+
+
+def kappa(a: FloatArray, b: FloatArray) -> float:
+    """Cohen's kappa of two outcomes, nan where one of them is always the same."""
+    if a.std() == 0.0 or b.std() == 0.0:
+        return float("nan")
+    agreed = float(np.mean(a == b))
+    by_chance = a.mean() * b.mean() + (1.0 - a.mean()) * (1.0 - b.mean())
+    return float((agreed - by_chance) / (1.0 - by_chance))
+
+
+def print_own_drivers(roads: Sequence[Road]) -> None:
+    own = {f"metadrive-idm, {speed:g} km/h": MetaDriveIdm(target_speed=speed) for speed in SPEEDS}
+    with MetaDriveSimulator() as simulator:
+        for label, driver in {**own, "metadrive-expert": MetaDriveExpert()}.items():
+            driven = drive_all(simulator, driver, roads)
+            print(
+                f"{label:<30}{f'{len(roads)} random':<12}fails{driven.failed.mean():>7.1%}"
+                f"  median MOOBD{np.median(driven.moobd):>7.2f}"
+            )
+
+
+def memory_growth(roads: Sequence[Road]) -> float:
+    """MB by which the process grows while MetaDrive drives so many roads, after 20 others."""
+    process = psutil.Process()
+    with MetaDriveSimulator() as simulator:
+        for road in roads[:20]:
+            simulator.drive(road, Stanley())
+        before = process.memory_info().rss
+        for i in range(MEMORY_ROADS):
+            simulator.drive(roads[i % len(roads)], Stanley())
+        return float(process.memory_info().rss - before) / 1e6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--roads", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=2021)
+    parser.add_argument("--drivers", nargs="+", default=["planner", "stanley", "beamng-ai"])
+    options = parser.parse_args()
+    simulators: dict[str, AbstractContextManager[Simulator] | Simulator] = {
+        "embedded": EmbeddedSimulator(),
+        "... steers at once": EmbeddedSimulator(vehicle=AT_ONCE),
+        "... MetaDrive's car": EmbeddedSimulator(vehicle="metadrive"),
+        REFERENCE: MetaDriveSimulator(),
+    }
+    print(
+        f"{'driver':<18}{'roads':<12}{'simulator':<21}{'fails':>7}{'same':>7}{'kappa':>7}"
+        f"{'rank':>7}{'tests/s':>9}"
+    )
+    for name in options.drivers:
+        driver = load_driver(name)
+        for kind, roads in (
+            ("random", random_roads(options.roads, options.seed)),
+            ("failing", failing_roads(options.roads, options.seed, driver)),
+        ):
+            driven = {}
+            for label, simulator in simulators.items():
+                with simulator as started:
+                    driven[label] = drive_all(started, driver, roads)
+            truth = driven[REFERENCE]
+            for label, here in driven.items():
+                rank = stats.spearmanr(here.moobd, truth.moobd).statistic
+                print(
+                    f"{name:<18}{f'{len(roads)} {kind}':<12}{label:<21}{here.failed.mean():>7.1%}"
+                    f"{np.mean(here.failed == truth.failed):>7.1%}"
+                    f"{kappa(here.failed, truth.failed):>7.2f}{rank:>7.2f}{here.rate:>9.1f}",
+                    flush=True,
+                )
+    print()
+    print_own_drivers(random_roads(options.roads // 2, options.seed))
+    growth = memory_growth(random_roads(50, options.seed))
+    print(f"\nMetaDrive: {growth:.1f} MB more memory after {MEMORY_ROADS} roads")
+
+
+if __name__ == "__main__":
+    main()

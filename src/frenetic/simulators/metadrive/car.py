@@ -1,0 +1,76 @@
+"""MetaDrive's car as we drive it, and how controls become MetaDrive's actions."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from frenetic.drivers.driver import DriveSetup
+from frenetic.road import Road
+from frenetic.simulators.drive import Rules
+from frenetic.simulators.embedded.vehicle import Vehicle
+
+PERIOD: Final = 0.05
+"""s between two decisions and records: 20 Hz."""
+STEPS_PER_PERIOD: Final = 3
+"""Steps of the physics in a period: 60 Hz, Bullet's own rate. MetaDrive's 50 Hz do not fit."""
+PHYSICS_STEP: Final = PERIOD / STEPS_PER_PERIOD
+"""s."""
+
+VEHICLE: Final = Vehicle.metadrive()
+"""Sizes and limits: MetaDrive's ``static_default``, whose parameters are not drawn."""
+ENGINE_FORCE: Final = 800.0
+"""N at each wheel at full throttle."""
+BRAKE_IMPULSE: Final = 150.0
+"""N s by which MetaDrive's full brake slows each wheel in a step of the physics."""
+FULL_BRAKE: Final = VEHICLE.brake_deceleration * VEHICLE.mass * PHYSICS_STEP / (4.0 * BRAKE_IMPULSE)
+"""Share of MetaDrive's brake that is a driver's full brake: up to it, the car slows in proportion.
+MetaDrive's whole pedal is four times as much, more than the tyres hold."""
+
+
+class Decision(NamedTuple):
+    """What the car does until the next decision."""
+
+    steering: float = 0.0
+    """rad, asked of the front wheels, positive to the left."""
+    throttle: float = 0.0
+    """0..1."""
+    brake: float = 0.0
+    """1 is `FULL_BRAKE`; MetaDrive's own drivers go beyond."""
+
+    @classmethod
+    def of_action(cls, steering: float, throttle_brake: float) -> Decision:
+        """What MetaDrive's action, each in -1..1, means."""
+        return cls(
+            steering * VEHICLE.steering_limit,
+            max(throttle_brake, 0.0),
+            max(-throttle_brake, 0.0) / FULL_BRAKE,
+        )
+
+    @property
+    def wheel_angle(self) -> float:
+        """Rad, what the front wheels do; MetaDrive's turn at once."""
+        return min(max(self.steering, -VEHICLE.steering_limit), VEHICLE.steering_limit)
+
+    @property
+    def action(self) -> tuple[float, float]:
+        """As MetaDrive has it: steering, throttle or brake, each in -1..1; the brake wins."""
+        steering = self.wheel_angle / VEHICLE.steering_limit
+        if self.brake > 0.0:
+            return steering, -min(self.brake * FULL_BRAKE, 1.0)
+        return steering, self.throttle
+
+
+def drive_setup(rules: Rules, road: Road) -> DriveSetup:
+    """What a driver is told before a drive along the road."""
+    return DriveSetup(
+        speed_limit=rules.speed_limit / 3.6,
+        lane_width=road.lane_width,
+        period=PERIOD,
+        front_axle=VEHICLE.front_axle,
+        rear_axle=VEHICLE.rear_axle,
+        car_length=VEHICLE.length,
+        car_width=VEHICLE.width,
+        max_steering=VEHICLE.steering_limit,
+        max_acceleration=VEHICLE.engine_acceleration,
+        max_deceleration=VEHICLE.brake_deceleration,
+    )

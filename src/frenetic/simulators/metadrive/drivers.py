@@ -1,0 +1,89 @@
+"""MetaDrive's own drivers as systems under test.
+
+They look at MetaDrive's world instead of an `Observation`, so only `MetaDriveSimulator` can ask
+them: it recognises them and lets MetaDrive's policies act, see `policies` beside this module.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, NoReturn
+
+from frenetic.drivers import Controls, Driver, DriveSetup, Observation
+from frenetic.drivers.layers import Delayed, LimitedView, Noisy
+from frenetic.errors import DriverError
+
+
+class MetaDriveDriver:
+    """A policy that comes with MetaDrive; the subclasses are its options."""
+
+    name: ClassVar[str]
+    """In the registry."""
+
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002 - asked by a foreign simulator
+        """Refuses: see `act`.
+
+        Raises:
+            DriverError: always.
+        """
+        self._refuse()
+
+    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
+        """Refuses, as a simulator that asks for controls is not MetaDrive.
+
+        Raises:
+            DriverError: always.
+        """
+        self._refuse()
+
+    def _refuse(self) -> NoReturn:
+        raise DriverError(f"{self.name} drives in MetaDrive only: add --simulator metadrive")
+
+
+class MetaDriveIdm(MetaDriveDriver):
+    """MetaDrive's rule-based driver: PID steering to the lane's centre, constant target speed.
+
+    It does not slow down for curves, so its target speed decides which roads it can take.
+
+    Args:
+        target_speed: km/h; 30 is what MetaDrive's traffic keeps. The speed limit caps it.
+    """
+
+    name = "metadrive-idm"
+
+    def __init__(self, *, target_speed: float = 30.0) -> None:
+        if isinstance(target_speed, bool) or not (
+            math.isfinite(target_speed) and target_speed > 0.0
+        ):
+            raise ValueError(f"target_speed is {target_speed}: a positive number of km/h is needed")
+        self.target_speed = float(target_speed)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """What it was made with."""
+        return {"target_speed": self.target_speed}
+
+
+class MetaDriveExpert(MetaDriveDriver):
+    """The neural network that comes with MetaDrive, trained there by PPO; its mean action."""
+
+    name = "metadrive-expert"
+
+
+def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
+    """The driver if it is one of MetaDrive's own, None if it is asked with observations.
+
+    Raises:
+        DriverError: it is one of MetaDrive's own under layers, which would not reach it.
+    """
+    inner: object = driver
+    while isinstance(inner, Noisy | Delayed | LimitedView):
+        inner = inner.driver
+    if not isinstance(inner, MetaDriveDriver):
+        return None
+    if inner is not driver:
+        raise DriverError(
+            f"{inner.name} looks at MetaDrive's own world, where noise, delay and view do not"
+            " reach it: leave them out"
+        )
+    return inner

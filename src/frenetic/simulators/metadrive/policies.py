@@ -1,0 +1,98 @@
+"""MetaDrive's policies in charge of the car."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, Final, Protocol
+
+import numpy as np
+from metadrive.examples.ppo_expert import numpy_expert
+from metadrive.obs.state_obs import LidarStateObservation
+from metadrive.policy.idm_policy import IDMPolicy
+
+from frenetic.arrays import FloatArray
+from frenetic.simulators.metadrive.car import Decision
+from frenetic.simulators.metadrive.drivers import MetaDriveDriver, MetaDriveIdm
+from frenetic.simulators.metadrive.world import SEED, World
+
+DECISION_PERIODS: Final = 2
+"""Periods between two decisions: 0.1 s, for which MetaDrive's policies were made."""
+
+
+class Policy(Protocol):
+    """Decides like a driver, but knows MetaDrive's world."""
+
+    def act(self) -> Decision:
+        """What to do until it is asked again."""
+
+    def close(self) -> None:
+        """Ends it."""
+
+
+class Idm:
+    """MetaDrive's `IDMPolicy`."""
+
+    def __init__(self, world: World, target_speed: float) -> None:
+        self._vehicle = world.vehicle
+        self._policy = IDMPolicy(world.vehicle, SEED)
+        self._policy.target_speed = target_speed  # km/h
+
+    def act(self) -> Decision:
+        """MetaDrive's action."""
+        self._vehicle.after_step()  # looks where the car is
+        return _decision(self._policy.act())
+
+    def close(self) -> None:
+        """Ends it."""
+        self._policy.destroy()
+
+
+class Expert:
+    """MetaDrive's PPO expert: the mean action of its network.
+
+    `numpy_expert.expert` says the same, but reads the weights anew for each of its six layers.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._vehicle = world.vehicle
+        self._observation = LidarStateObservation(world.engine.global_config)
+        self._weights = _expert_weights()
+
+    def act(self) -> Decision:
+        """The network's action."""
+        self._vehicle.after_step()  # looks where the car is
+        seen = numpy_expert.obs_correction(self._observation.observe(self._vehicle))
+        for layer in ("fc_1", "fc_2"):
+            seen = np.tanh(self._layer(layer, seen))
+        steering, throttle_brake, *_spreads = self._layer("fc_out", seen)
+        return _decision((steering, throttle_brake))
+
+    def _layer(self, name: str, inputs: FloatArray) -> FloatArray:
+        outputs: FloatArray = (
+            inputs @ self._weights[f"default_policy/{name}/kernel"]
+            + self._weights[f"default_policy/{name}/bias"]
+        )
+        return outputs
+
+    def close(self) -> None:
+        """Nothing has to be ended."""
+        self._observation.destroy()
+
+
+@cache
+def _expert_weights() -> Mapping[str, FloatArray]:
+    """The network that MetaDrive brings."""
+    with np.load(numpy_expert.ckpt_path, allow_pickle=False) as file:
+        return dict(file)
+
+
+def make_policy(driver: MetaDriveDriver, world: World, speed_limit: float) -> Policy:
+    """The policy of a driver for the car that is in the world; ``speed_limit`` in km/h."""
+    if isinstance(driver, MetaDriveIdm):
+        return Idm(world, min(driver.target_speed, speed_limit))
+    return Expert(world)
+
+
+def _decision(action: Any) -> Decision:
+    return Decision.of_action(*(min(max(float(value), -1.0), 1.0) for value in action))

@@ -1,0 +1,274 @@
+"""MetaDrive as a `Simulator`."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+
+import numpy as np
+
+from frenetic.drivers.driver import Driver, checked_controls
+from frenetic.errors import DriverError, FreneticError, describe_error
+from frenetic.road import Road
+from frenetic.simulators.drive import Drive, Rules, Trajectory
+from frenetic.simulators.embedded.simulator import MAX_START_HEADING, MAX_START_OFFSET
+from frenetic.simulators.metadrive.car import (
+    PERIOD,
+    STEPS_PER_PERIOD,
+    VEHICLE,
+    Decision,
+    drive_setup,
+)
+from frenetic.simulators.metadrive.drivers import MetaDriveDriver, metadrive_driver
+from frenetic.simulators.observing import Observer, wrap
+from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
+
+if TYPE_CHECKING:
+    from frenetic.doctor import Check
+    from frenetic.simulators.metadrive.world import Motion, World
+
+logger = logging.getLogger(__name__)
+
+EXTRA: Final = 'pip install "frenetic-roads[metadrive]"'
+
+Decide: TypeAlias = "Callable[[Observer, Motion, float], Decision]"
+"""Decides for the next period; the last argument is the front wheels' angle in rad. The decision
+that it has made last, the very same object, is held."""
+
+
+class MetaDriveSimulator:
+    """MetaDrive: Bullet physics of a four-wheeled car, headless; needs the extra ``metadrive``.
+
+    Its engine exists once in a process, from entering to leaving the simulator.
+
+    Args:
+        rules: speed limit, oob tolerance and when a drive ends.
+        friction: of the road; 1 is what MetaDrive's tyres have, 0.9 of their load.
+        wall_limit: s of wall time that a drive may take; then it is an ERROR.
+        start_offset: m to the left of the ego lane's centre at which the car starts, -2 to 2.
+        start_heading: rad to the left of the road's direction in which it points there, within an
+            eighth of a turn.
+
+    `rules`, `friction`, `start_offset` and `start_heading` may be set between two drives: the next
+    one is driven in that world.
+
+    Raises:
+        ValueError: an option is out of range.
+    """
+
+    needs: Final = ("metadrive",)
+    """Modules that the extra brings."""
+
+    def __init__(
+        self,
+        *,
+        rules: Rules | None = None,
+        friction: float = 1.0,
+        wall_limit: float = 60.0,
+        start_offset: float = 0.0,
+        start_heading: float = 0.0,
+    ) -> None:
+        self.rules = rules or Rules()
+        self.car = VEHICLE.body()
+        self.friction = friction
+        self.start_offset = start_offset
+        self.start_heading = start_heading
+        self.wall_limit = _positive(wall_limit, "wall_limit")
+        self._world: World | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What it was made with, beside the rules; of friction and start only what is unusual."""
+        usual = {"friction": 1.0, "start_offset": 0.0, "start_heading": 0.0}
+        unusual = {k: getattr(self, k) for k, v in usual.items() if getattr(self, k) != v}
+        return {"wall_limit": self.wall_limit, **unusual}
+
+    @property
+    def friction(self) -> float:
+        """Of the road: 1 is dry."""
+        return self._friction
+
+    @friction.setter
+    def friction(self, friction: float) -> None:
+        self._friction = _positive(friction, "friction")
+
+    @property
+    def start_offset(self) -> float:
+        """M to the left of the ego lane's centre at which the car starts."""
+        return self._start_offset
+
+    @start_offset.setter
+    def start_offset(self, offset: float) -> None:
+        self._start_offset = _within(offset, MAX_START_OFFSET, "start_offset", "m")
+
+    @property
+    def start_heading(self) -> float:
+        """Rad to the left of the road's direction in which the car points at the start."""
+        return self._start_heading
+
+    @start_heading.setter
+    def start_heading(self, heading: float) -> None:
+        self._start_heading = _within(heading, MAX_START_HEADING, "start_heading", "rad")
+
+    def __enter__(self) -> Self:
+        """Starts MetaDrive's engine.
+
+        Raises:
+            FreneticError: MetaDrive is missing or another version than those we know, or its
+                engine is running in this process already.
+        """
+        try:
+            from frenetic.simulators.metadrive.world import World
+        except ModuleNotFoundError as error:
+            package = str(error.name).partition(".")[0]
+            raise FreneticError(
+                f"the simulator metadrive needs the package {package}: {EXTRA}"
+            ) from error
+        except ImportError as error:
+            raise FreneticError(
+                f"MetaDrive cannot be imported: {describe_error(error)}; install it anew, in an"
+                f" environment of its own: {EXTRA}"
+            ) from error
+        self._world = World()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends MetaDrive's engine."""
+        world, self._world = self._world, None
+        if world is not None:
+            world.close()
+
+    def checks(self) -> Iterator[Check]:
+        """What 'frenetic doctor' looks at."""
+        from frenetic.simulators.metadrive.checks import checks  # which needs this module
+
+        return checks(self)
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        """One drive of the driver along the road.
+
+        Raises:
+            FreneticError: the simulator has not been entered.
+            ArithmeticError: MetaDrive's physics broke.
+        """
+        world = self._world
+        if world is None:
+            raise FreneticError("MetaDrive is not running: drive roads in a with statement")
+        rows: list[list[float]] = []
+        error = None
+        try:
+            own = metadrive_driver(driver)
+            world.load(
+                road,
+                friction=self.friction,
+                left=self.start_offset,
+                turned=self.start_heading,
+            )
+            with wall_limit(self.wall_limit):
+                if own is None:
+                    with _blaming_the_driver():
+                        driver.reset(drive_setup(self.rules, road))
+                    self._follow(world, road, _asking(driver), rows)
+                else:
+                    self._follow_own(world, road, own, rows)
+        except WallLimitExceeded:
+            error = (
+                f"the drive did not end within {self.wall_limit:g} s of wall time (the car had"
+                f" driven {max(len(rows) - 1, 0) * PERIOD:.1f} s)"
+            )
+        except DriverError as trouble:
+            error = str(trouble)
+        columns = np.array(rows).reshape(-1, len(Trajectory.names()))
+        return Drive(Trajectory.from_rows(columns), self.car, self.rules, error)
+
+    def _follow_own(
+        self, world: World, road: Road, driver: MetaDriveDriver, rows: list[list[float]]
+    ) -> None:
+        """As `_follow`, with a driver of MetaDrive's."""
+        from frenetic.simulators.metadrive.policies import DECISION_PERIODS, make_policy
+
+        with closing(make_policy(driver, world, self.rules.speed_limit)) as policy:
+            held = Decision()
+            periods = 0
+
+            def decide(observer: Observer, motion: Motion, wheels: float) -> Decision:  # noqa: ARG001
+                nonlocal held, periods
+                if periods % DECISION_PERIODS == 0:
+                    held = policy.act()
+                periods += 1
+                return held
+
+            self._follow(world, road, decide, rows)
+
+    def _follow(self, world: World, road: Road, decide: Decide, rows: list[list[float]]) -> None:
+        """Drives until the drive ends and writes the records into ``rows`` as it goes."""
+        most = math.ceil(self.rules.timeout(road.length) / PERIOD) + 2
+        observer = Observer(road, self.rules, self.car, most)
+        heading = road.pose.heading
+        decision = Decision()
+        for i in range(most):
+            motion = world.motion()
+            if not all(map(math.isfinite, motion)):
+                raise ArithmeticError(f"MetaDrive's physics broke: the car's motion is {motion}")
+            heading += wrap(motion.heading - heading)
+            wheels = decision.wheel_angle
+            record = [i * PERIOD, motion.x, motion.y, heading, *motion[3:], wheels]
+            rows.append([*record, *_asked(decision)])
+            if not observer.see(i * PERIOD, motion.x, motion.y, heading):
+                return
+            last, decision = decision, decide(observer, motion, wheels)
+            rows[-1] = [*record, *_asked(decision)]
+            if decision is not last:
+                world.steer(*decision.action)
+            world.advance(STEPS_PER_PERIOD)
+
+
+def _asking(driver: Driver) -> Decide:
+    """Decides as the driver does for what it sees."""
+
+    def decide(observer: Observer, motion: Motion, wheels: float) -> Decision:
+        observation = observer.observation(motion.speed, motion.yaw_rate, wheels)
+        with _blaming_the_driver():
+            return Decision(*checked_controls(driver.act(observation)))
+
+    return decide
+
+
+@contextmanager
+def _blaming_the_driver() -> Iterator[None]:
+    """Tells what a driver raises from what breaks in MetaDrive."""
+    try:
+        yield
+    except DriverError:
+        raise
+    except (Exception, SystemExit) as error:
+        logger.debug("the driver broke", exc_info=True)
+        raise DriverError(f"the driver raised {describe_error(error)}") from error
+
+
+def _asked(decision: Decision) -> tuple[float, float, float]:
+    """A record's columns steering_input, throttle and brake."""
+    return decision.steering, decision.throttle, min(decision.brake, 1.0)
+
+
+def _positive(value: float, name: str) -> float:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ValueError(f"{name} is {value}: a positive number is needed")
+    return float(value)
+
+
+def _within(value: float, most: float, name: str, unit: str) -> float:
+    if not abs(value) <= most:
+        raise ValueError(
+            f"{name} is {value}: a number from {-most:.3g} to {most:.3g} {unit} is needed"
+        )
+    return float(value)

@@ -1,0 +1,315 @@
+"""MetaDrive's engine with one road and one car: the only module that knows its environments.
+
+Coordinates are those of the road moved such that it starts at the origin: Bullet calculates in
+single precision.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from metadrive.component.map.scenario_map import ScenarioMap
+from metadrive.constants import DEFAULT_AGENT
+from metadrive.engine.base_engine import BaseEngine
+from metadrive.engine.engine_utils import close_engine, engine_initialized
+from metadrive.envs.base_env import BaseEnv
+from metadrive.manager.base_manager import BaseManager
+from metadrive.obs.observation_base import DummyObservation
+from metadrive.type import MetaDriveType
+from panda3d.core import Vec3
+
+from frenetic.errors import FreneticError
+from frenetic.road import Road
+from frenetic.simulators.metadrive.car import (
+    BRAKE_IMPULSE,
+    ENGINE_FORCE,
+    PHYSICS_STEP,
+    VEHICLE,
+)
+from frenetic.simulators.metadrive.navigation import EGO_LANE, RoadNavigation
+
+SEED: Final = 0
+"""Of every road, so that the car is the same on each."""
+POINT_SPACING: Final = 1.25
+"""m between the points of the map's lines. MetaDrive puts those together that are less than 1 m
+apart, and on the inner lane of the sharpest valid curve they are a seventh closer."""
+SETTLING_STEPS: Final = 60
+"""Steps of the physics that the car stands before a drive: MetaDrive drops it onto its wheels."""
+
+
+class Motion(NamedTuple):
+    """Where the car is and how it moves, as the physics has it."""
+
+    x: float
+    """m, centre of mass."""
+    y: float
+    """m, centre of mass."""
+    heading: float
+    """rad, in -pi..pi."""
+    speed: float
+    """m/s, along the car."""
+    lateral_speed: float
+    """m/s, positive to the left."""
+    yaw_rate: float
+    """rad/s, positive to the left."""
+
+
+class _PhysicsEngine(BaseEngine):  # type: ignore[misc]
+    """The engine without pictures, which needs none of the assets that MetaDrive downloads."""
+
+    @staticmethod
+    def try_pull_asset() -> None:
+        """Leaves the assets where they are."""
+
+
+class _RoadManager(BaseManager):  # type: ignore[misc]
+    """Turns the road that is to be driven into MetaDrive's map."""
+
+    PRIORITY = 0  # before the car, which looks for its lane
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.road: Road | None = None
+        self.current_map: Any = None
+
+    def before_reset(self) -> None:
+        """Takes the last road away."""
+        if self.current_map is not None:
+            self.current_map.detach_from_world()
+            self.current_map.destroy()
+            self.current_map = None
+
+    def reset(self) -> None:
+        """Builds the road."""
+        if self.road is None:
+            return
+        self.current_map = ScenarioMap(map_index=0, map_data=map_data(self.road))
+        self.current_map.attach_to_world()
+
+    def destroy(self) -> None:
+        """Takes the road away for good."""
+        self.before_reset()
+        super().destroy()
+
+
+class _RoadEnv(BaseEnv):  # type: ignore[misc]
+    """A MetaDrive environment that has nothing but a road and a car."""
+
+    @classmethod
+    def default_config(cls) -> Any:
+        """MetaDrive's defaults and what its navigation asks for."""
+        config = super().default_config()
+        config.update(
+            {"start_seed": SEED, "map_config": {}, "enable_idm_lane_change": False},
+            allow_add_new_key=True,
+        )
+        return config
+
+    def lazy_init(self) -> None:
+        """Starts the engine; MetaDrive's own way would download the assets first."""
+        if not engine_initialized():
+            _PhysicsEngine(self.config)
+            self.setup_engine()
+
+    def setup_engine(self) -> None:
+        """Registers the managers."""
+        super().setup_engine()
+        self.engine.register_manager("map_manager", _RoadManager())
+
+    def get_single_observation(self) -> Any:
+        """None is wanted."""
+        return DummyObservation()
+
+    def reward_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
+        """None is wanted."""
+        return 0.0, {}
+
+    def cost_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
+        """None is wanted."""
+        return 0.0, {}
+
+    def done_function(self, object_id: str) -> tuple[bool, dict[str, Any]]:  # noqa: ARG002
+        """The rules end a drive, not MetaDrive."""
+        return False, {}
+
+
+class World:
+    """MetaDrive's engine with a car, and a road once one is loaded.
+
+    Raises:
+        FreneticError: there is a MetaDrive engine in this process already, or MetaDrive's car is
+            not the one that we know.
+    """
+
+    def __init__(self) -> None:
+        if engine_initialized():
+            raise FreneticError(
+                "a MetaDrive engine is running in this process, which can have only one: close"
+                " it first, or drive in other processes, with 2 or more workers"
+            )
+        self._env = _RoadEnv(
+            {
+                "physics_world_step_size": PHYSICS_STEP,
+                "agent_configs": {
+                    DEFAULT_AGENT: {
+                        "vehicle_model": "static_default",
+                        "spawn_position_heading": ((0.0, 0.0), 0.0),
+                        "spawn_velocity": (0.0, 0.0),
+                    }
+                },
+                "vehicle_config": {
+                    "navigation_module": RoadNavigation,
+                    "show_navi_mark": False,
+                    # What the expert was trained with; its observation follows from it.
+                    "lidar": {"num_lasers": 240, "distance": 50, "num_others": 4},
+                },
+                # A used car remembers its last drive in the last bits of its motion.
+                "force_destroy": True,
+                "log_level": logging.ERROR,
+            }
+        )
+        self._origin = (0.0, 0.0)
+        self.vehicle: Any = None  # MetaDrive's car
+        try:
+            self._reset()
+            self._check_car()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def engine(self) -> Any:
+        """MetaDrive's."""
+        return self._env.engine
+
+    def close(self) -> None:
+        """Ends the engine."""
+        try:
+            close_engine()
+        finally:
+            BaseEngine.singleton = None  # also if it broke on the way
+
+    def _reset(self) -> None:
+        self._env.reset(seed=SEED)
+        self.vehicle = self._env.agent
+
+    def _check_car(self) -> None:
+        """Makes sure that MetaDrive's car is the one that drivers are told about."""
+        car = self.vehicle
+        for name, there, here in (
+            ("length", car.LENGTH, VEHICLE.length),
+            ("width", car.WIDTH, VEHICLE.width),
+            ("mass", car.MASS, VEHICLE.mass),
+            ("front axle", car.FRONT_WHEELBASE, VEHICLE.front_axle),
+            ("rear axle", car.REAR_WHEELBASE, VEHICLE.rear_axle),
+            ("steering limit", math.radians(car.max_steering), VEHICLE.steering_limit),
+            ("engine force", car.config["max_engine_force"], ENGINE_FORCE),
+            ("brake impulse", car.config["max_brake_force"], BRAKE_IMPULSE),
+            ("tyre friction", car.config["wheel_friction"], VEHICLE.tyre_peak),
+        ):
+            if not math.isclose(there, here, rel_tol=1e-6):
+                raise FreneticError(
+                    f"the car of this MetaDrive has another {name}, {there:g} instead of {here:g}:"
+                    " install the version that is known, metadrive-simulator 0.4.3"
+                )
+
+    def load(self, road: Road, *, friction: float, left: float, turned: float) -> None:
+        """Replaces the road and puts the car at its start, at rest.
+
+        Args:
+            road: what will be driven.
+            friction: of the road, 1 is MetaDrive's own.
+            left: m left of the ego lane's centre.
+            turned: rad left of the road's direction.
+        """
+        x, y, heading = road.pose
+        self._origin = (x, y)
+        offset = left - 0.5 * road.lane_width
+        start = (-offset * math.sin(heading), offset * math.cos(heading))
+        self.engine.map_manager.road = road
+        car = self.engine.global_config["agent_configs"][DEFAULT_AGENT]
+        car["spawn_position_heading"] = (start, heading + turned)
+        self._reset()
+        vehicle = self.vehicle
+        # Not `vehicle.wheels`, which point to where the wheels were before there were four.
+        for wheel in vehicle.system.getWheels():
+            wheel.setFrictionSlip(vehicle.config["wheel_friction"] * friction)
+        self.steer(0.0, 0.0)
+        self.advance(SETTLING_STEPS)
+        vehicle.body.setLinearVelocity(Vec3(0.0))
+        vehicle.body.setAngularVelocity(Vec3(0.0))
+
+    def steer(self, steering: float, throttle_brake: float) -> None:
+        """Sets what MetaDrive calls an action, each in -1..1: steering left, throttle or brake."""
+        self.vehicle.before_step((steering, throttle_brake))
+
+    def advance(self, steps: int) -> None:
+        """Moves the car on by so many steps of the physics.
+
+        Raises:
+            ArithmeticError: the physics broke, and Panda3D noticed.
+        """
+        try:
+            for _ in range(steps):
+                self.engine.step_physics_world()
+        except AssertionError as error:
+            raise ArithmeticError(f"MetaDrive's physics broke: {error}") from error
+
+    def motion(self) -> Motion:
+        """Where the car is now."""
+        vehicle = self.vehicle
+        place = vehicle.origin.getPos()
+        ahead = vehicle.origin.getQuat().getForward()
+        velocity = vehicle.body.getLinearVelocity()
+        heading = math.atan2(ahead[1], ahead[0])
+        c, s = math.cos(heading), math.sin(heading)
+        return Motion(
+            place[0] + self._origin[0],
+            place[1] + self._origin[1],
+            heading,
+            c * velocity[0] + s * velocity[1],
+            c * velocity[1] - s * velocity[0],
+            vehicle.body.getAngularVelocity()[2],
+        )
+
+
+def map_data(road: Road) -> dict[str, dict[str, Any]]:
+    """The road in MetaDrive's terms: two lanes, solid edges, a broken line in between."""
+    x, y, _ = road.pose
+
+    def line(offset: float) -> Any:
+        return road.sample(POINT_SPACING, offset) - (x, y)
+
+    def lane(right: float, left: float, direction: int) -> dict[str, Any]:
+        centre = line(0.5 * (left + right))[::direction]
+        return {
+            "type": MetaDriveType.LANE_SURFACE_STREET,
+            "polyline": np.column_stack([centre, np.zeros(len(centre))]),
+            "polygon": np.concatenate([line(left), line(right)[::-1]]),
+            "width": road.lane_width,
+            "entry_lanes": [],
+            "exit_lanes": [],
+            "left_neighbor": [],
+            "right_neighbor": [],
+        }
+
+    width = road.lane_width
+    return {
+        EGO_LANE: lane(-width, 0.0, 1),
+        "other": lane(0.0, width, -1),
+        "right edge": {
+            "type": MetaDriveType.LINE_SOLID_SINGLE_WHITE,
+            "polyline": line(-width),
+        },
+        "centre line": {
+            "type": MetaDriveType.LINE_BROKEN_SINGLE_YELLOW,
+            "polyline": line(0.0),
+        },
+        "left edge": {
+            "type": MetaDriveType.LINE_SOLID_SINGLE_WHITE,
+            "polyline": line(width),
+        },
+    }

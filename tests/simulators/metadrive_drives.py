@@ -1,0 +1,65 @@
+"""Roads, drivers and digests for the tests of MetaDrive."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from frenetic.drivers import Controls, DriveSetup, Observation
+from frenetic.road import Pose, Road
+from frenetic.search import RandomSearch
+from frenetic.simulators import Drive
+
+STRAIGHT = Road(np.zeros(21), pose=Pose(100.0, 10.0, 1.5))
+WINDING = Road(
+    [0.0, 0.0, 0.02, 0.03, 0.0, -0.02, -0.04, -0.01, 0.02, 0.03, 0.0, 0.0],
+    pose=Pose(90.0, 40.0, 2.0),
+)
+
+
+def random_roads(count: int) -> list[Road]:
+    strategy = RandomSearch(seed=7)
+    roads: list[Road] = []
+    while len(roads) < count:
+        candidate = strategy.ask()
+        placed, verdict = Road(candidate.curvatures, candidate.step).placed()
+        if placed is not None and verdict.valid:
+            roads.append(placed)
+    return roads
+
+
+class Fixed:
+    """Does the same all the time, from a given time on."""
+
+    def __init__(self, controls: Controls, since: float = 0.0, before: Controls | None = None):
+        self.controls, self.since, self.before = controls, since, before or Controls(0.0)
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.setup = setup
+
+    def act(self, observation: Observation) -> Controls:
+        return self.controls if observation.time >= self.since else self.before
+
+
+def digest(drive: Drive) -> str:
+    return hashlib.sha256(drive.trajectory.to_rows().tobytes()).hexdigest()
+
+
+def run(code: str, **environment: str) -> str:
+    """Output of Python code in a process of its own."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=Path(__file__).parent,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    return done.stdout

@@ -1,0 +1,168 @@
+"""MetaDrive as a simulator: the contract, its beginning and end, and what goes wrong.
+
+No part of MetaDrive is replaced; one engine after the other runs in this process.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from metadrive.component.vehicle.vehicle_type import StaticDefaultVehicle
+from metadrive.engine.engine_utils import engine_initialized, get_engine
+from metadrive_drives import STRAIGHT, WINDING, Fixed, run
+from panda3d.core import Vec3
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.drivers import Controls, Observation, Stanley
+from frenetic.errors import FreneticError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.search import Frenetic
+from frenetic.simulators import Rules, Simulator
+from frenetic.simulators.metadrive import MetaDriveIdm, MetaDriveSimulator
+from frenetic.testing import SimulatorContract
+
+
+class TestMetaDrive(SimulatorContract):
+    def make(self, rules: Rules) -> Simulator:
+        return MetaDriveSimulator(rules=rules)
+
+
+def test_friction_limits_the_lateral_acceleration() -> None:
+    driver = Fixed(Controls(0.4), 5.0, Controls(0.0, throttle=1.0))
+    grips = []
+    for friction in (1.0, 0.5):
+        with MetaDriveSimulator(friction=friction) as simulator:
+            t = simulator.drive(STRAIGHT, driver).trajectory
+        grips.append(np.abs(t.yaw_rate * t.speed)[102:110].max())
+    assert grips[0] == pytest.approx(0.9 * 9.81, rel=0.1)
+    assert grips[1] == pytest.approx(0.45 * 9.81, rel=0.15)
+
+
+def test_options_out_of_range_are_refused() -> None:
+    for value in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match=r"friction is .*: a positive number is needed"):
+            MetaDriveSimulator(friction=value)
+        with pytest.raises(ValueError, match=r"wall_limit is .*: a positive number is needed"):
+            MetaDriveSimulator(wall_limit=value)
+    with pytest.raises(ValueError, match=r"start_offset is 3\.0: a number from -2 to 2 m"):
+        MetaDriveSimulator(start_offset=3.0)
+
+
+def test_another_car_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(StaticDefaultVehicle, "DEFAULT_LENGTH", 5.0)
+        with pytest.raises(FreneticError, match=r"another length, 5 instead of 4\.515: install"):
+            MetaDriveSimulator().__enter__()
+    with MetaDriveSimulator() as simulator:
+        assert judge(WINDING, simulator.drive(WINDING, Stanley())).outcome is Outcome.PASS
+
+
+def test_speed_limit_caps_the_target_speed() -> None:
+    with MetaDriveSimulator(rules=Rules(speed_limit=20.0)) as simulator:
+        t = simulator.drive(WINDING, MetaDriveIdm()).trajectory
+    assert t.speed.max() * 3.6 == pytest.approx(20.0, abs=1.0)
+
+
+def test_engine_ends_with_the_simulator_whatever_happens() -> None:
+    simulator = MetaDriveSimulator()
+
+    def interrupted() -> None:
+        with simulator:
+            simulator.drive(STRAIGHT, Stanley())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert not engine_initialized()
+    with pytest.raises(FreneticError, match="MetaDrive is not running"):
+        simulator.drive(STRAIGHT, Stanley())
+
+
+def test_one_engine_per_process() -> None:
+    with MetaDriveSimulator() as simulator:
+        with pytest.raises(FreneticError, match="a MetaDrive engine is running in this process"):
+            MetaDriveSimulator().__enter__()
+        assert judge(WINDING, simulator.drive(WINDING, Stanley())).outcome is Outcome.PASS
+
+
+def test_broken_physics_is_the_simulators_fault() -> None:
+    class Saboteur(Fixed):
+        def act(self, observation: Observation) -> Controls:
+            if observation.time >= 1.0:
+                car = get_engine().agent_manager.active_agents["default_agent"]
+                car.body.setLinearVelocity(Vec3(1e38))
+            return self.controls
+
+    with (
+        MetaDriveSimulator() as simulator,
+        pytest.raises(ArithmeticError, match="physics broke"),
+    ):
+        simulator.drive(STRAIGHT, Saboteur(Controls(0.0, throttle=1.0)))
+    with MetaDriveSimulator() as simulator:
+        assert judge(STRAIGHT, simulator.drive(STRAIGHT, Stanley())).outcome is Outcome.PASS
+
+
+def test_driver_that_hangs_is_an_error_of_its_drive() -> None:
+    class Hanging(Stanley):
+        def act(self, observation: Observation) -> Controls:
+            while observation.time > 1.0:
+                pass
+            return super().act(observation)
+
+    with MetaDriveSimulator(wall_limit=0.5) as simulator:
+        drive = simulator.drive(STRAIGHT, Hanging())
+        assert drive.error is not None
+        assert drive.error.startswith("the drive did not end within 0.5 s of wall time")
+        simulator.wall_limit = 60.0
+        assert judge(STRAIGHT, simulator.drive(STRAIGHT, Stanley())).outcome is Outcome.PASS
+
+
+def test_missing_package_is_said_in_one_line() -> None:
+    code = (
+        "import sys\n"
+        "sys.modules['metadrive'] = None\n"
+        "from frenetic.errors import FreneticError\n"
+        "from frenetic.registry import SIMULATORS\n"
+        "try:\n"
+        "    SIMULATORS.make('metadrive').__enter__()\n"
+        "except FreneticError as error:\n"
+        "    print(error)\n"
+    )
+    assert run(code).splitlines() == [
+        "the simulator metadrive needs the package metadrive:"
+        ' pip install "frenetic-roads[metadrive]"'
+    ]
+
+
+def test_nothing_imports_metadrive_before_it_is_needed() -> None:
+    code = (
+        "import sys, frenetic, frenetic.simulators.metadrive\n"
+        "from frenetic.registry import DRIVERS, SIMULATORS\n"
+        "SIMULATORS.make('metadrive'), DRIVERS.make('metadrive-idm')\n"
+        "print('metadrive' in sys.modules)\n"
+    )
+    assert run(code).split() == ["False"]
+
+
+def test_campaign_is_the_same_in_one_and_in_two_processes(tmp_path: Path) -> None:
+    results = []
+    for workers in (1, 2):
+        folder = tmp_path / str(workers)
+        Campaign(
+            strategy=Frenetic(seed=4),
+            simulator=MetaDriveSimulator(),
+            driver=MetaDriveIdm(target_speed=60.0),
+            budget=Budget(simulations=5),
+            folder=folder,
+            workers=workers,
+            ordered=True,
+        ).run()
+        with CampaignStore.open(folder) as store:
+            results.append([(r.outcome, r.moobd, r.reason) for r in store.tests()])
+    assert results[0] == results[1]
+    assert {outcome for outcome, *_ in results[0]} <= {Outcome.PASS, Outcome.FAIL, Outcome.INVALID}
+    assert not engine_initialized()

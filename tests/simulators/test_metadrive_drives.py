@@ -1,0 +1,237 @@
+"""How cars drive in MetaDrive: its physics, its map, its own drivers; one engine for all tests.
+
+No part of MetaDrive is replaced.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import psutil
+import pytest
+from metadrive.engine.engine_utils import get_engine
+from metadrive.examples.ppo_expert import numpy_expert
+from metadrive_drives import STRAIGHT, WINDING, Fixed, digest, random_roads, run
+
+from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Planner, Stanley
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.road import Pose, Road
+from frenetic.simulators import EmbeddedSimulator, Vehicle
+from frenetic.simulators.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
+from frenetic.simulators.metadrive.navigation import EGO_LANE, pieces_of
+from frenetic.simulators.metadrive.policies import make_policy
+
+
+@pytest.fixture(scope="module")
+def simulator() -> Iterator[MetaDriveSimulator]:
+    with MetaDriveSimulator() as simulator:
+        yield simulator
+
+
+def test_full_throttle_accelerates_as_drivers_are_told(simulator: MetaDriveSimulator) -> None:
+    driver = Fixed(Controls(0.0, throttle=1.0))
+    t = simulator.drive(STRAIGHT, driver).trajectory
+    acceleration = (t.speed[60] - t.speed[20]) / 2.0
+    assert acceleration == pytest.approx(driver.setup.max_acceleration, rel=0.01)
+
+
+@pytest.mark.parametrize("pedal", [0.25, 0.5, 1.0])
+def test_brake_slows_as_drivers_are_told(simulator: MetaDriveSimulator, pedal: float) -> None:
+    driver = Fixed(Controls(0.0, brake=pedal), 4.0, Controls(0.0, throttle=1.0))
+    t = simulator.drive(STRAIGHT, driver).trajectory
+    deceleration = (t.speed[82] - t.speed[86]) / 0.2
+    assert deceleration == pytest.approx(pedal * driver.setup.max_deceleration, rel=0.03)
+
+
+def test_wheels_turn_the_car_as_geometry_has_it(simulator: MetaDriveSimulator) -> None:
+    # At 3 m/s the tyres do not slide: the yaw rate is v tan(angle) / wheelbase.
+    driver = Fixed(Controls(0.2), 1.0, Controls(0.0, throttle=1.0))
+    t = simulator.drive(STRAIGHT, driver).trajectory
+    expected = t.speed[28] * math.tan(0.2) / driver.setup.wheelbase
+    assert t.yaw_rate[28] == pytest.approx(expected, rel=0.03)
+    assert t.lateral_speed[28] == pytest.approx(expected * driver.setup.rear_axle, rel=0.1)
+    assert np.diff(t.heading[22:30]) / 0.05 == pytest.approx(t.yaw_rate[22:29], abs=0.05)
+
+
+def test_steering_is_limited_and_recorded(simulator: MetaDriveSimulator) -> None:
+    t = simulator.drive(STRAIGHT, Fixed(Controls(2.0, throttle=0.3))).trajectory
+    assert t.steering[0] == 0.0
+    assert np.all(t.steering[1:] == math.radians(40.0))
+    assert np.all(t.steering_input[:-1] == 2.0)
+    assert np.all(t.throttle[:-1] == 0.3)
+
+
+def test_start_can_be_moved_and_turned(simulator: MetaDriveSimulator) -> None:
+    simulator.start_offset, simulator.start_heading = 0.5, -0.2
+    try:
+        start = simulator.drive(STRAIGHT, Stanley()).trajectory
+    finally:
+        simulator.start_offset = simulator.start_heading = 0.0
+    ((_, d),) = STRAIGHT.track([[start.x[0], start.y[0]]])
+    assert d + 2.0 == pytest.approx(0.5, abs=0.01)
+    assert start.heading[0] - STRAIGHT.pose.heading == pytest.approx(-0.2, abs=1e-3)
+
+
+def test_road_becomes_a_map_with_two_opposite_lanes(simulator: MetaDriveSimulator) -> None:
+    road = Road(WINDING.curvatures, pose=(-40.0, 3.0, 0.3), lane_width=3.0)
+    simulator.drive(road, Stanley())
+    network = get_engine().current_map.road_network
+    assert len(network.get_all_lanes()) == 2
+    ego, other = network.get_lane(EGO_LANE), network.get_lane("other")
+    origin = np.array(road.pose[:2])
+    for lane, centre in ((ego, road.ego_lane.centre), (other, road.other_lane.centre[::-1])):
+        places = np.array([lane.local_coordinates(point - origin) for point in centre])
+        assert np.abs(places[:, 1]).max() < 0.02
+        assert np.all(np.diff(places[:, 0]) > 0.0), "points in the lane's direction"
+        widths = np.linalg.norm(
+            lane.polygon[: len(lane.polygon) // 2] - lane.polygon[::-1][: len(lane.polygon) // 2],
+            axis=1,
+        )
+        assert widths == pytest.approx(np.full(len(widths), 3.0), abs=1e-6)
+
+
+def test_place_of_the_road_changes_nothing(simulator: MetaDriveSimulator) -> None:
+    here = simulator.drive(WINDING, Planner()).trajectory
+    pose = Pose(WINDING.pose.x + 40_000.0, WINDING.pose.y - 7_000.0, WINDING.pose.heading)
+    there = simulator.drive(Road(WINDING.curvatures, pose=pose), Planner()).trajectory
+    assert there.x - 40_000.0 == pytest.approx(here.x, abs=1e-3)
+    assert there.y + 7_000.0 == pytest.approx(here.y, abs=1e-3)
+
+
+def test_same_drive_after_others_and_in_another_process(simulator: MetaDriveSimulator) -> None:
+    drivers: list[Driver] = [Stanley(), Planner(), MetaDriveIdm(), MetaDriveExpert()]
+    roads = [WINDING, *random_roads(2)]
+    first = [digest(simulator.drive(roads[0], driver)) for driver in drivers]
+    for road in roads[1:]:
+        for driver in drivers:
+            simulator.drive(road, driver)
+    assert [digest(simulator.drive(roads[0], driver)) for driver in reversed(drivers)] == first[
+        ::-1
+    ]
+    code = (
+        "from frenetic.drivers import Planner, Stanley\n"
+        "from frenetic.simulators.metadrive import *\n"
+        "from metadrive_drives import WINDING, digest\n"
+        "with MetaDriveSimulator() as simulator:\n"
+        "    for driver in (Stanley(), Planner(), MetaDriveIdm(), MetaDriveExpert()):\n"
+        "        print(digest(simulator.drive(WINDING, driver)))\n"
+    )
+    assert run(code, PYTHONHASHSEED="123").split() == first
+
+
+def test_a_hundred_roads_need_no_more_memory(simulator: MetaDriveSimulator) -> None:
+    roads = random_roads(20)
+    process = psutil.Process()
+
+    def drive_all() -> int:
+        for road in roads:
+            simulator.drive(road, Fixed(Controls(0.3, throttle=1.0)))  # soon out of the lane
+        return int(process.memory_info().rss)
+
+    before = drive_all()
+    for _ in range(5):
+        after = drive_all()
+    # Measured: 0.2 MB.
+    assert after - before < 10e6
+
+
+def test_idm_keeps_the_lane_and_its_target_speed(simulator: MetaDriveSimulator) -> None:
+    drive = simulator.drive(WINDING, MetaDriveIdm())
+    result = judge(WINDING, drive)
+    assert result.outcome is Outcome.PASS
+    assert result.moobd is not None
+    assert result.moobd > 1.0
+    assert drive.trajectory.speed.max() * 3.6 == pytest.approx(30.0, abs=1.0)
+    faster = simulator.drive(WINDING, MetaDriveIdm(target_speed=45.0)).trajectory
+    assert faster.speed.max() * 3.6 == pytest.approx(45.0, abs=3.0)
+
+
+@pytest.mark.parametrize("speed", [0.0, -3.0, math.nan, math.inf, True])
+def test_target_speed_has_to_be_a_positive_number(speed: float) -> None:
+    with pytest.raises(ValueError, match=r"target_speed is .*: a positive number of km/h"):
+        MetaDriveIdm(target_speed=speed)
+
+
+def test_expert_drives_gentle_roads(simulator: MetaDriveSimulator) -> None:
+    for road in (STRAIGHT, WINDING):
+        result = judge(road, simulator.drive(road, MetaDriveExpert()))
+        assert result.outcome is Outcome.PASS, result.reason
+        assert result.moobd is not None
+        assert result.moobd > 0.0
+
+
+def test_expert_is_metadrives_own(simulator: MetaDriveSimulator) -> None:
+    # Against MetaDrive's function on the states of a drive, which asks for a newly made observer.
+    numpy_expert._expert_weights = None
+    simulator.drive(WINDING, Fixed(Controls(0.05, throttle=0.5)))
+    world = simulator._world
+    assert world is not None
+    policy = make_policy(MetaDriveExpert(), world, 70.0)
+    for _ in range(5):
+        mine = policy.act()
+        steering, throttle_brake = numpy_expert.expert(world.vehicle, deterministic=True)
+        assert mine.action == pytest.approx(
+            np.clip((steering, throttle_brake), -1.0, 1.0), abs=1e-5
+        )
+        world.steer(*mine.action)
+        world.advance(6)
+    policy.close()
+
+
+def test_pieces_of_a_road_are_its_arcs() -> None:
+    # A circle of radius 50 m to the left: the ego lane's is 52 m.
+    road = Road(np.full(13, 1.0 / 50.0), pose=Pose(7.0, 8.0, 0.0))
+    pieces = pieces_of(road)
+    assert [piece.radius for piece in pieces] == pytest.approx([52.0] * 3)
+    assert [piece.turn for piece in pieces] == pytest.approx([0.8] * 3)
+    assert pieces[-1].end == pytest.approx(120.0 * 52.0 / 50.0)
+    end = np.array([pieces[-1].x, pieces[-1].y]) + road.pose[:2]
+    assert end == pytest.approx(road.ego_lane.centre[-1], abs=1e-6)
+    assert all(piece.radius == piece.turn == 0.0 for piece in pieces_of(STRAIGHT))
+
+
+@pytest.mark.parametrize("driver", [MetaDriveIdm(), MetaDriveExpert()])
+def test_metadrives_drivers_refuse_other_simulators(driver: Driver) -> None:
+    drive = EmbeddedSimulator().drive(WINDING, driver)
+    name = driver.name  # type: ignore[attr-defined]
+    assert drive.error == f"{name} drives in MetaDrive only: add --simulator metadrive"
+
+
+def test_layers_over_metadrives_drivers_are_refused(simulator: MetaDriveSimulator) -> None:
+    drive = simulator.drive(WINDING, Noisy(MetaDriveIdm()))
+    assert drive.error is not None
+    assert "noise, delay and view do not reach it: leave them out" in drive.error
+    assert judge(WINDING, drive).outcome is Outcome.ERROR
+
+
+def test_driver_that_breaks_in_reset_is_an_error_of_its_drive(
+    simulator: MetaDriveSimulator,
+) -> None:
+    class Broken(Stanley):
+        def reset(self, setup: DriveSetup) -> None:
+            raise SystemExit("no licence")
+
+    drive = simulator.drive(STRAIGHT, Broken())
+    assert drive.error == "the driver raised SystemExit: no licence"
+
+
+def test_embedded_simulator_has_metadrives_car(simulator: MetaDriveSimulator) -> None:
+    twin = EmbeddedSimulator(vehicle="metadrive")
+    assert twin.vehicle == Vehicle.metadrive()
+    assert twin.car.length == simulator.car.length
+    assert twin.car.centre_ahead == pytest.approx(simulator.car.centre_ahead)
+    assert abs(simulator.car.centre_ahead) < 1e-9  # Bullet's centre of mass is the box's
+    for road in (STRAIGHT, WINDING):
+        here, there = (judge(road, s.drive(road, Stanley())) for s in (twin, simulator))
+        assert here.outcome is there.outcome is Outcome.PASS
+        assert here.moobd == pytest.approx(there.moobd, abs=0.1)
+        # Slower to start, see `Vehicle.metadrive`.
+        assert here.duration == pytest.approx(there.duration, abs=1.5)
+
+
+def test_unknown_car_is_refused() -> None:
+    with pytest.raises(ValueError, match="vehicle is 'truck': default or metadrive is needed"):
+        EmbeddedSimulator(vehicle="truck")
