@@ -253,7 +253,15 @@ DRIVERS: Final = Registry(
         "stanley": ("frenetic.drivers:Stanley", "the same speed plan, Stanley's steering law"),
         "beamng-ai": (
             "frenetic.drivers:BeamngAi",
-            "the planner tuned to rank roads as recorded BeamNG.AI runs do",
+            "the planner tuned to rank roads as recorded BeamNG.AI runs do; in beamng, BeamNG.AI",
+        ),
+        "metadrive-idm": (
+            "frenetic.simulators.metadrive:MetaDriveIdm",
+            "MetaDrive's rule-based driver; in the simulator metadrive only",
+        ),
+        "metadrive-expert": (
+            "frenetic.simulators.metadrive:MetaDriveExpert",
+            "MetaDrive's neural network, trained by PPO; in the simulator metadrive only",
         ),
     },
     ("reset", "act"),
@@ -266,6 +274,14 @@ SIMULATORS: Final = Registry(
         "embedded": (
             "frenetic.simulators:EmbeddedSimulator",
             "a dynamic single-track car in compiled code, headless",
+        ),
+        "metadrive": (
+            "frenetic.simulators.metadrive:MetaDriveSimulator",
+            "MetaDrive: a four-wheeled car in Bullet physics, headless; an extra",
+        ),
+        "beamng": (
+            "frenetic.simulators.beamng:BeamngSimulator",
+            "BeamNG.tech, started or running already (needs a licence and the extra beamng)",
         ),
     },
     ("drive", "__enter__", "__exit__"),

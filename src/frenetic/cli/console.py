@@ -70,7 +70,7 @@ def silence(stream: TextIO) -> None:
 @contextmanager
 def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
     """Says that the simulator is being compiled, unless what it gives is called soon."""
-    text = "Compiling the simulator; this happens once, takes about 20 s and is cached."
+    text = "Starting; the first time, the simulator is compiled: about 20 s, then it is cached."
     timer = threading.Timer(ANNOUNCE_AFTER, log.print, [text])
     timer.daemon = True
     timer.start()

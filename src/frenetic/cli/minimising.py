@@ -25,8 +25,9 @@ from frenetic.cli.console import (
     print_facts,
     shell,
 )
+from frenetic.cli.grouping import GroupedCommand
 from frenetic.cli.options import as_usage_error, check_map_size, driver_options, json_option
-from frenetic.cli.parts import LAYERS, LIMITS
+from frenetic.cli.parts import LAYERS, LIMITS, usual_wall_limit
 from frenetic.cli.recorded import RecordedParts, recorded_parts
 from frenetic.errors import FreneticError
 
@@ -95,7 +96,10 @@ class Done:
         return ENDINGS[self.minimised.ending] if trouble is None else f"gave up: {trouble}"
 
 
-@click.command(short_help="Reduce failing roads to the shortest and plainest that still fail.")
+@click.command(
+    cls=GroupedCommand,
+    short_help="Reduce failing roads to the shortest and plainest that still fail.",
+)
 @click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @click.option(
@@ -301,6 +305,8 @@ def _command_line(context: click.Context, setup: Setup, road: Path) -> str:
         "oob_tolerance": rules.oob_tolerance,
         "map_size": setup.map_size,
     }
+    if parts.wall_limit == usual_wall_limit(parts.simulator):
+        how["wall_limit"] = None
     words = []
     for parameter in context.command.params:
         if parameter.name not in how:

@@ -10,6 +10,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import click
 
+from frenetic.cli.beamng import beamng_options, with_beamng
 from frenetic.durations import parse_duration
 
 P = ParamSpec("P")
@@ -96,6 +97,7 @@ def driver_options(command: Callable[P, R]) -> Callable[P, R]:
             "--simulator",
             default="embedded",
             show_default=True,
+            is_eager=True,
             metavar="S",
             help="What moves the car (see 'frenetic simulators').",
         ),
@@ -104,6 +106,7 @@ def driver_options(command: Callable[P, R]) -> Callable[P, R]:
             "simulator_options",
             type=Setting(),
             multiple=True,
+            callback=with_beamng,
             help="An option of the simulator, such as friction=0.7; may be repeated.",
         ),
         click.option("--speed-limit", type=float, default=70.0, show_default=True, help="km/h."),
@@ -120,14 +123,20 @@ def driver_options(command: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--wall-limit",
             type=float,
-            default=60.0,
-            show_default=True,
-            help="s of wall time that one drive may take.",
+            callback=_or_usual_limit,
+            help="s of wall time that one drive may take. [default: 60, with beamng 600]",
         ),
     ]
+    command = beamng_options(command)
     for option in reversed(options):
         command = option(command)
     return command
+
+
+def _or_usual_limit(ctx: click.Context, _: click.Parameter, value: float | None) -> float:
+    from frenetic.cli.parts import usual_wall_limit  # which needs this module
+
+    return usual_wall_limit(ctx.params["simulator"]) if value is None else value
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 LAYERS = ("noise", "delay", "view")
 LIMITS = ("speed_limit", "oob_tolerance", "wall_limit")
 
+WALL_LIMIT: Final = 60.0
+"""s of wall time that a drive may take unless it is said, or the simulator says otherwise."""
+
 
 def make_campaign(
     command: Mapping[str, Any],
@@ -29,12 +32,17 @@ def make_campaign(
     budget: Budget,
     folder: Path,
     lookahead: int | None,
-    workers: int,
+    workers: int | None,
     cluster: str | None,
     drive_limit: float | None,
 ) -> Campaign:
-    """The campaign of a command line, as it was given or as a campaign has recorded it."""
+    """The campaign of a command line, as it was given or as a campaign has recorded it.
+
+    Without a number of workers there are as many as the simulator is best used by, or as there are
+    cores.
+    """
     from frenetic.campaign import LOOKAHEAD, Campaign
+    from frenetic.campaign.workers import available_cores
 
     driver = make_driver(*(command[k] for k in ("driver", "driver_options", *LAYERS)))
     simulator = make_simulator(*(command[k] for k in ("simulator", "simulator_options", *LIMITS)))
@@ -52,7 +60,7 @@ def make_campaign(
             budget=budget,
             folder=folder,
             map_size=map_size,
-            workers=workers,
+            workers=workers or getattr(simulator, "usual_workers", None) or available_cores(),
             cluster=cluster,
             ordered=lookahead is not None,
             lookahead=lookahead or LOOKAHEAD,
@@ -90,6 +98,12 @@ def make_simulator(
         SIMULATORS, spec, options, {"rules": rules, "wall_limit": wall_limit}
     )
     return simulator
+
+
+def usual_wall_limit(simulator: str) -> float:
+    """The wall time in s that a drive in the simulator of that name may take by default."""
+    limit: float = getattr(SIMULATORS.load(simulator), "usual_wall_limit", WALL_LIMIT)
+    return limit
 
 
 def make_part(

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 R = TypeVar("R")
 
+
 def part_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options by which other parts than the recorded ones are chosen; None if not given."""
     options = [
@@ -61,8 +62,8 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
         click.option(
             "--wall-limit", type=float, metavar="S", help="Another limit of a drive's wall time."
         ),
-        beamng_options,
     ]
+    command = beamng_options(command)
     for option in reversed(options):
         command = option(command)
     return command

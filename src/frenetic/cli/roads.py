@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli.console import Log, announced_compilation, complain, facts_of_drive, print_facts
+from frenetic.cli.grouping import GroupedCommand
 from frenetic.cli.options import check_map_size, driver_options, json_option
 from frenetic.cli.parts import make_driver, make_simulator
 from frenetic.errors import FreneticError
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from frenetic.road import Road
 
 
-@click.command(short_help="Drive one road from a file.")
+@click.command(cls=GroupedCommand, short_help="Drive one road from a file.")
 @click.argument("road", type=click.Path(path_type=Path))
 @driver_options
 @click.option(

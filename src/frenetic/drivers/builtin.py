@@ -146,6 +146,8 @@ class BeamngAi(Planner):
     others, only of 0.63 on average (0.55 for `Planner`, 0.68 for the road's length alone). So take
     it for a fast driver that leaves the lane in places like those where BeamNG.AI does, not for a
     forecast of outcomes. `docs/beamng-ai.md` has the figures, `benchmarks/beamng_ai.py` the tuning.
+
+    The simulator of BeamNG.tech takes this driver for BeamNG.AI itself and never asks it.
     """
 
     law: ClassVar[int] = laws.PLANNER

@@ -171,9 +171,15 @@ def _draw_from_above(axes: Any, pair: Pair) -> None:
         axes.plot(*path[-1], marker="o", markersize=5, color=how["color"], zorder=6)
         shown += [path.min(axis=0), path.max(axis=0)]
     axes.plot(*_path(road, pair.recorded)[0], marker="s", markersize=5, color=INK, zorder=6)
-    low, high = np.min(shown, axis=0) - 4.0, np.max(shown, axis=0) + 4.0
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), facecolor=PANEL)
-    axes.set_aspect("equal", adjustable="datalim")
+    low, high = np.min(shown, axis=0), np.max(shown, axis=0)
+    # As much as fills the paper.
+    box = axes.get_window_extent()
+    scale = max((high - low + 8.0) / [box.width, box.height])
+    half = 0.5 * scale * np.array([box.width, box.height])
+    (left_end, lowest), (right_end, highest) = (
+        0.5 * (low + high) + side * half for side in (-1, 1)
+    )
+    axes.set(xlim=(left_end, right_end), ylim=(lowest, highest), aspect="equal", facecolor=PANEL)
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set_visible(False)

@@ -1,0 +1,108 @@
+"""The options of BeamNG.tech: short forms of options of the simulator ``beamng``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, ParamSpec, TypeVar
+
+import click
+
+from frenetic.cli.grouping import GroupedOption
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+NAME: Final = "beamng"
+GROUP: Final = "BeamNG.tech options (with --simulator beamng)"
+_GIVEN: Final = "frenetic.beamng"
+# Name of the parameter -> of the simulator's option.
+_OPTIONS: Final = {
+    "beamng_home": "home",
+    "beamng_user": "user",
+    "headless": "headless",
+    "no_gpu": "no_gpu",
+    "beamng_host": "host",
+    "beamng_port": "port",
+    "beamng_vehicle": "vehicle",
+    "aggression": "aggression",
+    "steps_per_second": "steps_per_second",
+}
+
+
+def is_beamng(simulator: str) -> bool:
+    """Whether a simulator's name means BeamNG.tech."""
+    return simulator == NAME or simulator.endswith(":BeamngSimulator")
+
+
+def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options of BeamNG.tech, which become options of the simulator."""
+    options = [
+        _option(
+            "--beamng-home",
+            metavar="DIR",
+            help="Start BeamNG.tech from this installation. [default: what BNG_HOME says]",
+        ),
+        _option("--beamng-user", metavar="DIR", help="Folder for what it writes."),
+        _option("--headless", is_flag=True, default=None, help="Start it without a window."),
+        _option("--no-gpu", is_flag=True, default=None, help="Start it without a graphics card."),
+        _option("--beamng-host", metavar="HOST", help="Connect to one that runs there."),
+        _option(
+            "--beamng-port",
+            type=click.IntRange(1, 65535),
+            metavar="PORT",
+            help="Where it listens. [default: 25252, or a free one if it is started]",
+        ),
+        _option("--beamng-vehicle", metavar="MODEL", help="The car. [default: etk800]"),
+        _option(
+            "--aggression", type=float, help="Of BeamNG.AI, --driver beamng-ai. [default: 0.7]"
+        ),
+        _option(
+            "--steps-per-second",
+            type=int,
+            metavar="N",
+            help="Steps of a simulated second, a multiple of 20. [default: 60]",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def _option(name: str, **how: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    # Eager, so that all are known when `with_beamng` collects them.
+    return click.option(
+        name,
+        cls=GroupedOption,
+        group=GROUP,
+        is_eager=True,
+        expose_value=False,
+        callback=_remember,
+        **how,
+    )
+
+
+def _remember(ctx: click.Context, param: click.Parameter, value: Any) -> None:
+    if value is not None and param.name is not None:
+        ctx.meta.setdefault(_GIVEN, {})[param.name] = (param.opts[0], value)
+
+
+def with_beamng(
+    ctx: click.Context, param: click.Parameter, value: tuple[tuple[str, Any], ...]
+) -> tuple[tuple[str, Any], ...]:
+    """Adds the options of BeamNG.tech that were given to those of the simulator.
+
+    Raises:
+        click.UsageError: the simulator is another.
+    """
+    given: dict[str, tuple[str, Any]] = ctx.meta.get(_GIVEN, {})
+    if not given:
+        return value
+    simulator = ctx.params.get("simulator")
+    if simulator is not None and not is_beamng(simulator):
+        (option, _), *_ = given.values()
+        raise click.UsageError(
+            f"{option} is for --simulator {NAME}, but the simulator is {simulator!r}"
+        )
+    assert param.name is not None
+    ctx.set_parameter_source(param.name, click.core.ParameterSource.COMMANDLINE)
+    return (*value, *((_OPTIONS[name], one) for name, (_, one) in given.items()))

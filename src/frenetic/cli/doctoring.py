@@ -1,0 +1,88 @@
+"""The command that says whether the simulators work: doctor."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from frenetic.cli.beamng import beamng_options, with_beamng
+from frenetic.cli.console import Log, announced_compilation
+from frenetic.cli.grouping import GroupedCommand
+from frenetic.cli.options import Setting, as_usage_error, json_option
+
+if TYPE_CHECKING:
+    from frenetic.doctor import Check, Examination
+
+
+@click.command(cls=GroupedCommand, short_help="Say whether the simulators work here.")
+@click.option(
+    "--simulator",
+    metavar="S",
+    is_eager=True,
+    help="Check only this one, and in full. [default: all that are installed, in short]",
+)
+@click.option(
+    "--simulator-option",
+    "simulator_options",
+    type=Setting(),
+    multiple=True,
+    callback=with_beamng,
+    help="An option of the simulator, such as friction=0.7; may be repeated.",
+)
+@beamng_options
+@json_option
+def doctor(
+    simulator: str | None, simulator_options: tuple[tuple[str, Any], ...], as_json: bool
+) -> None:
+    """Check the simulators on this machine and say what is wrong and what to do.
+
+    What needs a licence or a place is checked with --simulator and its options. The exit code is 0
+    if nothing is wrong with what was checked, 1 otherwise.
+    """
+    from frenetic.doctor import Health, examine, examine_all
+
+    if simulator is None and simulator_options:
+        raise click.UsageError("options of a simulator need --simulator, which says of which")
+    examinations: list[Examination] = []
+    with announced_compilation(Log()) as compiled, as_usage_error():
+        if simulator is not None:
+            show = _print_check(compiled) if not as_json else None
+            examinations.append(examine(simulator, dict(simulator_options), on_check=show))
+        else:
+            for examination in examine_all():
+                compiled()
+                examinations.append(examination)
+                if not as_json:
+                    _print_short(examination)
+    if as_json:
+        click.echo(json.dumps([asdict(one) | {"health": str(one.health)} for one in examinations]))
+    elif simulator is not None:
+        failed = len(examinations[0].failed)
+        click.echo(f"{simulator}: {f'{failed} of the checks failed' if failed else 'all is well'}")
+    if any(one.health is Health.BROKEN for one in examinations):
+        raise click.exceptions.Exit(1)
+
+
+def _print_check(compiled: Callable[[], None]) -> Callable[[Check], None]:
+    def show(check: Check) -> None:
+        compiled()
+        _print(check)
+
+    return show
+
+
+def _print(check: Check, indent: str = "") -> None:
+    click.echo(f"{indent}{'ok   ' if check.is_ok else 'WRONG'} {check.name}: {check.found}")
+    if check.remedy:
+        click.echo(f"{indent}      {check.remedy}")
+
+
+def _print_short(examination: Examination) -> None:
+    detail = examination.note or f"{len(examination.checks)} checks"
+    click.echo(f"{examination.simulator}: {examination.health} ({detail})")
+    for check in examination.failed:
+        _print(check, "  ")

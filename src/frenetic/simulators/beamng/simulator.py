@@ -1,0 +1,490 @@
+"""BeamNG.tech as a `frenetic.simulators.Simulator`."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import numpy as np
+
+from frenetic.drivers import BeamngAi, Delayed, Driver, DriveSetup, LimitedView, Noisy
+from frenetic.drivers.driver import checked_controls
+from frenetic.errors import DriverError, describe_error
+from frenetic.road import Road
+from frenetic.simulators.beamng.car import CarState, MeasuredCar, measured_box
+from frenetic.simulators.beamng.errors import BeamngError
+from frenetic.simulators.beamng.link import Link, Place
+from frenetic.simulators.beamng.scene import (
+    LEVELS,
+    WIDEST_AI_LANE,
+    ego_start,
+    open_field,
+    scene_of,
+)
+from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.simulators.observing import Observer, wrap
+from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
+
+if TYPE_CHECKING:
+    from frenetic.doctor import Check
+
+RECORD_RATE: Final = 20
+"""Hz, of records and of a driver's decisions."""
+PERIOD: Final = 1.0 / RECORD_RATE
+"""s between two records."""
+WALL_LIMIT: Final = 600.0
+"""s of wall time that a drive may take unless another limit is given."""
+
+_SETTLING: Final = 3.0  # s: a count-down passes, then the car comes to rest on its springs
+_SETTLINGS: Final = 3
+_AT_REST: Final = 0.1  # m/s
+_CREEP: Final = 0.3  # m/s, below which braking is left to the parking brake
+_ASTRAY: Final = 0.3  # m, the farthest from its place that a car may stand at the start
+_TURNED: Final = 0.05  # rad, likewise
+_CLOCK_SHARE, _CLOCK_SLACK = 0.02, 0.01  # how far the clock may be off: of the time, and s
+_BODY_SLACK: Final = 0.02  # m by which a given length or width may be wrong
+_ACCELERATION, _DECELERATION = 4.0, 9.0  # m/s^2, what drivers are told of a car that is unknown
+_REPLY_LIMIT: Final = 60.0  # s
+
+logger = logging.getLogger(__name__)
+
+
+class BeamngSimulator:
+    """BeamNG.tech, started or running already; a drive takes about as long as it does on a road.
+
+    The driver `BeamngAi` stands for BeamNG.AI itself; any other driver steers the car. Drives are
+    recorded by the middle of the car's bounding box, whose size is measured in BeamNG.tech when the
+    simulator is entered for the first time, as is how the car answers to steering.
+
+    Args:
+        rules: speed limit, oob tolerance and when a drive ends.
+        home: folder of the installation of which BeamNG.tech is started; by default what the
+            environment variable BNG_HOME says.
+        user: folder for what BeamNG.tech writes; by default its own.
+        host: where a BeamNG.tech runs to which to connect, in place of starting one.
+        port: on which it listens, 25252 unless said; of one that is started, a free one.
+        headless: started without a window.
+        no_gpu: started without a graphics card, too.
+        vehicle: name of the car's model.
+        aggression: of BeamNG.AI, above 0 and up to 2: the share of grip that it uses in curves.
+        steps_per_second: frames into which a simulated second is cut, a multiple of 20.
+        level: a flat one, in which the road is built.
+        ground: m, height of the level's ground, if it is none of the known ones.
+        car_length: m, to be given with `car_width` if the car cannot be measured before a campaign,
+            as on a machine without BeamNG.tech that uses a cluster.
+        car_width: m, without what sticks out of the bounding box.
+        wall_limit: s of wall time that a drive may take.
+        reply_limit: s that BeamNG.tech may take for an answer.
+
+    Raises:
+        ValueError: an option is out of range.
+        BeamngError: nothing says where BeamNG.tech is.
+    """
+
+    needs: Final = ("beamngpy",)
+    """Modules that the extra brings."""
+    usual_wall_limit: Final = WALL_LIMIT
+    usual_workers: Final = 1
+    """A BeamNG.tech takes a graphics card for itself."""
+
+    def __init__(
+        self,
+        *,
+        rules: Rules | None = None,
+        home: str | None = None,
+        user: str | None = None,
+        host: str | None = None,
+        port: int | None = None,
+        headless: bool = False,
+        no_gpu: bool = False,
+        vehicle: str = "etk800",
+        aggression: float = 0.7,
+        steps_per_second: int = 60,
+        level: str = "tech_ground",
+        ground: float | None = None,
+        car_length: float | None = None,
+        car_width: float | None = None,
+        wall_limit: float = WALL_LIMIT,
+        reply_limit: float = _REPLY_LIMIT,
+    ) -> None:
+        for name, limit in (("wall_limit", wall_limit), ("reply_limit", reply_limit)):
+            if not (math.isfinite(limit) and limit > 0.0):
+                raise ValueError(f"{name} is {limit}: a positive number of seconds is needed")
+        if port is not None and (port != int(port) or not 0 < port < 65536):
+            raise ValueError(f"port is {port}: a whole number from 1 to 65535 is needed")
+        if not 0.0 < aggression <= 2.0:
+            raise ValueError(f"aggression is {aggression}: a number above 0 and up to 2 is needed")
+        if steps_per_second < RECORD_RATE or steps_per_second % RECORD_RATE:
+            raise ValueError(
+                f"steps_per_second is {steps_per_second}: a multiple of {RECORD_RATE} is needed"
+            )
+        if ground is None and level not in LEVELS:
+            raise ValueError(
+                f"level is {level!r}, whose ground is not known: give its height with ground, or"
+                f" choose one of {', '.join(LEVELS)}"
+            )
+        if (car_length is None) is not (car_width is None):
+            raise ValueError("car_length and car_width have to be given together")
+        self.place = Place.of(home, user, host, port, headless, no_gpu)
+        self.rules = rules or Rules()
+        self.vehicle = vehicle
+        self.aggression = float(aggression)
+        self.steps_per_second = int(steps_per_second)
+        self.level = level
+        self.ground = LEVELS[level] if ground is None else float(ground)
+        self.wall_limit = wall_limit
+        self.reply_limit = reply_limit
+        self.car = CarBody()
+        self._given_car = car_length is not None
+        if car_length is not None and car_width is not None:
+            self.car = CarBody(float(car_length), float(car_width))
+        self._measured: MeasuredCar | None = None
+        self._link: Link | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What its drives depend on, beside the rules."""
+        return {
+            "vehicle": self.vehicle,
+            "aggression": self.aggression,
+            "steps_per_second": self.steps_per_second,
+            "level": self.level,
+            "wall_limit": self.wall_limit,
+        }
+
+    @property
+    def workers_at_most(self) -> int | None:
+        """How many can use it at once: a BeamNG.tech that runs already serves one."""
+        return 1 if self.place.home is None or self.place.port is not None else None
+
+    @property
+    def link(self) -> Link:
+        """The connection, while the simulator is entered."""
+        if self._link is None:
+            raise BeamngError("BeamNG.tech is not started: use the simulator in a with statement")
+        return self._link
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A connection stays where it is; what was measured goes along.
+        return self.__dict__ | {"_link": None}
+
+    def prepare(self) -> None:
+        """Measures the car if its box is not known, for which BeamNG.tech is started and ended."""
+        if self._measured is None and not self._given_car:
+            with self:
+                pass
+
+    def __enter__(self) -> Self:
+        """Starts BeamNG.tech or connects to it, and measures the car unless that is done."""
+        self.connect()
+        try:
+            if self._measured is None:
+                self.measure()
+        except BaseException:
+            self._leave()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Disconnects; ends BeamNG.tech if it was started here."""
+        self._leave()
+
+    def connect(self) -> None:
+        """Starts BeamNG.tech or connects to it, and no more; the rest of entering is `measure`."""
+        self._link = Link(self.place, reply_limit=self.reply_limit)
+
+    def _leave(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            try:
+                link.unload()
+            except BeamngError as trouble:
+                logger.debug("left a road behind: %s", trouble)
+            finally:
+                link.close()
+
+    def setup(self, road: Road) -> DriveSetup:
+        """What a driver is told before a drive along the road."""
+        car = self.measured
+        return DriveSetup(
+            speed_limit=self.rules.speed_limit / 3.6,
+            lane_width=road.lane_width,
+            period=PERIOD,
+            front_axle=0.5 * car.wheelbase,
+            rear_axle=0.5 * car.wheelbase,
+            car_length=car.length,
+            car_width=car.width,
+            max_steering=abs(car.steering),
+            max_acceleration=_ACCELERATION,
+            max_deceleration=_DECELERATION,
+        )
+
+    @property
+    def measured(self) -> MeasuredCar:
+        """What was measured of the car."""
+        if self._measured is None:
+            raise BeamngError("the car is not measured yet: use the simulator in a with statement")
+        return self._measured
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        """One drive of the driver along the road.
+
+        Raises:
+            BeamngError: BeamNG.tech broke or cannot be reached any more.
+        """
+        try:
+            by_ai = self._drives_itself(driver, road)
+        except DriverError as error:
+            return Drive(Trajectory.empty(), self.car, self.rules, str(error))
+        self._place_car(road)
+        recording = _Recording(self, road)
+        error_text: str | None = None
+        try:
+            with wall_limit(self.wall_limit):
+                if by_ai:
+                    self.link.let_ai_drive(self.rules.speed_limit / 3.6, self.aggression)
+                    recording.drive(None)
+                else:
+                    recording.drive(driver)
+        except WallLimitExceeded:
+            if not recording.driver_acts:
+                raise BeamngError(
+                    f"BeamNG.tech did not finish a drive within {self.wall_limit:g} s of wall time"
+                    f" ({len(recording)} records)"
+                ) from None
+            error_text = (
+                f"the driver did not finish its drive within {self.wall_limit:g} s of wall time"
+            )
+        except DriverError as error:
+            error_text = str(error)
+        except _DriverBrokeError as error:
+            error_text = f"the driver raised {describe_error(error.cause)}"
+        self.link.unload()
+        return Drive(recording.trajectory(), self.car, self.rules, error_text)
+
+    def checks(self) -> Iterator[Check]:
+        """What 'frenetic doctor' looks at."""
+        from frenetic.simulators.beamng.checks import checks  # which needs this module
+
+        return checks(self)
+
+    def _drives_itself(self, driver: Driver, road: Road) -> bool:
+        """Whether BeamNG.AI drives.
+
+        Raises:
+            DriverError: it is asked for what it cannot do.
+        """
+        inner = driver
+        while isinstance(inner, Noisy | Delayed | LimitedView):
+            inner = inner.driver
+        if type(inner) is not BeamngAi:
+            return False
+        if inner is not driver:
+            raise DriverError(
+                "BeamNG.AI takes no noise, delay or view: leave them out, or choose another driver"
+            )
+        if inner != BeamngAi():
+            raise DriverError(
+                "in BeamNG.tech beamng-ai is BeamNG.AI itself, which has no options of a driver:"
+                " use --aggression and --speed-limit"
+            )
+        if road.lane_width >= WIDEST_AI_LANE:
+            raise DriverError(
+                f"lanes of {road.lane_width:g} m are two lanes each to BeamNG.AI: less than"
+                f" {WIDEST_AI_LANE:g} m are needed"
+            )
+        return True
+
+    def _load(self, road: Road, ahead: float, left: float) -> CarState:
+        """Builds a road and lets the car come to rest on it."""
+        scene = scene_of(road, self.ground, ahead, left)
+        self.link.load(self.level, scene, self.vehicle, self.steps_per_second)
+        for _ in range(_SETTLINGS):
+            self.link.control(0.0, 0.0, 0.0, parking=1.0)
+            self.link.step(round(_SETTLING * self.steps_per_second))
+            state = self.link.state()
+            if state.speed < _AT_REST:
+                break
+        else:
+            raise BeamngError(
+                f"{self.vehicle} does not come to rest in level {self.level}: it rolls at"
+                f" {state.speed:.1f} m/s; is the ground flat and {self.ground:g} m high?"
+            )
+        if abs(wrap(state.heading - scene.heading)) > _TURNED:
+            raise BeamngError(
+                f"{self.vehicle} points to {state.heading:.2f} rad in level {self.level}, not to"
+                f" {scene.heading:.2f} rad as it was put there"
+            )
+        return state
+
+    def _place_car(self, road: Road) -> None:
+        car = self.measured
+        state = self._load(road, car.ahead, car.left)
+        x, y = car.middle(state)
+        start = ego_start(road)
+        away = math.hypot(x - start.x, y - start.y)
+        if away > _ASTRAY:
+            raise BeamngError(
+                f"{self.vehicle} stands {away:.2f} m from its place in level {self.level}: is"
+                f" the ground flat and {self.ground:g} m high?"
+            )
+
+    def measure(self) -> None:
+        """Measures the car's box and its steering, whatever is known of them."""
+        state = self._load(open_field(), 0.0, 0.0)
+        length, width, ahead, left = measured_box(self.link.box(), state)
+        if not (1.0 < length < 30.0 and 0.5 < width < 5.0):
+            raise BeamngError(
+                f"the box of {self.vehicle} is {length:g} by {width:g} m: is it a car?"
+            )
+        given = self.car
+        if self._given_car and not (
+            abs(given.length - length) <= _BODY_SLACK and abs(given.width - width) <= _BODY_SLACK
+        ):
+            raise BeamngError(
+                f"the box of {self.vehicle} is {length:g} by {width:g} m, not {given.length:g} by"
+                f" {given.width:g} m: give car_length={length:g} and car_width={width:g}"
+            )
+        car = MeasuredCar(length, width, ahead, left, steering=1.0)
+        self._measured = replace(car, steering=self._measured_steering(car))
+        if not self._given_car:
+            self.car = self._measured.body
+        self.link.unload()
+
+    def _measured_steering(self, car: MeasuredCar) -> float:
+        """Rad of the front wheels at input 1, from the circle that the car drives slowly."""
+        share, slow = 0.25, 3.0
+        for _ in range(10 * RECORD_RATE):
+            self.link.control(share, 0.3, 0.0)
+            self.step()
+            if self.link.state().speed >= slow:
+                break
+        else:
+            raise BeamngError(f"{self.vehicle} does not drive off in level {self.level}")
+        turned = driven = 0.0
+        before = self.link.state()
+        for _ in range(RECORD_RATE):
+            self.link.control(share, 0.05, 0.0)
+            self.step()
+            now = self.link.state()
+            turned += wrap(now.heading - before.heading)
+            driven += math.dist(car.middle(now), car.middle(before))
+            before = now
+        steering = math.atan(car.wheelbase * turned / max(driven, 0.1)) / share
+        if not 0.1 < abs(steering) < 1.5:
+            raise BeamngError(
+                f"{self.vehicle} turned by {turned:.2f} rad within {driven:.1f} m at a steering"
+                f" input of {share:g}: it does not steer as a car does"
+            )
+        return round(steering, 3)
+
+    def step(self) -> None:
+        """Lets time go on by one period."""
+        self.link.step(self.steps_per_second // RECORD_RATE)
+
+
+class _DriverBrokeError(Exception):
+    """A driver raised something of its own."""
+
+    def __init__(self, cause: BaseException) -> None:
+        super().__init__(str(cause))
+        self.cause = cause
+
+
+class _Recording:
+    """One drive, record by record."""
+
+    def __init__(self, simulator: BeamngSimulator, road: Road) -> None:
+        self._simulator = simulator
+        self._car = simulator.measured
+        self._setup = simulator.setup(road)
+        # The record after the timeout ends every drive.
+        self._most = math.ceil(simulator.rules.timeout(road.length) / PERIOD) + 2
+        self._observer = Observer(road, simulator.rules, simulator.car, self._most)
+        self._rows = np.empty((self._most, len(Trajectory.names())))
+        self._written = 0
+        self._started_at = 0.0
+        self.driver_acts = False
+
+    def __len__(self) -> int:
+        return self._written
+
+    def trajectory(self) -> Trajectory:
+        """What was recorded."""
+        return Trajectory.from_rows(self._rows[: self._written])
+
+    def drive(self, driver: Driver | None) -> None:
+        """Drives until the rules end it; with None, BeamNG.AI drives."""
+        if driver is not None:
+            self._ask(driver.reset, self._setup)
+        for _ in range(self._most):
+            state = self._simulator.link.state()
+            if not self._record(state):
+                return
+            if driver is not None:
+                self._steer(driver)
+            self._simulator.step()
+
+    def _record(self, state: CarState) -> bool:
+        """Writes a record; says whether the drive goes on."""
+        i, car, rows = self._written, self._car, self._rows
+        if i == 0:
+            self._started_at = state.time
+        self._check_clock(state.time - self._started_at)
+        x, y = car.middle(state)
+        heading, yaw_rate = state.heading, 0.0
+        if i > 0:
+            turned = wrap(heading - rows[i - 1, 3])
+            heading, yaw_rate = rows[i - 1, 3] + turned, turned / PERIOD
+        c, s = math.cos(heading), math.sin(heading)
+        # The velocity is that of the car's position; its middle swings round it.
+        vx = state.velocity[0] - yaw_rate * (car.ahead * s + car.left * c)
+        vy = state.velocity[1] + yaw_rate * (car.ahead * c - car.left * s)
+        steering = car.steering * state.steering_input
+        speeds = (c * vx + s * vy, c * vy - s * vx)
+        asked = (steering, state.throttle_input, state.brake_input)
+        rows[i] = i * PERIOD, x, y, heading, *speeds, yaw_rate, steering, *asked
+        self._written = i + 1
+        return self._observer.see(i * PERIOD, x, y, heading)
+
+    def _check_clock(self, passed: float) -> None:
+        due = self._written * PERIOD
+        if abs(passed - due) > _CLOCK_SHARE * due + _CLOCK_SLACK:
+            raise BeamngError(
+                f"the clock of BeamNG.tech shows {passed:.3f} s after {due:.2f} s of steps: it does"
+                f" not keep {self._simulator.steps_per_second} steps per second; try others"
+            )
+
+    def _steer(self, driver: Driver) -> None:
+        row = self._rows[self._written - 1]
+        speed, yaw_rate, steering = row[4], row[6], row[7]
+        seen = self._observer.observation(speed, yaw_rate, steering)
+        asked, throttle, brake = checked_controls(self._ask(driver.act, seen))
+        row[8:] = asked, throttle, brake
+        # The automatic gearbox takes the brake of a car at rest for the wish to drive backwards.
+        holds = brake > 0.0 and throttle == 0.0 and speed < _CREEP
+        self._simulator.link.control(
+            self._car.input_of(asked), throttle, 0.0 if holds else brake, 1.0 if holds else 0.0
+        )
+
+    def _ask(self, call: Any, *arguments: Any) -> Any:
+        # A limit on the wall time that strikes in between leaves the mark.
+        self.driver_acts = True
+        try:
+            answer = call(*arguments)
+        except DriverError:
+            raise
+        except (Exception, SystemExit) as error:
+            logger.debug("the driver broke", exc_info=True)
+            raise _DriverBrokeError(error) from error
+        self.driver_acts = False
+        return answer

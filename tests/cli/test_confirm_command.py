@@ -1,0 +1,86 @@
+"""The command line of confirm and doctor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+
+def test_less_friction_confirms_failures(frenetic: Frenetic, campaign: str) -> None:
+    answer = frenetic("confirm", campaign, "--simulator-option", "friction=0.8", "--top", "3")
+    assert answer.code == 0
+    assert "3 failures: 3 confirmed" in answer.out
+    assert "rank correlation of MOOBD:" in answer.out
+    assert (Path(campaign) / "confirmations.json").is_file()
+    (gallery,) = (Path(campaign) / "confirmed").glob("*/gallery.png")
+    assert f"At a glance: {gallery}" in answer.out
+
+
+def test_chosen_tests_as_json(frenetic: Frenetic, campaign: str) -> None:
+    everything = frenetic("confirm", campaign, "--simulator", "embedded", "--json").json
+    ids = [str(test["test"]) for test in everything["tests"]]
+    answer = frenetic("confirm", campaign, *ids[:2], "--simulator", "embedded", "--json")
+    assert [str(test["test"]) for test in answer.json["tests"]] == ids[:2]
+    assert answer.json["confirmed"] == answer.json["alike"] == 2
+    assert "trajectory" not in answer.json["tests"][0]
+
+
+def test_it_has_to_be_another_simulator(frenetic: Frenetic, campaign: str) -> None:
+    assert frenetic("confirm", campaign).refuses("say in which simulator", "frenetic replay")
+    both = frenetic("confirm", campaign, "1", "--top", "2", "--simulator", "embedded")
+    assert both.refuses("--top and the ID of a test exclude each other")
+    other = frenetic("confirm", campaign, "--simulator", "embedded", "--headless")
+    assert other.refuses("--headless is for --simulator beamng")
+
+
+def test_campaign_without_failures(frenetic: Frenetic) -> None:
+    assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c").code == 0
+    answer = frenetic("confirm", "c", "--simulator", "embedded")
+    assert (answer.code, answer.out) == (0, "c holds no failure\n")
+
+
+def test_doctor_of_the_embedded_simulator(frenetic: Frenetic) -> None:
+    answer = frenetic("doctor", "--simulator", "embedded")
+    assert answer.code == 0
+    assert "ok    curve, Stanley: 120 m in" in answer.out
+    assert answer.out.endswith("embedded: all is well\n")
+
+
+def test_doctor_finds_what_is_wrong_and_exits_1(frenetic: Frenetic) -> None:
+    arguments = ("doctor", "--simulator", "embedded", "--simulator-option", "friction=0.2")
+    answer = frenetic(*arguments)
+    assert answer.code == 1
+    assert "WRONG curve, Stanley: Car drove out of the lane" in answer.out
+    assert answer.out.endswith("embedded: 1 of the checks failed\n")
+    (examination,) = frenetic(*arguments, "--json").json
+    assert examination["health"] == "something is wrong"
+    assert [check["name"] for check in examination["checks"] if not check["is_ok"]] == [
+        "curve, Stanley"
+    ]
+
+
+def test_doctor_of_a_users_own_simulator(frenetic: Frenetic) -> None:
+    Path("mine.py").write_text(
+        "from frenetic.testing import DummySimulator\n"
+        "class Mine(DummySimulator):\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+    )
+    answer = frenetic("doctor", "--simulator", "mine.py:Mine", "--json")
+    assert answer.code == 0
+    assert [check["name"] for check in answer.json[0]["checks"]] == [
+        "start",
+        "straight road, Stanley",
+        "curve, Stanley",
+    ]
+
+
+def test_options_need_a_simulator(frenetic: Frenetic) -> None:
+    assert frenetic("doctor", "--headless").refuses("options of a simulator need --simulator")
+    assert json.loads(frenetic("doctor", "--simulator", "embedded", "--json").out)

@@ -1,0 +1,541 @@
+"""A stand-in for BeamNG.tech: it speaks BeamNGpy's protocol and moves the car by our own physics.
+
+It listens on the loopback only. What it knows of the protocol was found by running BeamNGpy 1.36;
+what it does not know it answers with an error, as BeamNG.tech does. Like BeamNG.tech it
+
+- has a clock of its own, which goes on through all scenarios,
+- holds the car for 1.5 s of simulated time after a scenario has started,
+- gives the car's position by a node that is not the middle of its box,
+- counts steering to the right as positive,
+- lets its own driver move only on roads with a drivability and to waypoints that exist.
+
+As a program (``python beamng_stand_in.py -tport PORT``) it serves one client until it is told to
+quit, so that it can be launched in place of BeamNG.tech.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import signal
+import socket
+import struct
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+import msgpack
+import numpy as np
+
+from frenetic.drivers import DriveSetup, Planner
+from frenetic.road import Road
+from frenetic.simulators import Observer, Rules, Vehicle
+from frenetic.simulators.embedded.rollout import STEP
+from frenetic.simulators.embedded.vehicle import (
+    HEADING,
+    LATERAL_SPEED,
+    SPEED,
+    STATE_SIZE,
+    STEERING,
+    YAW_RATE,
+    X,
+    Y,
+    advance,
+)
+
+Message = dict[str, Any]
+
+PROTOCOL: Final = "v1.27"
+FREEZE: Final = 1.5
+"""s after a scenario's start in which the car is held."""
+NODE_AHEAD, NODE_LEFT = 0.35, -0.12
+"""m by which the car's position lies ahead and left of the middle of its box."""
+LEVELS: Final = ("gridmap_v2", "smallgrid", "tech_ground")
+VEHICLES: Final = ("etk800", "pickup")
+DROP, HANG = "drop", "hang"
+"""Troubles: the connection ends, or no answer comes any more."""
+
+Trouble = Callable[[str, int], str | None]
+"""Given a message's type and its number among those of its type (1 is the first): DROP, HANG, the
+text of an error to answer with, or None."""
+
+
+def no_trouble(_type: str, _number: int) -> str | None:
+    return None
+
+
+@dataclass
+class Car:
+    """The vehicle in a scenario."""
+
+    vid: str
+    model: str
+    state: np.ndarray[Any, np.dtype[np.float64]]
+    port: int = 0
+    steering: float = 0.0  # -1..1, positive to the right
+    throttle: float = 0.0
+    brake: float = 0.0
+    parking: float = 0.0
+    ai_speed: float = 0.0
+    ai_aggression: float = 0.3
+    ai_in_lane: bool = False
+    ai_target: str | None = None
+
+
+@dataclass
+class Scenario:
+    """What a client has asked to be built."""
+
+    level: str
+    roads: list[Message]
+    waypoints: set[str]
+    car: Car
+    spawned: str
+    started_at: float | None = None
+
+
+@dataclass
+class World:
+    """The simulation."""
+
+    vehicle: Vehicle = field(default_factory=Vehicle)
+    clock_error: float = 0.0
+    """Share by which the clock is too fast."""
+    scenarios: dict[str, Scenario] = field(default_factory=dict)
+    loaded: Scenario | None = None
+    frames: int = 0
+    fps: int = 0
+    ticks: int = 0
+    was_reversing: bool = False
+    """Whether the brake was pressed at rest, which the gearbox takes for the wish to reverse."""
+    ai_moves: int = 0
+    _time: float = 1000.0
+    _ai: tuple[Planner, Observer] | None = None
+
+    @property
+    def time(self) -> float:
+        return self._time + (1.0 + self.clock_error) * (self.frames / self.fps if self.fps else 0)
+
+    def set_rate(self, fps: int) -> None:
+        self._time, self.frames, self.ticks, self.fps = self.time, 0, 0, fps
+
+    def create(self, level: str, name: str, prefab: str) -> str:
+        objects = [
+            json.loads(re.sub(r",(\s*[\]}])", r"\1", line)) for line in prefab.split("\n") if line
+        ]
+        of = {
+            kind: [o for o in objects if o["class"] == kind]
+            for kind in {o["class"] for o in objects}
+        }
+        (vehicle,) = of["BeamNGVehicle"]
+        m = vehicle["rotationMatrix"]
+        heading = math.atan2(-m[4], -m[3])  # its nose points to -y in its own frame
+        x, y, _ = vehicle["position"]
+        state = np.zeros(STATE_SIZE)
+        c, s = math.cos(heading), math.sin(heading)
+        state[X] = x - NODE_AHEAD * c + NODE_LEFT * s
+        state[Y] = y - NODE_AHEAD * s - NODE_LEFT * c
+        state[HEADING] = heading
+        path = f"/levels/{level}/scenarios/{name}/{name}.json"
+        self.scenarios[path] = Scenario(
+            level,
+            of["DecalRoad"],
+            {o["name"] for o in of.get("BeamNGWaypoint", [])},
+            Car(vehicle["name"], vehicle["jBeam"], state),
+            vehicle["spawnAutoplace"],
+        )
+        return path
+
+    @property
+    def car(self) -> Car:
+        assert self.loaded is not None
+        return self.loaded.car
+
+    def step(self, count: int) -> None:
+        for _ in range(count):
+            self.frames += 1
+            due = self.frames * round(1.0 / STEP) // self.fps
+            while self.ticks < due:
+                self._tick()
+                self.ticks += 1
+
+    def _tick(self) -> None:
+        if self.loaded is None or self.loaded.started_at is None:
+            return
+        if self.time - self.loaded.started_at < FREEZE:
+            return
+        car, parameters = self.car, self.vehicle.to_array()
+        if self.ticks % 5 == 0 and car.ai_target is not None:
+            self._let_ai_decide()
+        brake = max(car.brake, car.parking)
+        at_rest = abs(car.state[SPEED]) < 0.05
+        if at_rest and car.brake > 0.1 and car.parking == 0.0 and car.throttle == 0.0:
+            self.was_reversing = True
+        angle = -car.steering * self.vehicle.steering_limit
+        advance(car.state, angle, car.throttle, brake, parameters, STEP)
+
+    def _let_ai_decide(self) -> None:
+        car = self.car
+        if self._ai is None:
+            self._ai = self._plan()
+        driver, observer = self._ai
+        state = car.state
+        observer.see(self.ai_moves * 0.05, state[X], state[Y], state[HEADING])
+        seen = observer.observation(state[SPEED], state[YAW_RATE], state[STEERING])
+        controls = driver.act(seen)
+        car.steering = -controls.steering / self.vehicle.steering_limit
+        car.throttle, car.brake = controls.throttle, controls.brake
+        self.ai_moves += 1
+
+    def _plan(self) -> tuple[Planner, Observer]:
+        assert self.loaded is not None
+        (road,) = (one for one in self.loaded.roads if one["drivability"] > 0)
+        nodes = np.array(road["nodes"])
+        line = Road.from_points(nodes[:, :2], lane_width=0.5 * nodes[0, 3])
+        vehicle = self.vehicle
+        driver = Planner(aggression=self.car.ai_aggression / 0.7)
+        driver.reset(
+            DriveSetup(
+                self.car.ai_speed,
+                line.lane_width,
+                0.05,
+                vehicle.front_axle,
+                vehicle.rear_axle,
+                vehicle.length,
+                vehicle.width,
+                vehicle.steering_limit,
+                vehicle.engine_acceleration,
+                vehicle.brake_deceleration,
+            )
+        )
+        self.ai_moves = 0
+        return driver, Observer(line, Rules(), vehicle.body(), 100_000)
+
+    def start(self) -> None:
+        assert self.loaded is not None
+        self.loaded.started_at = self.time
+        self._ai = None
+
+    # What the client reads
+
+    def vehicle_state(self) -> Message:
+        state = self.car.state
+        c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
+        vx = c * state[SPEED] - s * state[LATERAL_SPEED]
+        vy = s * state[SPEED] + c * state[LATERAL_SPEED]
+        away = (NODE_AHEAD * c - NODE_LEFT * s, NODE_AHEAD * s + NODE_LEFT * c)
+        return {
+            "time": self.time,
+            "pos": [float(state[X] + away[0]), float(state[Y] + away[1]), 0.3],
+            "dir": [c, s, 0.0],
+            "up": [0.0, 0.0, 1.0],
+            "vel": [
+                float(vx - state[YAW_RATE] * away[1]),
+                float(vy + state[YAW_RATE] * away[0]),
+                0.0,
+            ],
+            "front": [0.0, 0.0, 0.0],
+            "rotation": [0.0, 0.0, 0.0, 1.0],
+        }
+
+    def electrics(self) -> Message:
+        car = self.car
+        angle = float(car.state[STEERING])
+        return {
+            "steering": -math.degrees(angle) * 16.0,
+            "steering_input": -angle / self.vehicle.steering_limit,
+            "throttle_input": car.throttle,
+            "brake_input": car.brake,
+            "wheelspeed": float(car.state[SPEED]),
+        }
+
+    def box(self) -> list[list[float]]:
+        """In the protocol's order: front right, then left; rear right, then left."""
+        state, body = self.car.state, self.vehicle.body()
+        c, s = math.cos(state[HEADING]), math.sin(state[HEADING])
+
+        def corner(ahead: float, left: float, up: float) -> list[float]:
+            a, b = 0.5 * body.length * ahead, 0.5 * body.width * left
+            return [float(state[X] + a * c - b * s), float(state[Y] + a * s + b * c), up]
+
+        places = [(-1, 0.2), (-1, 1.6), (1, 1.6), (1, 0.2)]
+        return [corner(end, side, up) for end in (1, -1) for side, up in places]
+
+
+class _EndError(Exception):
+    """The connection ends."""
+
+
+class StandIn:
+    """The server: `port` is where it listens, `said` what it was told, in order."""
+
+    def __init__(
+        self,
+        *,
+        port: int = 0,
+        protocol: str = PROTOCOL,
+        is_licensed: bool = True,
+        trouble: Trouble = no_trouble,
+        world: World | None = None,
+    ) -> None:
+        self.world = world or World()
+        self.protocol = protocol
+        self.is_licensed = is_licensed
+        self.trouble = trouble
+        self.said: list[tuple[str, Message]] = []
+        self.has_quit = threading.Event()
+        self._counts: Counter[str] = Counter()
+        self._sockets: list[socket.socket] = []
+        self._lock = threading.Lock()
+        self._listener = self._listen(port)
+        self.port: int = self._listener.getsockname()[1]
+        self._serve(self._listener, self._answer_engine)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self.has_quit.set()
+        with self._lock:
+            for one in self._sockets:
+                with suppress(OSError):
+                    one.shutdown(socket.SHUT_RDWR)
+                one.close()
+
+    def types(self) -> list[str]:
+        return [kind for kind, _ in self.said]
+
+    def _listen(self, port: int = 0) -> socket.socket:
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.bind(("127.0.0.1", port))
+        listener.listen()
+        with self._lock:
+            self._sockets.append(listener)
+        return listener
+
+    def _serve(self, listener: socket.socket, answer: Callable[[Message], Message]) -> None:
+        def accept() -> None:
+            while True:
+                try:
+                    client, _ = listener.accept()
+                except OSError:
+                    return
+                client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                with self._lock:
+                    self._sockets.append(client)
+                threading.Thread(target=self._talk, args=(client, answer), daemon=True).start()
+
+        threading.Thread(target=accept, daemon=True).start()
+
+    def _talk(self, client: socket.socket, answer: Callable[[Message], Message]) -> None:
+        with client:
+            try:
+                while not self.has_quit.is_set():
+                    (length,) = struct.unpack("!I", _exactly(client, 4))
+                    request = msgpack.unpackb(_exactly(client, length), raw=False)
+                    reply = {"_id": request.pop("_id"), **self._reply(request, answer)}
+                    data = msgpack.packb(reply, use_bin_type=True)
+                    client.sendall(struct.pack("!I", len(data)) + data)
+                    if reply.get("type") == "Quit":
+                        self.has_quit.set()
+            except (OSError, _EndError):
+                return
+
+    def _reply(self, request: Message, answer: Callable[[Message], Message]) -> Message:
+        kind = request["type"]
+        with self._lock:
+            self.said.append((kind, request))
+            self._counts[kind] += 1
+            trouble = self.trouble(kind, self._counts[kind])
+        if trouble == DROP:
+            raise _EndError
+        if trouble == HANG:
+            self.has_quit.wait()
+            raise _EndError
+        if trouble is not None:
+            return {"bngError": trouble}
+        with self._lock:
+            return answer(request)
+
+    def _answer_engine(self, request: Message) -> Message:
+        kind = request["type"]
+        answer = getattr(self, f"_ge_{kind}", None)
+        if answer is None:
+            return {"bngError": f"No such message: {kind}"}
+        reply: Message = answer(request)
+        return reply if "bngValueError" in reply or "type" in reply else {"type": kind, **reply}
+
+    # The engine
+
+    def _ge_Hello(self, _: Message) -> Message:  # noqa: N802 - the protocol's names
+        return {"protocolVersion": self.protocol}
+
+    def _ge_GetSystemInfo(self, _: Message) -> Message:  # noqa: N802
+        return {"os": {"type": "linux"}, "tech": self.is_licensed}
+
+    def _ge_GetEnvironmentPaths(self, _: Message) -> Message:  # noqa: N802
+        return {"home": "/opt/stand-in/", "user": "/home/stand-in/0.39/"}
+
+    def _ge_GetLevels(self, _: Message) -> Message:  # noqa: N802
+        return {"result": [{"levelName": name, "title": name} for name in LEVELS]}
+
+    def _ge_GetAvailableVehicles(self, _: Message) -> Message:  # noqa: N802
+        return {
+            "type": "AvailableVehicles",
+            "vehicles": {name: {"name": name} for name in VEHICLES},
+        }
+
+    def _ge_CreateScenario(self, request: Message) -> Message:  # noqa: N802
+        return {"result": self.world.create(request["level"], request["name"], request["prefab"])}
+
+    def _ge_DeleteScenario(self, request: Message) -> Message:  # noqa: N802
+        del self.world.scenarios[request["path"]]
+        return {}
+
+    def _ge_LoadScenario(self, request: Message) -> Message:  # noqa: N802
+        scenario = self.world.scenarios.get(request["path"])
+        if scenario is None:
+            return {"bngValueError": f"Scenario not found: {request['path']}"}
+        if scenario.level not in LEVELS:
+            return {"bngValueError": f"Level not found: {scenario.level}"}
+        if scenario.car.model not in VEHICLES:
+            return {"bngValueError": f"Vehicle not found: {scenario.car.model}"}
+        self.world.loaded = scenario
+        return {"type": "MapLoaded"}
+
+    def _ge_GetCurrentVehicles(self, _: Message) -> Message:  # noqa: N802
+        car = self.world.car
+        return {"result": {car.vid: {"id": 1, "name": car.vid, "model": car.model}}}
+
+    def _ge_GetPlayerVehicleID(self, _: Message) -> Message:  # noqa: N802
+        return {"type": "getPlayerVehicleID", "id": 1, "vid": self.world.car.vid}
+
+    def _ge_StartVehicleConnection(self, request: Message) -> Message:  # noqa: N802
+        listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        self._sockets.append(listener)
+        self._serve(listener, self._answer_vehicle)
+        return {"vid": request["vid"], "result": listener.getsockname()[1]}
+
+    def _ge_SetPhysicsDeterministic(self, _: Message) -> Message:  # noqa: N802
+        return {}
+
+    def _ge_FPSLimit(self, request: Message) -> Message:  # noqa: N802
+        self.world.set_rate(request["fps"])
+        return {"type": "SetFPSLimit"}
+
+    def _ge_Pause(self, _: Message) -> Message:  # noqa: N802
+        return {"type": "Paused"}
+
+    def _ge_StartScenario(self, _: Message) -> Message:  # noqa: N802
+        self.world.start()
+        return {"type": "ScenarioStarted"}
+
+    def _ge_StopScenario(self, _: Message) -> Message:  # noqa: N802
+        self.world.loaded = None
+        return {"type": "ScenarioStopped"}
+
+    def _ge_Step(self, request: Message) -> Message:  # noqa: N802
+        self.world.step(request["count"])
+        return {"type": "Stepped"}
+
+    def _ge_GetBBoxCorners(self, _: Message) -> Message:  # noqa: N802
+        return {"type": "BBoxCorners", "points": self.world.box()}
+
+    def _ge_Quit(self, _: Message) -> Message:  # noqa: N802
+        return {}
+
+    # The vehicle
+
+    def _answer_vehicle(self, request: Message) -> Message:
+        kind = request["type"]
+        if kind == "Hello":
+            return {"type": "Hello", "protocolVersion": self.protocol}
+        if self.world.loaded is None:
+            return {"bngError": "There is no vehicle"}
+        car = self.world.car
+        if kind == "SensorRequest":
+            return {"type": "SensorData", "data": self._sensors(request["sensors"])}
+        if kind == "Control":
+            for ours, theirs in (("parking", "parkingbrake"), *((k, k) for k in _CONTROLS)):
+                if theirs in request:
+                    setattr(car, ours, float(request[theirs]))
+            return {"type": "Controlled"}
+        if kind == "SetAiSpeed":
+            car.ai_speed = request["speed"]
+            return {"type": "AiSpeedSet"}
+        if kind == "SetAiAggression":
+            car.ai_aggression = request["aggression"]
+            return {"type": "AiAggressionSet"}
+        if kind == "SetDriveInLane":
+            car.ai_in_lane = request["lane"] == "on"
+            return {"type": "AiDriveInLaneSet"}
+        if kind == "SetAiMode":
+            return {"type": "AiModeSet"}
+        if kind == "SetAiWaypoint":
+            assert self.world.loaded is not None
+            known = request["target"] in self.world.loaded.waypoints
+            # An unknown target is no error there either: the car just stands.
+            car.ai_target = request["target"] if known and car.ai_in_lane else None
+            return {"type": "AiWaypointSet"}
+        return {"bngError": f"No such message: {kind}"}
+
+    def _sensors(self, sensors: dict[str, Message]) -> Message:
+        data: Message = {}
+        for name, asked in sensors.items():
+            if asked["type"] == "State":
+                data[name] = {"type": "VehicleUpdate", "state": self.world.vehicle_state()}
+            elif asked["type"] == "Electrics":
+                data[name] = {"type": "Electrics", "values": self.world.electrics()}
+        return data
+
+
+_CONTROLS: Final = ("steering", "throttle", "brake")
+
+
+def _exactly(client: socket.socket, length: int) -> bytes:
+    data = b""
+    while len(data) < length:
+        more = client.recv(length - len(data))
+        if not more:
+            raise _EndError
+        data += more
+    return data
+
+
+def program(home: Path) -> Path:
+    """Makes a folder look like an installation whose program is the stand-in (Linux)."""
+    path = home / "BinLinux" / "BeamNG.tech.x64"
+    path.parent.mkdir(parents=True)
+    path.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{Path(__file__).resolve()}" "$@"\n')
+    path.chmod(0o755)
+    return path
+
+
+def main(arguments: list[str]) -> None:
+    port = int(arguments[arguments.index("-tport") + 1])
+    with StandIn(port=port) as server:
+        signal.signal(signal.SIGTERM, lambda *_: server.has_quit.set())
+        server.has_quit.wait()
+        time.sleep(0.05)  # for the answer to be read
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

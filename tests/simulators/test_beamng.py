@@ -1,0 +1,525 @@
+"""BeamNG.tech's simulator: BeamNGpy itself against a stand-in that speaks its protocol."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from beamng_stand_in import DROP, HANG, StandIn, Trouble, World, program
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.doctor import Health, examine
+from frenetic.drivers import BeamngAi, Controls, Delayed, Driver, DriveSetup, Observation, Stanley
+from frenetic.drivers.driver import AHEAD_POINTS
+from frenetic.errors import CampaignError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.road import Pose, Road
+from frenetic.search import RandomSearch
+from frenetic.simulators import CarBody, Rules
+from frenetic.simulators.beamng import BeamngError, BeamngSimulator
+from frenetic.testing import DummyDriver, SimulatorContract
+
+ROAD = Road([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, 0.0], pose=Pose(80.0, 50.0, 1.0))
+
+
+@pytest.fixture
+def stand_in() -> Iterator[StandIn]:
+    with StandIn() as server:
+        yield server
+
+
+def connected(server: StandIn, **options: object) -> BeamngSimulator:
+    return BeamngSimulator(port=server.port, **options)  # type: ignore[arg-type]
+
+
+class TestContract(SimulatorContract):
+    @pytest.fixture(autouse=True)
+    def serve(self, stand_in: StandIn) -> None:
+        self.server = stand_in
+
+    def make(self, rules: Rules) -> BeamngSimulator:
+        return connected(self.server, rules=rules)
+
+
+class TestContractOfBeamngAi(SimulatorContract):
+    @pytest.fixture(autouse=True)
+    def serve(self, stand_in: StandIn) -> None:
+        self.server = stand_in
+
+    def make(self, rules: Rules) -> BeamngSimulator:
+        return connected(self.server, rules=rules)
+
+    def driver(self) -> Driver:
+        return BeamngAi()
+
+
+# What is said to BeamNG.tech
+
+
+def test_road_is_built_with_markings_that_are_no_roads(stand_in: StandIn) -> None:
+    seen = []
+
+    class Looking(Stanley):
+        def reset(self, setup: DriveSetup) -> None:
+            super().reset(setup)
+            assert stand_in.world.loaded is not None
+            seen.append(stand_in.world.loaded)
+
+    with connected(stand_in) as simulator:
+        simulator.drive(ROAD, Looking())
+    (scenario,) = seen
+    assert scenario.level == "tech_ground"
+    *markings, road = scenario.roads
+    assert [one["drivability"] for one in markings] == [-1, -1]
+    assert road["drivability"] == 1
+    nodes = np.array(road["nodes"])
+    assert np.allclose(nodes[:, :2], ROAD.road_points, atol=1e-6)
+    assert np.all(nodes[:, 2] == 0.0)
+    assert np.all(nodes[:, 3] == 8.0)
+    for marking, side in zip(markings, (1.0, -1.0), strict=True):
+        offsets = ROAD.project(np.array(marking["nodes"])[:, :2])[:, 1]
+        assert np.allclose(offsets, side * 3.85, atol=1e-3)
+    assert scenario.spawned == "false", "BeamNG.tech may move and turn a car that it puts safely"
+
+
+def test_car_is_measured_and_judged_by_its_true_box(stand_in: StandIn) -> None:
+    body = stand_in.world.vehicle.body()
+    with connected(stand_in) as simulator:
+        assert simulator.car == CarBody(body.length, body.width, 0.0)
+        # Its steering counts to the right, and its position is not the middle of its box.
+        assert simulator.measured.steering < -0.9
+        assert (simulator.measured.ahead, simulator.measured.left) == (-0.35, 0.12)
+        drive = simulator.drive(ROAD, Stanley())
+    start = ROAD.project([[drive.trajectory.x[0], drive.trajectory.y[0]]])[0]
+    assert np.allclose(start, [0.0, -2.0], atol=2e-3)
+
+
+def test_time_is_cut_into_the_steps_that_were_asked_for(stand_in: StandIn) -> None:
+    with connected(stand_in, steps_per_second=100) as simulator:
+        drive = simulator.drive(ROAD, Stanley())
+    assert ("FPSLimit", {"type": "FPSLimit", "fps": 100}) in stand_in.said
+    assert (
+        "SetPhysicsDeterministic",
+        {"type": "SetPhysicsDeterministic", "speedFactor": None},
+    ) in (stand_in.said)
+    assert np.allclose(np.diff(drive.trajectory.time), 0.05)
+    assert all(message["ack"] for kind, message in stand_in.said if kind == "Step")
+
+
+def test_beamng_ai_is_told_lane_limit_and_aggression_before_its_goal(stand_in: StandIn) -> None:
+    rules = Rules(speed_limit=54.0)
+    with connected(stand_in, rules=rules, aggression=0.4) as simulator:
+        drive = simulator.drive(ROAD, BeamngAi())
+    told = [(kind, message) for kind, message in stand_in.said if kind.startswith("Set")]
+    told = [(k, m) for k, m in told if "Ai" in k or k == "SetDriveInLane"]
+    assert [kind for kind, _ in told] == [
+        "SetAiSpeed",
+        "SetAiAggression",
+        "SetDriveInLane",
+        "SetAiMode",
+        "SetAiWaypoint",
+    ]
+    assert told[0][1] == {"type": "SetAiSpeed", "speed": 15.0, "mode": "limit"}
+    assert told[1][1]["aggression"] == 0.4
+    assert told[2][1]["lane"] == "on"
+    assert judge(ROAD, drive).outcome is Outcome.PASS
+    assert drive.trajectory.speed.max() < 15.5
+    assert drive.trajectory.throttle.max() > 0.1, "what BeamNG.AI did is recorded"
+
+
+def test_driver_sees_and_steers_in_our_frame(stand_in: StandIn) -> None:
+    seen: list[Observation] = []
+
+    class Left:
+        def reset(self, setup: DriveSetup) -> None:
+            self.most = setup.max_steering
+
+        def act(self, observation: Observation) -> Controls:
+            seen.append(observation)
+            return Controls(0.1, throttle=0.3)
+
+    with connected(stand_in) as simulator:
+        drive = simulator.drive(ROAD, Left())
+    assert judge(ROAD, drive).outcome is Outcome.FAIL
+    departure = judge(ROAD, drive).departure
+    assert departure is not None
+    assert departure.side == "left"
+    assert seen[0].ahead.shape == (AHEAD_POINTS, 2)
+    assert abs(seen[0].lateral_offset) < 0.01
+    assert seen[-1].steering == pytest.approx(0.1, rel=0.05)
+    assert seen[-1].yaw_rate > 0.0
+    assert drive.trajectory.steering_input[0] == 0.1
+
+
+def test_brake_at_rest_is_left_to_the_parking_brake(stand_in: StandIn) -> None:
+    with connected(stand_in) as simulator:
+        drive = simulator.drive(ROAD, DummyDriver(brake=1.0))
+    assert not stand_in.world.was_reversing
+    assert "moved less than" in judge(ROAD, drive).reason
+
+
+def test_next_road_needs_no_restart(stand_in: StandIn) -> None:
+    other = Road([0.0, -0.01, -0.02, -0.01, 0.0, 0.0], pose=Pose(20.0, 20.0, 0.5))
+    with connected(stand_in) as simulator:
+        for road in (ROAD, other):
+            assert judge(road, simulator.drive(road, Stanley())).outcome is Outcome.PASS
+    assert stand_in.types().count("GetSystemInfo") == 1
+    assert not stand_in.world.scenarios, "what was built is deleted"
+    assert "Quit" not in stand_in.types(), "what we did not start goes on"
+
+
+# What BeamNG.AI is not
+
+
+@pytest.mark.parametrize(
+    ("driver", "road", "text"),
+    [
+        (Delayed(BeamngAi(), seconds=0.2), ROAD, "takes no noise, delay or view"),
+        (BeamngAi(aggression=1.2), ROAD, "use --aggression"),
+        (BeamngAi(), Road([0.0] * 6, lane_width=6.5), "less than 6.3 m"),
+    ],
+)
+def test_what_beamng_ai_cannot_do_is_said(
+    stand_in: StandIn, driver: Driver, road: Road, text: str
+) -> None:
+    with connected(stand_in) as simulator:
+        drive = simulator.drive(road, driver)
+        assert judge(road, drive).outcome is Outcome.ERROR
+        assert text in str(drive.error)
+        assert judge(ROAD, simulator.drive(ROAD, BeamngAi())).outcome is Outcome.PASS
+
+
+# Trouble
+
+
+def on(kind: str, number: int, trouble: str) -> Trouble:
+    """Makes the number-th message of a kind go wrong, that one only."""
+    return lambda k, n: trouble if (k, n) == (kind, number) else None
+
+
+def drive_often(simulator: BeamngSimulator) -> None:
+    for _ in range(5):
+        simulator.drive(ROAD, Stanley())
+
+
+@pytest.mark.parametrize(
+    ("trouble", "text"),
+    [
+        (on("Step", 300, DROP), "connection to BeamNG.tech was lost, driving"),
+        (on("SensorRequest", 300, DROP), "lost, asking for the car's state"),
+        (on("Step", 300, HANG), "did not answer in time, driving"),
+        (on("SensorRequest", 300, HANG), "did not answer in time, asking for the car's state"),
+        (on("Control", 300, "Lua: attempt to index a nil"), "reported an error, steering the car"),
+    ],
+)
+def test_trouble_in_mid_drive_is_raised_and_gone_after_entering_again(
+    trouble: Trouble, text: str
+) -> None:
+    with StandIn(trouble=trouble) as server:
+        simulator = connected(server, reply_limit=0.5)
+        with simulator, pytest.raises(BeamngError, match=text):
+            drive_often(simulator)
+        with simulator:
+            assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
+
+
+@pytest.mark.parametrize("trouble", [on("Hello", 2, HANG), on("LoadScenario", 1, HANG)])
+def test_hang_while_loading_is_noticed(trouble: Trouble, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("frenetic.simulators.beamng.link.LOAD_LIMIT", 0.5)
+    with (
+        StandIn(trouble=trouble) as server,
+        pytest.raises(BeamngError, match="in time, loading the road and etk800"),
+        connected(server),
+    ):
+        pass
+
+
+def test_error_of_the_simulator_is_told_in_its_words(stand_in: StandIn) -> None:
+    with (
+        pytest.raises(BeamngError, match=r"Vehicle not found: tank"),
+        connected(stand_in, vehicle="tank"),
+    ):
+        pass
+
+
+def test_other_version_is_told_with_what_to_do() -> None:
+    with (
+        StandIn(protocol="v1.22") as server,
+        pytest.raises(BeamngError, match=r"v1\.27 .*v1\.22; install the version of beamngpy"),
+        connected(server),
+    ):
+        pass
+
+
+def test_nobody_listens(stand_in: StandIn) -> None:
+    stand_in.close()
+    with pytest.raises(BeamngError, match=r"nothing answers at 127\.0\.0\.1"), connected(stand_in):
+        pass
+
+
+def test_clock_that_does_not_keep_the_steps_is_an_error() -> None:
+    with (
+        StandIn(world=World(clock_error=0.1)) as server,
+        connected(server) as simulator,
+        pytest.raises(BeamngError, match="does not keep 60 steps per second"),
+    ):
+        simulator.drive(ROAD, Stanley())
+
+
+def test_drive_that_takes_too_long_is_the_fault_of_who_is_slow(stand_in: StandIn) -> None:
+    class Asleep(Stanley):
+        def act(self, observation: Observation) -> Controls:
+            time.sleep(60.0)
+            raise AssertionError
+
+    with connected(stand_in, wall_limit=0.2) as simulator:
+        drive = simulator.drive(ROAD, Asleep())
+        assert "the driver did not finish its drive within 0.2 s" in str(drive.error)
+        simulator.wall_limit = 60.0
+        assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
+
+
+def test_given_box_has_to_be_the_true_one(stand_in: StandIn) -> None:
+    with (
+        pytest.raises(BeamngError, match=r"4\.508 by 1\.61 m, .* give car_length=4\.508"),
+        connected(stand_in, car_length=4.0, car_width=1.6),
+    ):
+        pass
+    given = connected(stand_in, car_length=4.51, car_width=1.61)
+    given.prepare()
+    assert given.car == CarBody(4.51, 1.61)
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"steps_per_second": 50}, "a multiple of 20"),
+        ({"aggression": 0.0}, "above 0 and up to 2"),
+        ({"level": "italy"}, "give its height with ground"),
+        ({"port": 0}, "from 1 to 65535"),
+        ({"wall_limit": 0.0}, "positive number of seconds"),
+        ({"car_length": 4.0}, "have to be given together"),
+        ({"headless": True}, "give --beamng-home, too"),
+        ({"home": "/opt/b", "host": "10.0.0.1"}, "exclude each other"),
+        ({"home": "/opt/b", "user": "/a b"}, "no folder with a space"),
+    ],
+)
+def test_options_are_checked(options: dict[str, object], text: str) -> None:
+    with pytest.raises((ValueError, BeamngError), match=text):
+        BeamngSimulator(**({"port": 25252} | options if "home" not in options else options))  # type: ignore[arg-type]
+
+
+def test_somebody_has_to_say_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("BNG_HOME", raising=False)
+    with pytest.raises(
+        BeamngError, match=r"nothing says where BeamNG\.tech is: give --beamng-home"
+    ):
+        BeamngSimulator()
+
+
+# Campaigns
+
+
+def campaign(simulator: BeamngSimulator, folder: Path, **options: object) -> Campaign:
+    return Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=simulator,
+        driver=Stanley(),
+        budget=Budget(simulations=3),
+        folder=folder,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def test_campaign_goes_on_after_a_lost_connection(tmp_path: Path) -> None:
+    with StandIn(trouble=on("Step", 400, DROP)) as server:
+        summary = campaign(connected(server), tmp_path).run()
+    assert summary.simulations == 3
+    assert summary.errors == 0
+    with CampaignStore.open(tmp_path) as store:
+        assert sorted(record.attempts for record in store.tests() if record.outcome.is_driven) == [
+            1,
+            1,
+            2,
+        ]
+        assert store.config["car"] == {"length": 4.508, "width": 1.61, "centre_ahead": 0.0}
+
+
+def test_one_that_runs_serves_one_worker(stand_in: StandIn, tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match="2 workers are too many"):
+        campaign(connected(stand_in), tmp_path, workers=2).run()
+
+
+def test_simulator_can_be_sent_to_a_worker(stand_in: StandIn) -> None:
+    with connected(stand_in) as simulator:
+        copy = pickle.loads(pickle.dumps(simulator))
+    assert copy.car == simulator.car
+    with pytest.raises(BeamngError, match="is not started"):
+        _ = copy.link
+
+
+# Starting it: the stand-in as a program
+
+linux = pytest.mark.skipif(sys.platform != "linux", reason="the program is a shell script")
+
+
+def is_alive(process_id: int) -> bool:
+    try:
+        os.kill(process_id, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def started_process(simulator: BeamngSimulator) -> int:
+    process = simulator.link._process
+    assert process is not None
+    return process.pid
+
+
+def interrupted_process(simulator: BeamngSimulator) -> int:
+    with suppress(KeyboardInterrupt), simulator:
+        started = started_process(simulator)
+        assert is_alive(started)
+        raise KeyboardInterrupt
+    return started
+
+
+@linux
+def test_it_is_started_and_ended(tmp_path: Path) -> None:
+    program(tmp_path / "home")
+    simulator = BeamngSimulator(home=str(tmp_path / "home"), headless=True)
+    with simulator:
+        started = started_process(simulator)
+        assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
+    assert not is_alive(started)
+    started = interrupted_process(simulator)
+    assert not is_alive(started)
+
+
+@linux
+def test_it_is_started_again_after_it_was_killed(tmp_path: Path) -> None:
+    program(tmp_path / "home")
+    simulator = BeamngSimulator(home=str(tmp_path / "home"))
+    with simulator:
+        os.kill(started_process(simulator), 9)
+        with pytest.raises(BeamngError, match=r"connection to BeamNG\.tech was lost"):
+            simulator.drive(ROAD, Stanley())
+    with simulator:
+        assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
+
+
+@linux
+def test_program_that_ends_at_once_is_told(tmp_path: Path) -> None:
+    program(tmp_path).write_text("#!/bin/sh\nexit 3\n")
+    with (
+        pytest.raises(BeamngError, match=r"ended while it started, with exit code 3: start it by"),
+        BeamngSimulator(home=str(tmp_path)),
+    ):
+        pass
+
+
+@linux
+def test_port_in_use_is_told_before_anything_is_started(stand_in: StandIn, tmp_path: Path) -> None:
+    program(tmp_path)
+    with (
+        pytest.raises(BeamngError, match=f"port {stand_in.port} is taken"),
+        BeamngSimulator(home=str(tmp_path), port=stand_in.port),
+    ):
+        pass
+
+
+@linux
+def test_launch_says_what_the_options_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[list[str]] = []
+
+    def refuse(call: list[str], **_: object) -> None:
+        calls.append(call)
+        raise OSError("not here")
+
+    program(tmp_path)
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    simulator = BeamngSimulator(
+        home=str(tmp_path), user=str(tmp_path / "user"), no_gpu=True, port=25999
+    )
+    with pytest.raises(BeamngError, match="starting it"), simulator:
+        pass
+    (call,) = calls
+    assert call[0].endswith("BinLinux/BeamNG.tech.x64")
+    assert "-tport 25999 -tcom-listen-ip 127.0.0.1 -headless -gfx null" in " ".join(call)
+    assert call[-2:] == ["-userpath", str(tmp_path / "user")]
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda home: home / "nowhere", "there is no folder"),
+        (lambda home: home, "No BeamNG binary found"),
+    ],
+)
+def test_home_without_a_program(tmp_path: Path, make: Callable[[Path], Path], text: str) -> None:
+    with pytest.raises(BeamngError, match=text), BeamngSimulator(home=str(make(tmp_path))):
+        pass
+
+
+# Its own checks
+
+
+def test_doctor_finds_nothing_wrong(stand_in: StandIn) -> None:
+    examination = examine("beamng", {"port": stand_in.port})
+    assert examination.health is Health.OK, examination.failed
+    names = [check.name for check in examination.checks]
+    assert names == [
+        "package",
+        "port",
+        "licence",
+        "level",
+        "vehicle",
+        "car",
+        "straight road, BeamNG.AI",
+        "curve, BeamNG.AI",
+        "straight road, Stanley",
+        "curve, Stanley",
+    ]
+    assert "BeamNG.tech 0.39" in examination.checks[1].found
+
+
+@pytest.mark.parametrize(
+    ("options", "server", "name", "text"),
+    [
+        ({"vehicle": "tank"}, {}, "vehicle", "choose one of etk800, pickup"),
+        ({"level": "moon", "ground": 0.0}, {}, "level", "choose one of gridmap_v2"),
+        ({}, {"is_licensed": False}, "licence", "put tech.key into its user folder"),
+        ({}, {"protocol": "v1.22"}, "port", "install the version of beamngpy"),
+        ({}, {"trouble": on("Step", 5, DROP)}, "car", "the connection to BeamNG.tech was lost"),
+        ({}, {"world": World(clock_error=0.1)}, "straight road, BeamNG.AI", "does not keep 60"),
+    ],
+)
+def test_doctor_says_what_is_wrong(
+    options: dict[str, object], server: dict[str, object], name: str, text: str
+) -> None:
+    with StandIn(**server) as running:  # type: ignore[arg-type]
+        examination = examine("beamng", {"port": running.port, **options})
+    assert examination.health is Health.BROKEN
+    first = examination.failed[0]
+    assert first.name == name
+    assert text in f"{first.found}; {first.remedy}"
+    assert first.remedy
+
+
+@linux
+def test_doctor_checks_the_installation(tmp_path: Path) -> None:
+    examination = examine("beamng", {"home": str(tmp_path)})
+    assert [check.name for check in examination.failed] == ["installation"]
+    program(tmp_path)
+    examination = examine("beamng", {"home": str(tmp_path)})
+    assert examination.health is Health.OK, examination.failed

@@ -1,0 +1,150 @@
+"""What doctor says of simulators that work, that do not, and that are not there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Self
+
+import pytest
+
+from frenetic import doctor
+from frenetic.doctor import (
+    Check,
+    Checkable,
+    Examination,
+    Health,
+    drive_checks,
+    examine,
+    examine_all,
+)
+from frenetic.drivers import Driver
+from frenetic.errors import UnknownNameError
+from frenetic.registry import SIMULATORS, Registry
+from frenetic.road import Road
+from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+class Crooked(DummySimulator):
+    """Its car leaves every road to the left."""
+
+    def __init__(self) -> None:
+        super().__init__(drift=lambda _: 6.0)
+
+
+class Dead(DummySimulator):
+    def __enter__(self) -> Self:
+        raise OSError("no display")
+
+
+class Failing(DummySimulator):
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        raise RuntimeError("out of memory")
+
+
+class Absent(DummySimulator):
+    needs = ("a_module_that_is_nowhere",)
+
+
+class Told(DummySimulator):
+    """Has checks of its own."""
+
+    entered = False
+
+    def __enter__(self) -> Self:
+        raise AssertionError
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        raise AssertionError
+
+    def checks(self) -> Iterator[Check]:
+        yield Check("key", False, "there is no key", "buy one")
+
+
+@pytest.fixture
+def registry(monkeypatch: pytest.MonkeyPatch) -> None:
+    built_in = {
+        "fine": ("test_doctor:DummySimulator", ""),
+        "crooked": ("test_doctor:Crooked", ""),
+        "dead": ("test_doctor:Dead", ""),
+        "failing": ("test_doctor:Failing", ""),
+        "absent": ("test_doctor:Absent", ""),
+        "told": ("test_doctor:Told", ""),
+        "tuned": ("test_doctor:Tuned", ""),
+    }
+    monkeypatch.setattr(
+        doctor, "SIMULATORS", Registry("simulator", "frenetic.none", built_in, SIMULATORS.methods)
+    )
+
+
+class Tuned(DummySimulator):
+    """Cannot be made without an option."""
+
+    def __init__(self, *, place: str = "") -> None:
+        if not place:
+            raise ValueError("say where it is, with place")
+        super().__init__()
+
+
+def test_embedded_simulator_is_well() -> None:
+    seen: list[Check] = []
+    examination = examine("embedded", on_check=seen.append)
+    assert examination.health is Health.OK, examination.failed
+    assert tuple(seen) == examination.checks
+    names = [check.name for check in seen]
+    assert names == ["kernels", "cache", "straight road, Stanley", "curve, Stanley", "speed"]
+    assert not any(check.remedy for check in seen)
+    assert isinstance(EmbeddedSimulator(), Checkable)
+
+
+def test_curve_without_friction_is_found(registry: None) -> None:
+    with EmbeddedSimulator(friction=0.2) as simulator:
+        straight, curve = drive_checks(simulator)
+    assert straight.is_ok
+    assert not curve.is_ok
+    assert "drove out of the lane" in curve.found
+    assert "frenetic drive --plot" in curve.remedy
+
+
+@pytest.mark.usefixtures("registry")
+def test_driver_that_stands_is_found() -> None:
+    with EmbeddedSimulator() as simulator:
+        checks = list(drive_checks(simulator, DummyDriver(), who="nobody"))
+    assert [check.name for check in checks] == ["straight road, nobody", "curve, nobody"]
+    assert all("moved less than 1 m" in check.found for check in checks)
+
+
+@pytest.mark.usefixtures("registry")
+def test_all_simulators_in_turn() -> None:
+    found = {examination.simulator: examination for examination in examine_all()}
+    assert {name: one.health for name, one in found.items()} == {
+        "fine": Health.OK,
+        "crooked": Health.BROKEN,
+        "dead": Health.BROKEN,
+        "failing": Health.BROKEN,
+        "absent": Health.NOT_INSTALLED,
+        "told": Health.BROKEN,
+        "tuned": Health.NOT_SET_UP,
+    }
+    assert found["absent"].note == 'pip install "frenetic-roads[absent]"'
+    assert "say where it is" in found["tuned"].note
+    assert found["dead"].failed[0].found == "OSError: no display"
+    assert [check.found for check in found["failing"].failed] == ["RuntimeError: out of memory"] * 2
+    assert found["told"].failed == (Check("key", False, "there is no key", "buy one"),)
+    for examination in found.values():
+        assert all(check.remedy for check in examination.failed)
+
+
+def test_unknown_simulator() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'embedded'"):
+        examine("embeded")
+
+
+def test_examination_without_checks_has_no_failures() -> None:
+    assert Examination("x", Health.NOT_INSTALLED, (), "pip install x").failed == ()
