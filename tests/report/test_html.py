@@ -16,6 +16,7 @@ from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
 
 from frenetic.analysis.clusters import Cluster, Clusters
+from frenetic.analysis.confirming import confirm
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.rerunning import Repeat, Rerun, write_reruns
 from frenetic.analysis.segments import segments_of
@@ -24,9 +25,11 @@ from frenetic.campaign import CampaignStore
 from frenetic.campaign.store import JSONValue
 from frenetic.cli import cli
 from frenetic.cli.search import run
+from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome
+from frenetic.report.confirmation import write_confirmation
 from frenetic.report.failures import distinct_failures, stored_test
 from frenetic.report.html import (
     Chart,
@@ -48,6 +51,7 @@ from frenetic.report.html.timeline import POINTS, Timeline, timeline_section
 from frenetic.report.html.told import TestTable, Told, ancestors
 from frenetic.road import Road
 from frenetic.search import Origin
+from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import World
 
 
@@ -389,6 +393,29 @@ def test_damaged_reruns_are_mentioned_and_do_no_harm(searched: Path, tmp_path: P
     (folder / "reruns.json").write_text("{")
     warning = block_of(page_of(write_report(folder)).data, "headline")["warning"]
     assert "reruns.json is damaged" in warning
+
+
+def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
+    folder = make_searched(tmp_path / "searched")
+    assert "confirmed" not in [section["id"] for section in sections_of(folder)]
+    with CampaignStore.open(folder) as store:
+        failures = [test.candidate.id for test in store.tests(Outcome.FAIL, limit=3)]
+    there = confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
+    with CampaignStore.open(folder) as store:
+        write_confirmation(store, there)
+    (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
+    text, table, picture = section["blocks"]
+    assert text["text"].startswith("Planner in EmbeddedSimulator: 3 confirmed, 0 not confirmed")
+    assert [row[0] for row in table["rows"]] == [str(number) for number in failures]
+    assert picture["source"].startswith("data:image/png;base64,")
+    (folder / "confirmations.json").write_text("{")
+    (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
+    assert "damaged" in section["blocks"][0]["text"]
+
+
+def sections_of(folder: Path) -> list[dict[str, Any]]:
+    sections: list[dict[str, Any]] = page_of(write_report(folder)).data["sections"]
+    return sections
 
 
 def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path) -> None:

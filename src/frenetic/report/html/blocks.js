@@ -5,6 +5,7 @@ const kinds = {
   facts: drawFacts,
   command: (element, block) => element.append(commandLine(block.line, block.text)),
   table: drawTable,
+  picture: drawPicture,
   chart: drawChart,
   bars: drawBars,
   timeline: drawTimeline,
@@ -31,6 +32,11 @@ function drawTable(element, block) {
     el("tr", {}, row.map((text, i) => (i === 0 ? el("th", { scope: "row", class: style(i) }, text) : el("td", { class: style(i) }, text)))),
   );
   element.append(el("div", { class: "table", tabindex: 0, role: "region", "aria-label": block.columns.map((column) => column.title).join(", ") }, el("table", {}, el("thead", {}, head), el("tbody", {}, rows))));
+  captioned(element, block.caption);
+}
+
+function drawPicture(element, block) {
+  element.append(el("img", { class: "drawn", src: block.source, alt: block.text }));
   captioned(element, block.caption);
 }
 

@@ -122,6 +122,18 @@ class Bars:
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A picture that is part of the page."""
+
+    kind: ClassVar[str] = "picture"
+    source: str
+    """A ``data:`` URI: nothing else can be loaded."""
+    text: str
+    """What it shows, for those who do not see it."""
+    caption: str = ""
+
+
+@dataclass(frozen=True)
 class Section:
     """A headline with blocks under it."""
 

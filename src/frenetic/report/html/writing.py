@@ -20,6 +20,7 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.report.failures import distinct_failures
 from frenetic.report.html.blocks import Section
+from frenetic.report.html.confirmed import confirmed_sections
 from frenetic.report.html.drives import DRIVES_SIZE, DriveData, drive_data
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
 from frenetic.report.html.gallery import family_section, gallery_section
@@ -132,6 +133,7 @@ def campaign_report(
             map_section(table.ids, measured, tests),
             family_section(clusters, opened),
             operators_section(tests, clusters),
+            *confirmed_sections(store.folder),
             repeat_section(config, facts),
             *sections,
         ),

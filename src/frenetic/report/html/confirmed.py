@@ -1,0 +1,95 @@
+"""What other simulators say of a campaign's failures."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+from frenetic.analysis.confirming import Agreement, Confirmation, read_confirmations
+from frenetic.errors import CampaignError
+from frenetic.report.html.blocks import Block, Column, Paragraph, Picture, Section, Table
+
+MOST_BYTES: Final = 2_000_000
+"""Of a picture that is put into the page; a larger one stays a file."""
+
+_COLUMNS: Final = (
+    Column("test", is_number=True),
+    Column("here (m)", is_number=True, text="MOOBD in the campaign"),
+    Column("there (m)", is_number=True, text="MOOBD in the other simulator"),
+    Column("verdict"),
+    Column("same place", text="left the lane on the same side, within 30 m along the road"),
+    Column("what happened there"),
+)
+
+
+def confirmed_sections(folder: Path) -> tuple[Section, ...]:
+    """A section about the failures that were driven in other simulators; none if none were."""
+    try:
+        confirmations = read_confirmations(folder)
+    except CampaignError as error:
+        blocks: tuple[Block, ...] = (Paragraph(str(error)),)
+    else:
+        blocks = tuple(block for one in confirmations for block in _blocks(folder, one))
+    if not blocks:
+        return ()
+    lead = "What fails in two simulators says something of the driver."
+    return (Section("confirmed", "In other simulators", blocks, lead),)
+
+
+def _blocks(folder: Path, confirmation: Confirmation) -> Iterator[Block]:
+    # Its pictures are drawn by matplotlib, which takes its time to import.
+    from frenetic.report.confirmation import GALLERY, pictures_of
+
+    counted = ", ".join(f"{confirmation.count(verdict)} {verdict}" for verdict in Agreement)
+    correlation = confirmation.correlation
+    ranks = (
+        ""
+        if correlation is None
+        else f" MOOBDs go together with a rank correlation of {correlation.spearman:.2f}"
+        f" (p {correlation.p:.2g}, {correlation.pairs} roads)."
+    )
+    yield Paragraph(
+        f"{_name(confirmation.driver)} in {_name(confirmation.simulator)}: {counted};"
+        f" {confirmation.alike} at the same place.{ranks}"
+    )
+    rows = tuple(
+        (
+            str(test.test_id),
+            _metres(test.recorded.moobd),
+            _metres(test.other.moobd),
+            str(test.agreement),
+            "yes" if test.is_alike else "",
+            test.reason,
+        )
+        for test in confirmation.tests
+    )
+    yield Table(_COLUMNS, rows)
+    gallery = folder / pictures_of(confirmation) / GALLERY
+    picture = _picture(gallery)
+    if picture is not None:
+        caption = f"Each road as a picture of its own: {gallery.parent}"
+        yield Picture(picture, "Both paths on each road", caption)
+
+
+def _picture(path: Path) -> str | None:
+    """A PNG file as a data URI; None if it is not there, too large, or something else."""
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            return None
+        data = path.read_bytes()
+    except OSError:
+        return None
+    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return None
+    return f"data:image/png;base64,{base64.b64encode(data).decode()}"
+
+
+def _name(described: object) -> str:
+    name = described.get("class") if isinstance(described, dict) else None
+    return str(name).rpartition(":")[2] if name else "unknown"
+
+
+def _metres(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}"
