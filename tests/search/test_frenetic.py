@@ -20,7 +20,7 @@ from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic
 from frenetic.search.operators import FAIL_OPERATORS
 
-PASS, FAIL, INVALID, ERROR = Outcome
+PASS, FAIL, INVALID, ERROR, DROPPED = Outcome
 GOOD = 1.0  # m, a MOOBD above the threshold
 P = ["P1", "P2", "P3", "P4", "P5", "P6"]
 F = ["F1", "F2", "F3", "F4"]
@@ -312,6 +312,83 @@ def test_new_values_of_mutants_keep_to_the_bound_and_the_change(
 
 
 # Several outstanding
+
+
+def wanted(script: Script, *candidates: Candidate) -> list[bool]:
+    return [script.search.is_wanted(candidate) for candidate in candidates]
+
+
+@pytest.mark.parametrize(("outcome", "names"), [(PASS, P), (FAIL, F)])
+def test_siblings_of_a_failed_mutant_are_not_wanted_any_more(
+    outcome: Outcome, names: list[str]
+) -> None:
+    for failing in range(len(names)):
+        script = Script()
+        parent, other = script.seeded((outcome, -1.0), (FAIL, -0.9))
+        mutants = [script.ask() for _ in names]
+        nephews = [script.ask() for _ in F]
+        road = script.ask()
+        assert {mutant.origin.parents for mutant in mutants} == {(parent.id,)}
+        assert {nephew.origin.parents for nephew in nephews} == {(other.id,)}
+        assert wanted(script, *mutants, *nephews, road) == [True] * (len(names) + 5)
+
+        failed = mutants.pop(failing)
+        script.tell(failed, FAIL)
+
+        assert wanted(script, *mutants) == [False] * len(mutants)
+        assert wanted(script, *nephews, road) == [True] * 5
+        script.tell(mutants.pop(), PASS, -3.0)  # what was being driven changes nothing
+        script.tell(nephews.pop(), PASS)
+        assert wanted(script, *mutants) == [False] * len(mutants)
+        assert wanted(script, *nephews, road) == [True] * 4
+
+
+@pytest.mark.parametrize("outcome", [PASS, INVALID, ERROR, DROPPED])
+def test_siblings_of_a_mutant_that_did_not_fail_stay_wanted(outcome: Outcome) -> None:
+    script = Script()
+    script.seeded((PASS, -1.0))
+    mutants = [script.ask() for _ in P]
+    script.tell(mutants.pop(0), outcome)
+
+    assert wanted(script, *mutants) == [True] * 5
+
+
+def test_random_roads_and_children_of_crossover_stay_wanted() -> None:
+    script = Script(cross_freq=0, cross_num=4)
+    roads = [script.ask() for _ in range(3)]
+    script.tell(roads.pop(), FAIL, -1.0)
+    assert wanted(script, *roads) == [True, True]
+    script.tell(roads.pop(), FAIL, -0.9)
+    children = [script.ask() for _ in range(4)]
+    assert {child.origin.operator for child in children} <= set(C)
+    script.tell(children.pop(), FAIL, -2.0)
+
+    assert wanted(script, *children, *roads) == [True] * 4
+
+
+def test_what_is_wanted_goes_by_the_id() -> None:
+    script = Script()
+    script.seeded((FAIL, -1.0))
+    first, second = script.ask(), script.ask()
+    rebuilt = Candidate(second.id, second.curvatures.copy(), second.step, second.origin)
+    assert wanted(script, rebuilt) == [True]
+    script.tell(first, FAIL)
+
+    assert wanted(script, rebuilt) == [False]
+
+
+def test_dropped_siblings_leave_nothing_behind() -> None:
+    script = Script(cross_freq=3, cross_num=4)
+    script.seeded((FAIL, -1.0))
+    mutants = [script.ask() for _ in F]
+    assert [mutant.origin.operator for mutant in mutants] == F
+    script.tell(mutants[0], FAIL, -2.0)
+    for mutant in mutants[1:]:
+        script.tell(mutant, DROPPED)
+    assert len(script.search._litters) == 0
+
+    # They are no tests that ran: two did so far, and more than three have to.
+    assert [script.run(PASS).origin.operator in C for _ in range(3)] == [False, False, True]
 
 
 def test_siblings_are_asked_before_they_are_told_until_one_fails() -> None:

@@ -145,6 +145,58 @@ class _LooksAtTheObject(_Straight):
             self.rng.random()  # what a log gives back is never the object that was asked
 
 
+class _Choosy(_Straight):
+    """Loses interest in what is too far from the last candidate that was told."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.last = 0
+
+    def tell(self, evaluation: Evaluation) -> None:
+        super().tell(evaluation)
+        self.last = max(self.last, evaluation.candidate.id)
+
+    def is_wanted(self, candidate: Candidate) -> bool:
+        return candidate.id > self.last - 10
+
+
+class _ChangesItsMind(_Choosy):
+    def is_wanted(self, candidate: Candidate) -> bool:
+        return bool(super().is_wanted(candidate) or self.last % 2)
+
+
+class _ThrowsDice(_Choosy):
+    def is_wanted(self, candidate: Candidate) -> bool:
+        self.rng.random()
+        return super().is_wanted(candidate)
+
+
+class _WantsNothing(_Choosy):
+    def is_wanted(self, candidate: Candidate) -> bool:
+        return False
+
+
+class _WantsTheObject(_Choosy):
+    def __init__(self, seed: int) -> None:
+        super().__init__(seed)
+        self.asked: list[Candidate] = []
+
+    def ask(self) -> Candidate:
+        self.asked.append(super().ask())
+        return self.asked[-1]
+
+    def is_wanted(self, candidate: Candidate) -> bool:
+        # A log gives back other objects.
+        return super().is_wanted(candidate) and any(one is candidate for one in self.asked)
+
+
+class _ChokesOnDropped(_Choosy):
+    def tell(self, evaluation: Evaluation) -> None:
+        if evaluation.outcome is Outcome.DROPPED:
+            raise ValueError("what is that")
+        super().tell(evaluation)
+
+
 def _make(strategy: Callable[[int], Strategy]) -> StrategyContract:
     class Contract(StrategyContract):
         def make(self, seed: int) -> Strategy:
@@ -175,8 +227,9 @@ def _broken_promises(strategy: Callable[[int], Strategy]) -> set[str]:
     return broken
 
 
-def test_a_strategy_of_ten_lines_keeps_the_contract() -> None:
-    assert _broken_promises(_Straight) == set()
+@pytest.mark.parametrize("strategy", [_Straight, _Choosy])
+def test_a_strategy_of_ten_lines_keeps_the_contract(strategy: Callable[[int], Strategy]) -> None:
+    assert _broken_promises(strategy) == set()
 
 
 @pytest.mark.parametrize(
@@ -196,6 +249,11 @@ def test_a_strategy_of_ten_lines_keeps_the_contract() -> None:
         (_OneArrayForAll, "test_curvatures_belong_to_one_candidate_and_stay_as_they_are"),
         (_SharedGenerator, "test_two_strategies_do_not_disturb_each_other"),
         (_LooksAtTheObject, "test_a_replayed_log_gives_the_same_continuation"),
+        (_ChangesItsMind, "test_what_is_not_wanted_any_more_stays_so"),
+        (_ThrowsDice, "test_to_ask_what_is_wanted_changes_nothing"),
+        (_WantsNothing, "test_what_was_just_asked_is_wanted"),
+        (_WantsTheObject, "test_what_is_wanted_follows_from_the_log"),
+        (_ChokesOnDropped, "test_dropped_candidates_are_replayed_like_any_other"),
     ],
 )
 def test_the_contract_notices(strategy: Callable[[int], Strategy], promise: str) -> None:

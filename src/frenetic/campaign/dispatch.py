@@ -95,6 +95,8 @@ class Dispatcher:
             yield from self._hand_out()
             if self._is_over():
                 return
+            if self._may_ask():
+                continue  # what waited was dropped
             for attempt in self._workers.wait(_HEARTBEAT):
                 self._take(attempt)
             yield from self._tell_in_order() if self._lookahead else self._tell_at_once()
@@ -111,13 +113,15 @@ class Dispatcher:
 
     def _ask(self) -> None:
         """Asks for what may be outstanding."""
-        while not self._is_spent and self._may_ask():
+        while self._may_ask():
             candidate = ask(self._strategy)
             self._store.asked(candidate)
             self._outstanding[candidate.id] = candidate
             self._waiting.append(candidate.id)
 
     def _may_ask(self) -> bool:
+        if self._is_spent:
+            return False
         within = self._budget.simulations
         if within is not None and self._tally.simulations + len(self._outstanding) >= within:
             return False
@@ -188,6 +192,8 @@ class Dispatcher:
     def _drop(self, candidate: Candidate) -> Iterator[Progress]:
         """Stores and tells that a candidate is not driven any more."""
         self._ended.pop(candidate.id, None)
+        # Whether it was tried meanwhile depends on the workers.
+        self._tries.pop(candidate.id, None)
         dropped = untested(Outcome.DROPPED, "not wanted any more when its turn came")
         return self._tell(candidate, dropped, 0.0, None)
 

@@ -16,6 +16,11 @@ from frenetic.search.strategy import Strategy
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 
 
+def no_drift(road: Road) -> float:  # noqa: ARG001
+    """0 m on every road."""
+    return 0.0
+
+
 class DummySimulator:
     """Moves a car along the ego lane at a steady speed, drifting from its centre; no physics.
 
@@ -31,7 +36,7 @@ class DummySimulator:
 
     def __init__(
         self,
-        drift: Callable[[Road], float] = lambda road: 0.0,  # noqa: ARG005
+        drift: Callable[[Road], float] = no_drift,
         *,
         rules: Rules | None = None,
         speed: float = 10.0,

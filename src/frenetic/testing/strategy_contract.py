@@ -12,7 +12,7 @@ import pytest
 
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
-from frenetic.search.strategy import Strategy
+from frenetic.search.strategy import SelectiveStrategy, Strategy
 
 _TESTS = 300
 """Length of a scripted campaign: long enough for a phase that depends on the budget."""
@@ -27,7 +27,8 @@ class StrategyContract:
             def make(self, seed: int) -> Strategy:
                 return Mine(seed=seed)
 
-    No simulator is involved: the outcomes are made up, and depend only on a candidate's id.
+    No simulator is involved: the outcomes are made up, and depend only on a candidate's id. What is
+    asked of a `SelectiveStrategy` only holds for others by itself: they want every candidate.
     """
 
     def make(self, seed: int) -> Strategy:
@@ -186,6 +187,71 @@ class StrategyContract:
         for _ in range(20):
             _assert_same_road(strategy.ask(), untroubled.ask())
 
+    def test_what_was_just_asked_is_wanted(self) -> None:
+        """A strategy does not propose what it has no interest in."""
+        strategy = self.make(1)
+        for step in _campaign(strategy, outstanding=20, dropping=True):
+            if step.asked is not None:
+                assert _wants(strategy, step.asked)
+
+    def test_what_is_not_wanted_any_more_stays_so(self) -> None:
+        """Interest that was lost does not come back: the candidate may not be there any more."""
+        strategy = self.make(1)
+        waiting: dict[int, Candidate] = {}
+        unwanted: set[int] = set()
+        for step in _campaign(strategy, outstanding=20):
+            if step.asked is not None:
+                waiting[step.asked.id] = step.asked
+            if step.told is not None:
+                del waiting[step.told.candidate.id]
+            lost = {number for number in waiting if not _wants(strategy, waiting[number])}
+            assert unwanted & waiting.keys() <= lost
+            unwanted |= lost
+
+    def test_to_ask_what_is_wanted_changes_nothing(self) -> None:
+        """Nobody can tell from what is proposed whether and how often that was asked."""
+        asked_often: list[_Step] = []
+        waiting: dict[int, Candidate] = {}
+        strategy = self.make(5)
+        for step in _campaign(strategy, outstanding=20):
+            asked_often.append(step)
+            if step.asked is not None:
+                waiting[step.asked.id] = step.asked
+            if step.told is not None:
+                del waiting[step.told.candidate.id]
+            for candidate in waiting.values():
+                assert _wants(strategy, candidate) == _wants(strategy, candidate)
+
+        _assert_same(asked_often, list(_campaign(self.make(5), outstanding=20)))
+
+    def test_what_is_wanted_follows_from_the_log(self) -> None:
+        """A replayed log leaves the same candidates unwanted, whatever objects stand for them."""
+        strategy, resumed = self.make(5), self.make(5)
+        waiting: dict[int, Candidate] = {}
+        for step in _campaign(strategy, outstanding=20, dropping=True):
+            if step.asked is not None:
+                resumed.ask()
+                waiting[step.asked.id] = step.asked
+            if step.told is not None:
+                candidate = waiting.pop(step.told.candidate.id)
+                resumed.tell(replace(step.told, candidate=_copy(candidate)))
+            for candidate in waiting.values():
+                assert _wants(strategy, candidate) == _wants(resumed, _copy(candidate))
+
+    def test_dropped_candidates_are_replayed_like_any_other(self) -> None:
+        """What is told as DROPPED has its place in the log, and the search goes on after it."""
+        strategy, resumed = self.make(5), self.make(5)
+        for step in _campaign(strategy, outstanding=20, dropping=True):
+            if step.asked is not None:
+                _assert_same_road(step.asked, resumed.ask())
+            if step.told is not None:
+                resumed.tell(replace(step.told, candidate=_copy(step.told.candidate)))
+
+        for _ in range(30):
+            candidate = strategy.ask()
+            _assert_is_road(candidate)
+            _assert_same_road(candidate, resumed.ask())
+
     def test_curvatures_belong_to_one_candidate_and_stay_as_they_are(self) -> None:
         """They are read-only, share memory with no other candidate's and never change."""
         taken = [
@@ -209,8 +275,18 @@ class _Step:
     told: Evaluation | None = None
 
 
-def _campaign(strategy: Strategy, *, outstanding: int = 7) -> Iterator[_Step]:
-    """Ask `_TESTS` candidates and tell what is made up of them, in a random but fixed order."""
+def _wants(strategy: Strategy, candidate: Candidate) -> bool:
+    return not isinstance(strategy, SelectiveStrategy) or strategy.is_wanted(candidate)
+
+
+def _campaign(
+    strategy: Strategy, *, outstanding: int = 7, dropping: bool = False
+) -> Iterator[_Step]:
+    """Ask `_TESTS` candidates and tell what is made up of them, in a random but fixed order.
+
+    With `dropping`, candidates that are not wanted any more when their turn comes are dropped, as
+    are some others: from a strategy that is not selective, these only.
+    """
     rng = np.random.default_rng(20210501)
     waiting: list[Candidate] = []
     asked = told = 0
@@ -222,7 +298,10 @@ def _campaign(strategy: Strategy, *, outstanding: int = 7) -> Iterator[_Step]:
             yield _Step(asked=candidate)
         else:
             told += 1
-            evaluation = _made_up(waiting.pop(int(rng.integers(len(waiting)))), told / _TESTS)
+            candidate = waiting.pop(int(rng.integers(len(waiting))))
+            evaluation = _made_up(candidate, told / _TESTS)
+            if dropping and (candidate.id % 11 == 0 or not _wants(strategy, candidate)):
+                evaluation = replace(evaluation, outcome=Outcome.DROPPED, moobd=None)
             strategy.tell(evaluation)
             yield _Step(told=evaluation)
 

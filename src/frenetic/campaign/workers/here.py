@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Mapping, Sequence
 from types import TracebackType
@@ -9,14 +10,20 @@ from typing import Final, Self
 
 from frenetic.campaign.log import WorkerState, WorkerStatus
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers.serving import reason_of
 from frenetic.campaign.workers.workers import Attempt
+from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 
 NAME: Final = "this process"
 
+logger = logging.getLogger(__name__)
+
 
 class ThisProcess:
-    """Tests one candidate after the other, within `wait`; a simulator that broke is restarted.
+    """Tests one candidate after the other, within `wait`.
+
+    A simulator that broke is started again when the next candidate comes.
 
     Nothing has to be sent anywhere, so driver and simulator may be any objects. A simulator or
     driver that takes the process with it takes the campaign, which then has to be resumed.
@@ -24,6 +31,7 @@ class ThisProcess:
 
     def __init__(self, tester: RoadTester) -> None:
         self._tester = tester
+        self._started = False
         self._candidate: Candidate | None = None
         self._tests = 0
         self._since = time.monotonic()
@@ -45,23 +53,36 @@ class ThisProcess:
         self._since = time.monotonic()
 
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - it takes what it takes
-        """Tests the candidate that was submitted."""
+        """Tests the candidate that was submitted.
+
+        Raises:
+            CampaignError: the simulator does not start again.
+        """
         if self._candidate is None:
             return ()
+        self._start()
         candidate = self._candidate
+        tested, loss = None, ""
         start = time.perf_counter()
-        tested = self._tester.test(candidate)
+        try:
+            tested = self._tester.test(candidate).pack()
+        except (Exception, SystemExit) as error:
+            logger.debug("a test broke", exc_info=True)
+            loss = reason_of(error)
         seconds = time.perf_counter() - start
-        if tested.simulator_broke:
-            self._tester.simulator.__exit__(None, None, None)
-            self._tester.simulator.__enter__()
+        if tested is None or tested.simulator_broke:
+            self._end(None, None, None)
         self._candidate = None
         self._tests += 1
-        return (Attempt(candidate.id, NAME, seconds, tested),)
+        return (Attempt(candidate.id, NAME, seconds, tested, loss),)
 
     def __enter__(self) -> Self:
-        """Starts the simulator."""
-        self._tester.simulator.__enter__()
+        """Starts the simulator.
+
+        Raises:
+            CampaignError: it does not start.
+        """
+        self._start()
         return self
 
     def __exit__(
@@ -71,4 +92,25 @@ class ThisProcess:
         trace: TracebackType | None,
     ) -> None:
         """Ends the simulator."""
-        self._tester.simulator.__exit__(kind, error, trace)
+        self._end(kind, error, trace)
+
+    def _start(self) -> None:
+        if not self._started:
+            try:
+                self._tester.simulator.__enter__()
+            except Exception as error:
+                raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
+            self._started = True
+
+    def _end(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._started:
+            self._started = False
+            try:
+                self._tester.simulator.__exit__(kind, error, trace)
+            except Exception as trouble:  # what it has driven stands
+                logger.warning("the simulator did not end well: %s", reason_of(trouble))

@@ -11,13 +11,12 @@ import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.store import JSONValue
@@ -36,6 +35,9 @@ from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import user_files
 from frenetic.search.records import Candidate
 
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
+
 STARTS: Final = 3
 """How often in a row a worker may fail to start before it is given up."""
 START_LIMIT: Final = 600.0
@@ -44,10 +46,13 @@ CLOSING_LIMIT: Final = 30.0
 """s that workers have to finish what they are at and to end their simulators."""
 PREFETCH_BELOW: Final = 0.02
 """s: a worker whose tests take less gets the next candidate before it has finished one, since to
-fall asleep and wake up costs it more time than the test of a road that is a little better chosen."""
+fall asleep and wake up costs more time than the test of a road that is a little better chosen."""
 MOST_ON_WINDOWS: Final = 60
 """Workers: its kernel waits for so many objects at once."""
 
+_LEAVING_LIMIT: Final = 1.0  # s that a process has to leave when its simulator has ended
+_PAUSE: Final = 0.2  # s between two tries to get a process
+_FORKED: Final = "forkserver"
 _PRELOADED: Final = "frenetic.campaign.workers.preloading"
 
 
@@ -78,6 +83,11 @@ class LocalWorkers:
                 "the driver or simulator cannot be copied to another process"
                 f" ({describe_error(error)}): use one worker, or define it in a module of its own"
             ) from error
+        most = getattr(tester.simulator, "workers_at_most", None)
+        if most is not None and count > most:
+            raise CampaignError(
+                f"{count} workers are too many: the simulator that they are to share serves {most}"
+            )
         if sys.platform == "win32" and count > MOST_ON_WINDOWS:
             raise CampaignError(f"{count} workers are too many: Windows allows {MOST_ON_WINDOWS}")
         self._user_files = user_files()
@@ -147,9 +157,12 @@ class LocalWorkers:
 
     def __enter__(self) -> Self:
         """Begins to start the workers."""
-        self._context.set_forkserver_preload([_PRELOADED])
-        for worker in self._workers:
-            self._start(worker)
+        try:
+            for worker in self._workers:
+                self._start(worker)
+        except BaseException as error:  # Ctrl-C
+            self.__exit__(type(error), error, None)
+            raise
         return self
 
     def __exit__(
@@ -160,37 +173,72 @@ class LocalWorkers:
     ) -> None:
         """Ends all workers: at once if an error is under way, else when they are done."""
         there = [worker for worker in self._workers if worker.state != "lost"]
-        deadline = time.monotonic()
-        if error is None:
-            deadline += CLOSING_LIMIT
-            for worker in there:
-                with suppress(OSError):
-                    worker.connection.send(None)
         try:
-            for worker in there:
-                worker.process.join(max(0.0, deadline - time.monotonic()))
+            if error is None:
+                # What still starts has nothing to finish.
+                started = [worker for worker in there if worker.state != "starting"]
+                deadline = time.monotonic() + CLOSING_LIMIT
+                for worker in started:
+                    worker.dismiss()
+                for worker in started:
+                    worker.await_end(deadline)
         finally:  # also if Ctrl-C is pressed meanwhile
+            for worker in there:
+                worker.kill()
             for worker in there:
                 worker.end()
 
     def _start(self, worker: _Worker) -> None:
+        """Begins to start a worker, unless that has failed too often."""
+        while worker.failed_starts < STARTS:
+            try:
+                self._start_process(worker)
+            except (OSError, EOFError) as error:  # too many processes, or their server was killed
+                worker.failed_starts += 1
+                self._note_loss(worker, f"there was no process for it ({describe_error(error)})")
+                time.sleep(_PAUSE)
+            else:
+                return
+
+    def _start_process(self, worker: _Worker) -> None:
+        if sys.platform != "win32":
+            from multiprocessing import resource_tracker
+
+            resource_tracker.ensure_running()  # first, since it lets Ctrl-C through again
+        sparing: AbstractContextManager[None] = _without_ctrl_c()
+        if self._context.get_start_method() == _FORKED:
+            from multiprocessing import forkserver
+
+            self._context.set_forkserver_preload([_PRELOADED])
+            with sparing:
+                forkserver.ensure_running()
+            sparing = nullcontext()  # it takes a while now, and workers get it from their server
         ours, theirs = self._context.Pipe()
-        process = self._context.Process(
-            target=serve, args=(theirs, self._user_files, self._tester), name=worker.name
-        )
-        process.start()
-        theirs.close()
+        try:
+            process = self._context.Process(
+                target=serve, args=(theirs, self._user_files, self._tester), name=worker.name
+            )
+            with sparing:
+                process.start()
+        except BaseException:
+            ours.close()
+            raise
+        finally:
+            theirs.close()
         worker.begin(process, ours)
 
     def _heard(self, worker: _Worker) -> list[Attempt]:
         """Reads what a worker has sent, and sees whether it has ended."""
         attempts: list[Attempt] = []
-        try:
-            while worker.state != "lost" and worker.connection.poll():
-                attempts += self._received(worker, worker.connection.recv())
-        except (EOFError, OSError):
-            worker.process.join(1.0)
-            return attempts + self._lost(worker, _ending(worker.process.exitcode))
+        while worker.state != "lost":
+            try:
+                message = worker.connection.recv() if worker.connection.poll() else None
+            except Exception:  # its end, or nonsense that a driver has written there
+                worker.process.join(1.0)
+                return attempts + self._lost(worker, _ending(worker.process.exitcode))
+            if message is None:
+                break
+            attempts += self._received(worker, message)
         if worker.state != "lost" and not worker.process.is_alive():
             attempts += self._lost(worker, _ending(worker.process.exitcode))
         return attempts
@@ -199,6 +247,7 @@ class LocalWorkers:
         match message:
             case Ready():
                 worker.failed_starts = 0
+                worker.has_started = True
                 self._turn_to_next(worker)
                 self._log.write(Event.WORKER_STARTED, f"{worker.name} started", worker=worker.name)
             case Finished(candidate_id, seconds, tested):
@@ -211,7 +260,7 @@ class LocalWorkers:
             case Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", worker.name, text)
             case Hopeless(reason):
-                if worker.tests == 0:
+                if not worker.has_started:
                     worker.failed_starts = STARTS  # that would not change
                 return self._lost(worker, reason)
         return []
@@ -225,26 +274,29 @@ class LocalWorkers:
     def _lost(self, worker: _Worker, reason: str) -> list[Attempt]:
         """Ends a worker and starts another in its place; returns the attempt that is lost."""
         attempts = []
-        fields: dict[str, JSONValue] = {"worker": worker.name, "reason": reason}
-        loss = f"{worker.name} was lost: {reason}"
         if worker.state == "driving":
             seconds = time.monotonic() - worker.since
             candidate_id = worker.queue.popleft().id
+            loss = self._note_loss(worker, reason, test=candidate_id)
             attempts.append(Attempt(candidate_id, worker.name, seconds, None, loss))
-            fields["test"] = candidate_id
             worker.failed_starts = 0
         else:
+            self._note_loss(worker, reason)
             worker.failed_starts += 1
-        self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
         worker.end()
-        worker.loss = reason
         self._backlog.extend(worker.queue)
         worker.queue.clear()
-        if worker.failed_starts < STARTS:
-            self._start(worker)
-        else:
-            worker.turn("lost")
+        self._start(worker)
         return attempts
+
+    def _note_loss(self, worker: _Worker, reason: str, **fields: JSONValue) -> str:
+        """Remembers and logs why a worker was lost; returns it in a sentence."""
+        worker.loss = reason
+        loss = f"{worker.name} was lost: {reason}"
+        self._log.write(
+            Event.WORKER_LOST, loss, level="warning", worker=worker.name, reason=reason, **fields
+        )
+        return loss
 
 
 class _Worker:
@@ -265,6 +317,8 @@ class _Worker:
         self.tests = 0
         self.pace = math.inf
         """s that its tests take: the longest of late, forgotten slowly."""
+        self.has_started = False
+        """Whether its simulator ever has."""
         self.failed_starts = 0
         """In a row."""
         self.loss = ""
@@ -292,12 +346,30 @@ class _Worker:
         self.since = time.monotonic()
         self.limit = self.since + limit
 
-    def end(self) -> None:
-        """Ends its process with all that it has started, however it may resist."""
+    def dismiss(self) -> None:
+        """Lets it end its simulator when it has finished what it is at."""
+        with suppress(OSError):  # it has died
+            self.connection.send(None)
+
+    def await_end(self, deadline: float) -> None:
+        """Waits until its simulator has ended; what it sends meanwhile comes too late."""
+        with suppress(Exception):  # the connection's end is what is waited for
+            while self.connection.poll(max(0.0, deadline - time.monotonic())):
+                self.connection.recv()
+        # Not for threads and processes of a driver, which may never end.
+        self.process.join(max(0.0, min(_LEAVING_LIMIT, deadline - time.monotonic())))
+
+    def kill(self) -> None:
+        """Kills its process with all that it has started, however it may resist."""
         assert self.process.pid is not None
         kill_group(self.process.pid)
         self.process.kill()
+
+    def end(self) -> None:
+        """Kills its process and waits until it is gone."""
+        self.kill()
         self.process.join()
+        self.turn("lost")
         self.process.close()
         self.connection.close()
 
@@ -308,8 +380,21 @@ def _context() -> ForkServerContext | SpawnContext:
     Elsewhere forking is not there (Windows) or not safe with the system's libraries (macOS).
     """
     if platform.system() == "Linux":
-        return multiprocessing.get_context("forkserver")
+        return multiprocessing.get_context(_FORKED)
     return multiprocessing.get_context("spawn")
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Keeps Ctrl-C for a moment from this thread, and for good from processes that it starts."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _ending(exit_code: int | None) -> str:

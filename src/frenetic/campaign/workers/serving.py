@@ -6,6 +6,7 @@ import logging
 import os
 import pickle
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +19,9 @@ from frenetic.campaign.tester import RoadTester, Tested
 from frenetic.errors import FreneticError, describe_error
 from frenetic.registry import load_user_file
 from frenetic.search.records import Candidate
+
+if sys.platform == "linux":
+    import fcntl
 
 
 class Ready(NamedTuple):
@@ -33,7 +37,7 @@ class Finished(NamedTuple):
 
 
 class Hopeless(NamedTuple):
-    """The simulator does not start."""
+    """This process cannot go on: its simulator does not start, or a drive broke it, too."""
 
     reason: str
 
@@ -62,14 +66,9 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
     """
     _stand_alone()
     threading.Thread(target=_die_with_parent, name="die-with-parent", daemon=True).start()
-    lock = threading.Lock()
-
-    def send(message: Message) -> None:
-        with lock:
-            connection.send(message)
-
+    campaign = _Campaign(connection)
     logger = logging.getLogger("frenetic")
-    logger.addHandler(_Sending(send))
+    logger.addHandler(_Sending(campaign.send))
     if logger.level == logging.NOTSET:
         logger.setLevel(logging.INFO)
     try:
@@ -77,29 +76,67 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
             load_user_file(file)
         # Made by our own parent a moment ago and given to us alone, so it may be unpickled.
         the_tester: RoadTester = pickle.loads(tester)  # noqa: S301
-        while _serve_one_start(connection, send, the_tester):
+        while _serve_one_start(campaign, the_tester):
             pass
-    except (EOFError, ConnectionError):
-        return  # the campaign is gone, or has no more use for this worker
-    except Exception as error:
-        send(Hopeless(str(error) if isinstance(error, FreneticError) else describe_error(error)))
+    except _GoneError:
+        pass
+    except BaseException as error:  # also what a driver's sys.exit() raises
+        with suppress(_GoneError):
+            campaign.send(Hopeless(reason_of(error)))
+    finally:
+        connection.close()  # which says that the simulator has ended
 
 
-def _serve_one_start(
-    connection: Connection, send: Callable[[Message], None], tester: RoadTester
-) -> bool:
+def _serve_one_start(campaign: _Campaign, tester: RoadTester) -> bool:
     """Serves while the simulator works; returns whether it has to be started again."""
     with tester.simulator:
-        send(Ready())
+        campaign.send(Ready())
         while True:
-            candidate: Candidate | None = connection.recv()
+            candidate = campaign.receive()
             if candidate is None:
                 return False
             start = time.perf_counter()
             tested = tester.test(candidate).pack()
-            send(Finished(candidate.id, time.perf_counter() - start, tested))
+            campaign.send(Finished(candidate.id, time.perf_counter() - start, tested))
             if tested.simulator_broke:
                 return True
+
+
+def reason_of(error: BaseException) -> str:
+    """One line about an error of a simulator or driver; ours are written for the reader already."""
+    return str(error) if isinstance(error, FreneticError) else describe_error(error)
+
+
+class _GoneError(Exception):
+    """The campaign is gone, or has no more use for this worker."""
+
+
+class _Campaign:
+    """The campaign as a worker sees it: the other end of its connection."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._lock = threading.Lock()
+
+    def send(self, message: Message) -> None:
+        """Sends a message, from any thread.
+
+        Raises:
+            _GoneError: nobody is there. A simulator's own connection errors are no such thing.
+        """
+        with self._lock:
+            try:
+                self._connection.send(message)
+            except OSError as error:
+                raise _GoneError from error
+
+    def receive(self) -> Candidate | None:
+        """The next candidate; None if none will come."""
+        try:
+            candidate: Candidate | None = self._connection.recv()
+        except (EOFError, OSError):
+            return None
+        return candidate
 
 
 def _stand_alone() -> None:
@@ -114,9 +151,22 @@ def _die_with_parent() -> None:
     """Ends this process, and what it started, when the campaign's process has ended."""
     parent = parent_process()
     if parent is not None:
+        _die_with(parent.sentinel)
         wait([parent.sentinel])
         kill_group(os.getpid())
         os._exit(LOST_PARENT)
+
+
+def _die_with(pipe: int) -> None:
+    """Linux: lets the kernel kill the group when the pipe's other end is closed.
+
+    So it ends even if compiled code of a driver keeps every thread of this process from running.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError):  # it is the pipe of an emulation, say
+            fcntl.fcntl(pipe, fcntl.F_SETOWN, -os.getpid())
+            fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+            fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
 
 
 def kill_group(process_id: int) -> None:
@@ -136,5 +186,7 @@ class _Sending(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         try:
             self._send(Logged(record.levelno, record.name, record.getMessage()))
+        except _GoneError:
+            pass  # and with it the log
         except Exception:
             self.handleError(record)

@@ -1,0 +1,431 @@
+"""Workers of a Dask cluster, on other computers, too.
+
+Whoever runs the cluster starts ``dask scheduler``, and on each computer ``dask worker ADDRESS
+--nthreads 1 --resources simulator=1``. The resource says how many tests a worker may drive at once:
+these are its seats. A campaign opens each seat once, for as long as it runs, and hands it one
+candidate after the other, so it knows who drives what.
+
+What the seats do is in `seats`, what is said to Dask in `dask_link`; here is what follows from it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Final, Self
+
+from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
+from frenetic.campaign.store import JSONValue
+from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers.processes import CLOSING_LIMIT, START_LIMIT, STARTS
+from frenetic.campaign.workers.workers import Attempt
+from frenetic.errors import CampaignError
+from frenetic.search.records import Candidate
+
+try:
+    from frenetic.campaign.workers.dask_link import (
+        RESOURCE,
+        Call,
+        Checked,
+        DaskLink,
+        Disconnected,
+        Done,
+        Gone,
+        Host,
+        Message,
+        Seen,
+    )
+    from frenetic.campaign.workers.packing import pack
+    from frenetic.campaign.workers.seats import Driven, Seat, open_seat
+except ModuleNotFoundError as error:
+    if error.name not in ("cloudpickle", "dask", "distributed"):
+        raise
+    raise CampaignError(
+        'a cluster needs Dask, which is not installed: pip install "frenetic-roads[cluster]"'
+    ) from error
+
+NO_SEATS_LIMIT: Final = 60.0
+"""s that a campaign waits while no worker of the cluster can be used."""
+NO_SEATS_TOLD_AFTER: Final = 5.0
+"""s after which the log says so; a nanny takes less to start a worker again."""
+TAKEN_INTERVAL: Final = 5.0
+"""s until a seat that another campaign uses is tried again."""
+
+logger = logging.getLogger(__name__)
+
+
+class ClusterWorkers:
+    """The seats of a Dask cluster's workers: as many as they offer of the resource ``simulator``.
+
+    Workers may come and go. One that dies costs its candidate an attempt. One that is at a drive
+    for longer than the limit is restarted if it has a nanny, which it has unless it was started
+    without; otherwise the seat is not used any more.
+
+    Args:
+        tester: copied to each seat, with the code of the user's own modules.
+        address: of the cluster's scheduler, such as ``tcp://10.0.0.1:8786``.
+        drive_limit: s of wall time after which a worker that tests one candidate is taken to hang.
+        log: is told what happens to the workers.
+
+    Raises:
+        CampaignError: driver or simulator cannot be copied.
+    """
+
+    def __init__(
+        self, tester: RoadTester, address: str, *, drive_limit: float, log: CampaignLog
+    ) -> None:
+        self._parcel = pack(tester)
+        self._address = address
+        self._drive_limit = drive_limit
+        self._log = log
+        self._messages: SimpleQueue[Message] = SimpleQueue()
+        self._link: DaskLink
+        self._hosts: dict[str, Host] = {}  # by address
+        self._seats: dict[str, list[_Seat]] = {}  # by their host's address
+        # By the nanny, which outlives its worker, and by the number of the seat.
+        self._failed_starts: Counter[tuple[str, int]] = Counter()  # in a row
+        self._started: set[tuple[str, int]] = set()  # those that ever have
+        self._has_looked = False
+        self._no_seats_since = math.inf
+        self._no_seats_is_told = False
+        self._disconnected: Disconnected | None = None
+
+    @property
+    def free(self) -> int:
+        """How many candidates can be submitted now."""
+        return 0 if self._disconnected else sum(1 for _ in self._idle_seats())
+
+    def states(self) -> Mapping[str, WorkerState]:
+        """What each seat does at the moment, by the name of its worker and its number."""
+        now = time.monotonic()
+        return {
+            seat.name: WorkerState(seat.name, seat.state, seat.tests, now - seat.since)
+            for seat in self._all_seats()
+        }
+
+    def submit(self, candidate: Candidate) -> None:
+        """Hands a candidate to a free seat."""
+        seat = next(self._idle_seats())
+        assert seat.handle is not None
+        seat.candidate_id = candidate.id
+        seat.turn("driving", self._drive_limit)
+        seat.begin(self._link.call(seat.host, Seat.test, seat.handle, candidate))
+
+    def wait(self, timeout: float) -> Sequence[Attempt]:
+        """Waits until something happens, for at most so many s; returns what has come back.
+
+        Raises:
+            CampaignError: the scheduler is lost, or no worker can be used, for some time or for
+                good.
+        """
+        deadline = min([time.monotonic() + timeout, *(seat.limit for seat in self._all_seats())])
+        attempts: list[Attempt] = []
+        for message in self._received(deadline):
+            attempts += self._heard(message)
+        attempts += self._overdue()
+        if not attempts:  # these first
+            self._require_connection()
+            self._require_seats()
+        return attempts
+
+    def __enter__(self) -> Self:
+        """Connects to the scheduler; seats are opened within `wait`.
+
+        Raises:
+            CampaignError: there is no scheduler, or it cannot be used.
+        """
+        self._link = DaskLink(self._address, self._messages)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leaves all seats: at once if an error is under way, else when they are done."""
+        try:
+            if error is None and not self._disconnected:
+                self._close_seats()
+        finally:
+            self._link.close()
+
+    def _all_seats(self) -> Iterator[_Seat]:
+        return (seat for seats in self._seats.values() for seat in seats)
+
+    def _idle_seats(self) -> Iterator[_Seat]:
+        return (
+            seat
+            for seat in self._all_seats()
+            if seat.state == "idle" and self._hosts[seat.host].is_running
+        )
+
+    def _received(self, deadline: float) -> Iterator[Message]:
+        """What has been heard, after waiting for it until the deadline."""
+        try:
+            yield self._messages.get(timeout=max(0.0, deadline - time.monotonic()))
+            while True:
+                yield self._messages.get_nowait()
+        except Empty:
+            return
+
+    def _heard(self, message: Message) -> list[Attempt]:
+        match message:
+            case Seen(hosts):
+                return self._look_at(hosts)
+            case Gone(host):
+                return self._departed(host)
+            case Checked(host, trouble):
+                for seat in self._seats.get(host, ()):
+                    if seat.call is None and trouble:
+                        self._lost(seat, trouble)
+                    elif seat.call is None:
+                        self._open(seat)
+            case Done():
+                for seat in self._all_seats():
+                    if seat.call is message.call:
+                        return self._done(seat, message)
+                message.call.release()
+            case Disconnected():
+                self._disconnected = message
+        return []
+
+    def _look_at(self, hosts: Mapping[str, Host]) -> list[Attempt]:
+        """Takes note of the workers that there are."""
+        attempts: list[Attempt] = []
+        for address in [address for address in self._seats if address not in hosts]:
+            attempts += self._departed(address)
+        self._hosts, self._has_looked = dict(hosts), True
+        for address, host in hosts.items():
+            if host.seats and host.is_running and address not in self._seats:
+                self._seats[address] = [_Seat(host, number) for number in range(1, host.seats + 1)]
+                self._link.check(address)
+            elif host.is_leaving:
+                for seat in self._seats.get(address, ()):
+                    if seat.state == "idle":
+                        self._lost(seat, "it is being closed")
+        return attempts
+
+    def _departed(self, address: str) -> list[Attempt]:
+        """Takes note that a worker is not there any more."""
+        attempts: list[Attempt] = []
+        for seat in self._seats.pop(address, ()):
+            if seat.state != "lost":
+                attempts += self._lost(seat, "it died or left the cluster")
+        self._hosts.pop(address, None)
+        return attempts
+
+    def _open(self, seat: _Seat) -> None:
+        """Has a seat opened, unless that has failed too often."""
+        if self._failed_starts[seat.home] < STARTS:
+            seat.turn("starting", START_LIMIT)
+            seat.handle = seat.call = self._link.call(
+                seat.host, open_seat, seat.count, self._parcel, keep=True
+            )
+
+    def _done(self, seat: _Seat, done: Done) -> list[Attempt]:
+        """Goes on with a seat whose call has come to its end."""
+        if done.seat_is_taken:
+            seat.release()
+            seat.is_taken = True
+            seat.turn("starting", TAKEN_INTERVAL)
+            return []
+        if done.trouble:
+            is_hopeless = seat.state == "starting" and seat.home not in self._started
+            attempts = self._lost(seat, done.trouble)
+            if not is_hopeless:  # else that would not change
+                self._open(seat)
+            return attempts
+        if seat.state == "starting":
+            self._ready(seat)
+            return []
+        driven: Driven = done.value
+        for level, name, text in driven.logged:
+            logging.getLogger(name).log(level, "%s: %s", seat.name, text)
+        seat.tests += 1
+        if driven.tested.simulator_broke:
+            assert seat.handle is not None
+            seat.turn("starting", START_LIMIT)
+            seat.begin(self._link.call(seat.host, Seat.restart, seat.handle))
+        else:
+            self._rest(seat)
+        return [Attempt(seat.candidate_id, seat.name, driven.seconds, driven.tested)]
+
+    def _ready(self, seat: _Seat) -> None:
+        self._failed_starts[seat.home] = 0
+        self._started.add(seat.home)
+        seat.is_taken = False
+        self._log.write(Event.WORKER_STARTED, f"worker {seat.name} started", worker=seat.name)
+        self._rest(seat)
+
+    def _rest(self, seat: _Seat) -> None:
+        """Has a seat wait for its next candidate, if there is to be one."""
+        seat.turn("idle")
+        if self._hosts[seat.host].is_leaving:
+            self._lost(seat, "it is being closed")
+
+    def _overdue(self) -> list[Attempt]:
+        """Deals with seats whose state has lasted too long."""
+        now = time.monotonic()
+        attempts: list[Attempt] = []
+        for seat in [seat for seat in self._all_seats() if seat.limit <= now]:
+            if seat.is_taken and seat.call is None:
+                self._open(seat)
+            elif seat.state != "lost":  # together with one before
+                attempts += self._hanging(seat, now - seat.since)
+        return attempts
+
+    def _hanging(self, seat: _Seat, seconds: float) -> list[Attempt]:
+        """Has the worker of a seat restarted, or leaves it alone if that cannot be done."""
+        what = "drive" if seat.state == "driving" else "start"
+        attempts = self._lost(seat, f"its {what} took more than {seconds:.3g} s")
+        if self._hosts[seat.host].nanny is None:
+            return attempts
+        for other in self._seats[seat.host]:
+            if other.state != "lost":
+                attempts += self._lost(other, f"it had to be restarted because of {seat.name}")
+        self._link.restart(seat.host)
+        return attempts
+
+    def _lost(self, seat: _Seat, reason: str) -> list[Attempt]:
+        """Takes note that a seat is lost; returns the attempt that is lost with it."""
+        attempts = []
+        fields: dict[str, JSONValue] = {"worker": seat.name, "reason": reason}
+        loss = f"worker {seat.name} was lost: {reason}"
+        if seat.state == "driving":
+            seconds = time.monotonic() - seat.since
+            attempts.append(Attempt(seat.candidate_id, seat.name, seconds, None, loss))
+            fields["test"] = seat.candidate_id
+            self._failed_starts[seat.home] = 0
+        elif seat.state == "starting" and not seat.is_taken:
+            self._failed_starts[seat.home] += 1
+        self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
+        seat.release()
+        seat.is_taken = False
+        seat.loss = reason
+        seat.turn("lost")
+        return attempts
+
+    def _require_connection(self) -> None:
+        if self._disconnected:
+            why = f" ({self._disconnected.reason})" if self._disconnected.reason else ""
+            raise CampaignError(
+                f"the connection to the Dask scheduler {self._address} is lost{why}: start the"
+                " cluster again, then 'frenetic resume'; nothing that was stored is lost"
+            )
+
+    def _require_seats(self) -> None:
+        """Raises a `CampaignError` if there have been no usable seats for too long."""
+        seats = list(self._all_seats())
+        if not self._has_looked or any(self._is_usable(seat) for seat in seats):
+            self._no_seats_since = math.inf
+            return
+        now = time.monotonic()
+        if self._no_seats_since == math.inf:
+            self._no_seats_since = now
+            self._no_seats_is_told = False
+        is_taken = any(seat.is_taken for seat in seats)
+        limit = max(NO_SEATS_LIMIT, self._drive_limit) if is_taken else NO_SEATS_LIMIT
+        will_not_change = seats and not is_taken and not self._started
+        if will_not_change or now >= self._no_seats_since + limit:
+            raise CampaignError(self._why_no_seats())
+        if not self._no_seats_is_told and now >= self._no_seats_since + NO_SEATS_TOLD_AFTER:
+            self._no_seats_is_told = True
+            logger.warning("waiting at most %.0f s: %s", limit, self._why_no_seats())
+
+    def _is_usable(self, seat: _Seat) -> bool:
+        """Whether something is to be expected of a seat."""
+        if seat.state == "idle":
+            return self._hosts[seat.host].is_running
+        return seat.state != "lost" and not seat.is_taken
+
+    def _why_no_seats(self) -> str:
+        how = f"'dask worker {self._address} --nthreads 1 --resources {RESOURCE}=1'"
+        seats = list(self._all_seats())
+        if any(seat.is_taken for seat in seats):
+            return (
+                f"all workers of the Dask scheduler {self._address} drive for another campaign:"
+                f" wait until it is done, or start more with {how}"
+            )
+        if seats:
+            reasons = "; ".join(f"{s.name}: {s.loss or 'it is short of memory'}" for s in seats)
+            return f"no worker of the Dask scheduler {self._address} can be used: {reasons}"
+        if self._hosts:
+            return (
+                f"none of the {len(self._hosts)} workers of the Dask scheduler {self._address}"
+                f" offers the resource {RESOURCE!r}: start them with {how}"
+            )
+        return (
+            f"no worker is connected to the Dask scheduler {self._address}: start some with {how}"
+        )
+
+    def _close_seats(self) -> None:
+        """Ends the simulators, once they are done with what they drive."""
+        hosts = {
+            self._link.call(seat.host, Seat.close, seat.handle): seat.host
+            for seat in self._all_seats()
+            if seat.state in ("idle", "driving") and seat.handle is not None
+        }
+        deadline = time.monotonic() + CLOSING_LIMIT
+        while hosts and time.monotonic() < deadline:
+            for message in self._received(deadline):
+                match message:
+                    case Done(call):
+                        if hosts.pop(call, None) and message.trouble:
+                            logger.warning("a simulator did not end well: %s", message.trouble)
+                    case Gone(host):
+                        hosts = {call: its for call, its in hosts.items() if its != host}
+                    case Disconnected():
+                        return
+
+
+class _Seat:
+    """What the campaign knows of a seat."""
+
+    def __init__(self, host: Host, number: int) -> None:
+        self.host = host.address
+        self.home = host.nanny or host.address, number
+        """What stays when its worker is restarted."""
+        self.count = host.seats
+        """How many of them there are on its worker."""
+        self.name = host.name if host.seats == 1 else f"{host.name} seat {number}"
+        self.state: WorkerStatus
+        self.since: float
+        """When this state began."""
+        self.limit: float
+        """When this state has lasted too long, on the monotonic clock."""
+        self.turn("starting", START_LIMIT)
+        self.is_taken = False
+        """Whether another campaign used it when we last tried."""
+        self.handle: Call | None = None
+        """Opened it, and keeps it open until it is released."""
+        self.call: Call | None = None
+        """What it is at."""
+        self.candidate_id = 0
+        """What it drives or drove last."""
+        self.tests = 0
+        self.loss = ""
+        """How it was lost."""
+
+    def turn(self, state: WorkerStatus, limit: float = math.inf) -> None:
+        self.state = state
+        self.since = time.monotonic()
+        self.limit = self.since + limit
+
+    def begin(self, call: Call) -> None:
+        """Takes note of what it is asked to do."""
+        last, self.call = self.call, call
+        if last is not None and last is not self.handle:
+            last.release()  # only now, since Dask sends whatever is not the first 10 ms later
+
+    def release(self) -> None:
+        """Lets go of it: Dask ends it when its drive, if there is one, has ended."""
+        for call in (self.call, self.handle):
+            if call is not None:
+                call.release()
+        self.call = self.handle = None

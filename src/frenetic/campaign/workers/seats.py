@@ -1,0 +1,254 @@
+"""What a worker of a Dask cluster does: in each of its seats, it tests one candidate at a time.
+
+A seat is opened by a task of a campaign. It stays on the worker as that task's result, for as long
+as the campaign holds Dask's future of it. When the campaign lets go of it, ends or is killed, Dask
+drops the result, and the simulator is ended; so it is, at the latest, when the worker ends.
+"""
+
+from __future__ import annotations
+
+import atexit
+import logging
+import pickle
+import threading
+import time
+import weakref
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import SimpleQueue
+from typing import Any, Final, NamedTuple, NoReturn, TypeVar
+
+from distributed import get_worker
+
+from frenetic.campaign.tester import RoadTester, Tested
+from frenetic.campaign.workers.serving import Logged, reason_of
+from frenetic.compilation import compile_kernels
+from frenetic.errors import FreneticError
+from frenetic.search.records import Candidate
+
+R = TypeVar("R")
+
+EXIT_LIMIT: Final = 10.0
+"""s that simulators have to end when their worker does."""
+
+logger = logging.getLogger(__name__)
+
+
+class SeatError(FreneticError):
+    """What went wrong in a seat, as a text: the error may be of a class that only exists there."""
+
+
+class SeatTakenError(SeatError):
+    """All seats of a worker are in use, by another campaign or by one that was just left."""
+
+
+class Driven(NamedTuple):
+    """A candidate was tested."""
+
+    seconds: float
+    tested: Tested
+    logged: list[Logged]
+    """What the seat has logged since the last one."""
+
+
+class Seat:
+    """A simulator and a driver, which only one thread ever touches.
+
+    Args:
+        worker: address of the worker.
+        limit: how many seats the worker has.
+        parcel: a `RoadTester`, see `frenetic.campaign.workers.packing`.
+
+    Raises:
+        SeatTakenError: there are so many already.
+        SeatError: driver or simulator cannot be unpacked or started.
+    """
+
+    def __init__(self, worker: str, limit: int, parcel: bytes) -> None:
+        occupant = _Occupant(worker, parcel)
+        _take_seat(occupant, limit)
+        occupant.begin()
+        self._occupant = occupant
+        self._end = weakref.finalize(self, occupant.end)
+        self._end.atexit = False  # `_end_all` does that, and waits for it
+        self._ask(occupant.start)
+
+    def test(self, candidate: Candidate) -> Driven:
+        """Tests a candidate.
+
+        Raises:
+            SeatError: that failed, and not as drives do; the seat is closed.
+        """
+        occupant = self._occupant
+        return self._ask(lambda: occupant.test(candidate))
+
+    def restart(self) -> None:
+        """Ends the simulator and starts it again.
+
+        Raises:
+            SeatError: that failed; the seat is closed.
+        """
+        self._ask(self._occupant.restart)
+
+    def close(self) -> None:
+        """Ends the simulator.
+
+        Raises:
+            SeatError: it did not end well.
+        """
+        try:
+            self._ask(self._occupant.stop)
+        finally:
+            self._end()
+            self._occupant.join()
+
+    def _ask(self, job: Callable[[], R]) -> R:
+        try:
+            return self._occupant.ask(job)
+        except BaseException:
+            self._end()  # now: the error's traceback may keep this object for long
+            raise
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError("a seat cannot leave its worker")
+
+
+def open_seat(limit: int, parcel: bytes) -> Seat:
+    """A new seat on the worker that runs this task; arguments and errors as for `Seat`."""
+    return Seat(get_worker().address, limit, parcel)
+
+
+class _Occupant:
+    """The thread that uses a seat's driver and simulator, and all that it does.
+
+    It is a daemon, so that a drive that hangs does not keep the worker from ending.
+    """
+
+    def __init__(self, worker: str, parcel: bytes) -> None:
+        self.worker = worker
+        self._parcel = parcel
+        self._jobs: SimpleQueue[tuple[Callable[[], Any], Future[Any]] | None] = SimpleQueue()
+        self._thread = threading.Thread(target=self._work, name="frenetic-seat", daemon=True)
+        self._tester: RoadTester | None = None  # with a simulator that has been started
+        self._logged: list[Logged] = []
+
+    def begin(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def ask(self, job: Callable[[], R]) -> R:
+        """Has a job done in the thread.
+
+        Raises:
+            SeatError: what the job raised.
+        """
+        answer: Future[R] = Future()
+        self._jobs.put((job, answer))
+        return answer.result()
+
+    def end(self) -> None:
+        """Lets the thread end the simulator, and then itself, when it has done its jobs."""
+        self._jobs.put(None)
+
+    def join(self, timeout: float | None = None) -> None:
+        """Waits for the thread's end, at most so many s."""
+        self._thread.join(timeout)
+
+    def start(self) -> None:
+        """Unpacks driver and simulator and starts the simulator."""
+        compile_kernels()
+        # Whoever may submit tasks to a worker may run anything on it: no less safe than the task.
+        tester: RoadTester = pickle.loads(self._parcel)  # noqa: S301
+        tester.simulator.__enter__()
+        self._tester = tester
+
+    def stop(self) -> None:
+        """Ends the simulator, if it has been started."""
+        tester, self._tester = self._tester, None
+        if tester is not None:
+            tester.simulator.__exit__(None, None, None)
+
+    def restart(self) -> None:
+        """Ends the simulator and starts it again."""
+        tester = self._tester
+        assert tester is not None
+        self.stop()
+        tester.simulator.__enter__()
+        self._tester = tester
+
+    def test(self, candidate: Candidate) -> Driven:
+        """Tests a candidate."""
+        assert self._tester is not None
+        start = time.perf_counter()
+        tested = self._tester.test(candidate).pack()
+        seconds = time.perf_counter() - start
+        logged, self._logged[:] = self._logged[:], []
+        return Driven(seconds, tested, logged)
+
+    def _work(self) -> None:
+        library = logging.getLogger("frenetic")
+        handler = _Collecting(self._logged, threading.get_ident())
+        library.addHandler(handler)
+        if library.level == logging.NOTSET:
+            library.setLevel(logging.INFO)
+        while (entry := self._jobs.get()) is not None:
+            _answer(*entry)
+            del entry
+        library.removeHandler(handler)
+        try:
+            self.stop()
+        except BaseException as error:
+            logger.warning("a simulator did not end well: %s", reason_of(error))
+        finally:
+            _leave_seat(self)
+
+
+def _answer(job: Callable[[], R], answer: Future[R]) -> None:
+    try:
+        answer.set_result(job())
+    except BaseException as error:  # also SystemExit: other seats of the worker go on
+        answer.set_exception(SeatError(reason_of(error)))
+
+
+class _Collecting(logging.Handler):
+    """Keeps what one thread logs."""
+
+    def __init__(self, logged: list[Logged], thread: int) -> None:
+        super().__init__(logging.INFO)
+        self._logged = logged
+        self._thread = thread
+
+    def emit(self, record: logging.LogRecord) -> None:
+        if record.thread == self._thread:
+            try:
+                self._logged.append(Logged(record.levelno, record.name, record.getMessage()))
+            except Exception:
+                self.handleError(record)
+
+
+_occupants: Final[set[_Occupant]] = set()
+_lock: Final = threading.Lock()
+
+
+def _take_seat(occupant: _Occupant, limit: int) -> None:
+    with _lock:
+        if sum(other.worker == occupant.worker for other in _occupants) >= limit:
+            raise SeatTakenError(f"all {limit} seats of the worker are taken by another campaign")
+        _occupants.add(occupant)
+
+
+def _leave_seat(occupant: _Occupant) -> None:
+    with _lock:
+        _occupants.discard(occupant)
+
+
+@atexit.register
+def _end_all() -> None:
+    """Ends all simulators of this process."""
+    deadline = time.monotonic() + EXIT_LIMIT
+    with _lock:
+        occupants = list(_occupants)
+    for occupant in occupants:
+        occupant.end()
+    for occupant in occupants:
+        occupant.join(max(0.0, deadline - time.monotonic()))

@@ -1,0 +1,120 @@
+"""A campaign in a process that kills itself, also in the middle of a write."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sqlite3
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from faulty import FaultySimulator
+
+from frenetic.campaign import Budget, Campaign, Progress
+from frenetic.campaign.store import DATABASE
+from frenetic.campaign.workers import processes
+from frenetic.search import Frenetic
+from frenetic.testing import DummyDriver
+
+SIMULATIONS = 160
+
+
+@dataclass(frozen=True)
+class Blow:
+    """When the process is killed."""
+
+    kind: Literal["start", "write", "commit", "result"]
+    """After its beginning, in a transaction, in its end, or after a result."""
+    number: int = 1
+    """Of the instruction of SQLite within transactions, of the transaction, or of the result."""
+    delay: float = 0.0
+    """s after that."""
+
+
+def campaign(folder: Path, marks: Path, *, workers: int = 1, ordered: bool = False) -> Campaign:
+    return Campaign(
+        strategy=Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6),
+        simulator=FaultySimulator(marks),
+        driver=DummyDriver(),
+        budget=Budget(simulations=SIMULATIONS),
+        folder=folder,
+        workers=workers,
+        ordered=ordered,
+    )
+
+
+def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | None) -> None:
+    """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
+    if sys.platform == "linux":
+        # Forked from this process, which has loaded everything: a server would take a second.
+        processes._context = lambda: multiprocessing.get_context("fork")  # type: ignore
+    killer = _Killer(blow)
+    sqlite3.connect = killer.connect  # type: ignore[assignment]
+    one = campaign(folder, marks, workers=workers, ordered=ordered)
+    reported = os.open(marks / "reported", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+
+    def report(progress: Progress) -> None:
+        os.write(reported, b".")
+        killer.count("result")
+
+    killer.count("start")
+    (one.resume if (folder / DATABASE).exists() else one.run)(report)
+
+
+class _Killer:
+    def __init__(self, blow: Blow | None) -> None:
+        self.blow = blow
+        self.left = blow.number if blow else 0
+        self.connection: sqlite3.Connection | None = None
+        self.now = threading.Event()
+        self.open = sqlite3.connect
+        threading.Thread(target=self.strike, daemon=True).start()
+
+    def strike(self) -> None:
+        self.now.wait()
+        assert self.blow is not None
+        # Awake, since these are microseconds.
+        until = time.perf_counter() + self.blow.delay
+        while time.perf_counter() < until:
+            pass
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    def count(self, kind: str) -> None:
+        if self.blow is not None and self.blow.kind == kind:
+            self.left -= 1
+            if self.left == 0:
+                if kind == "write":
+                    os.kill(os.getpid(), signal.SIGKILL)  # right here
+                self.now.set()
+
+    def connect(self, *arguments: Any, **options: Any) -> sqlite3.Connection:
+        connection = self.open(*arguments, **options, factory=_Hasty)
+        if self.blow is not None and self.blow.kind == "write":
+
+            def instruction() -> int:
+                if connection.in_transaction:
+                    self.count("write")
+                return 0
+
+            connection.set_progress_handler(instruction, 1)
+
+        def statement(sql: str) -> None:
+            if sql.startswith("COMMIT"):
+                self.count("commit")
+
+        connection.set_trace_callback(statement)
+        return connection
+
+
+class _Hasty(sqlite3.Connection):
+    """Brings what was written into the database itself often, so that a blow may hit that, too."""
+
+    def execute(self, sql: str, *parameters: Any) -> sqlite3.Cursor:
+        if "wal_autocheckpoint" in sql:
+            sql = "PRAGMA wal_autocheckpoint = 5"
+        return super().execute(sql, *parameters)

@@ -1,0 +1,725 @@
+"""Workers of a Dask cluster: real schedulers and workers, in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import logging
+import platform
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Self
+
+import cloudpickle
+import pytest
+from clusters import HERE, ONE_SEAT, Cluster, end, go_on, pause
+from contents import contents
+from distributed import Client
+from faulty import (
+    Fault,
+    FaultyDriver,
+    FaultySimulator,
+    Marks,
+    Straight,
+    Uneven,
+    await_go,
+    hang,
+    kill,
+    raise_error,
+    refuse_connection,
+    roads,
+    straight,
+    sys_exit,
+    write_log,
+)
+from pids import LIMIT, is_running, until
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, RoadTester
+from frenetic.campaign.log import LOG, CampaignLog
+from frenetic.campaign.trajectory_codec import encode
+from frenetic.campaign.workers import Attempt, Workers, dask_link
+from frenetic.campaign.workers import cluster as cluster_module
+from frenetic.campaign.workers.cluster import ClusterWorkers
+from frenetic.drivers import Driver
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.registry import DRIVERS
+from frenetic.search import Frenetic
+from frenetic.simulators import Simulator
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """Two workers, each with a nanny and a seat."""
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    try:
+        cluster.start("--nworkers", "2", *ONE_SEAT)
+        yield cluster
+    finally:
+        cluster.close()
+
+
+@pytest.fixture
+def marks(tmp_path: Path) -> Marks:
+    """An empty folder for marks."""
+    folder = tmp_path / "marks"
+    folder.mkdir()
+    return Marks(folder)
+
+
+def campaign(folder: Path, address: str | None, simulator: Simulator, **options) -> Campaign:  # type: ignore[no-untyped-def]
+    return Campaign(
+        strategy=options.pop("strategy", None) or Frenetic(seed=4, cross_freq=10, cross_num=6),
+        simulator=simulator,
+        driver=options.pop("driver", None) or DummyDriver(),
+        budget=Budget(simulations=options.pop("simulations", 60)),
+        folder=folder,
+        cluster=address,
+        **options,
+    )
+
+
+@contextmanager
+def workers_of(
+    cluster: Cluster,
+    folder: Path,
+    simulator: Simulator,
+    driver: Driver | None = None,
+    drive_limit: float = LIMIT,
+) -> Iterator[ClusterWorkers]:
+    tester = RoadTester(simulator, driver or DummyDriver())
+    with CampaignLog(folder) as log:
+        handler = log.handler()
+        logging.getLogger("frenetic").addHandler(handler)
+        try:
+            with ClusterWorkers(
+                tester, cluster.address, drive_limit=drive_limit, log=log
+            ) as workers:
+                yield workers
+        finally:
+            logging.getLogger("frenetic").removeHandler(handler)
+
+
+def events(folder: Path) -> list[dict[str, object]]:
+    return [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+
+
+def await_free(workers: Workers, count: int = 1) -> None:
+    deadline = time.monotonic() + LIMIT
+    while workers.free < count:
+        assert time.monotonic() < deadline
+        assert not workers.wait(LIMIT)
+
+
+def await_attempts(workers: Workers, count: int) -> list[Attempt]:
+    attempts: list[Attempt] = []
+    deadline = time.monotonic() + LIMIT
+    while len(attempts) < count:
+        assert time.monotonic() < deadline
+        attempts += workers.wait(LIMIT)
+    assert len(attempts) == count
+    return attempts
+
+
+def await_attempt(workers: Workers) -> Attempt:
+    return await_attempts(workers, 1)[0]
+
+
+def drive_all(workers: Workers, samples: list[int]) -> dict[int, Attempt]:
+    """Tests straight roads of so many samples, each once; their attempts by candidate."""
+    waiting = roads(samples)
+    done: dict[int, Attempt] = {}
+    deadline = time.monotonic() + LIMIT
+    while len(done) < len(samples):
+        assert time.monotonic() < deadline
+        while waiting and workers.free:
+            workers.submit(waiting.pop(0))
+        for attempt in workers.wait(0.5):
+            assert attempt.candidate_id not in done
+            done[attempt.candidate_id] = attempt
+    return done
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A scheduler without workers."""
+    cluster = Cluster(tmp_path_factory.mktemp("bare"))
+    try:
+        yield cluster
+    finally:
+        cluster.close()
+
+
+@contextmanager
+def client_of(cluster: Cluster) -> Iterator[Client]:
+    """Somebody else who does things with the cluster."""
+    with Client(cluster.address, set_as_default=False) as client:
+        yield client
+
+
+# What comes of a campaign
+
+
+def test_an_ordered_campaign_is_the_one_of_a_single_process(
+    cluster: Cluster, tmp_path: Path
+) -> None:
+    campaign(tmp_path / "here", None, Uneven(), ordered=True).run()
+    campaign(tmp_path / "there", cluster.address, Uneven(), ordered=True).run()
+    assert contents(tmp_path / "there") == contents(tmp_path / "here")
+    with CampaignStore.open(tmp_path / "there") as store:
+        workers = {str(record.worker) for record in store.tests() if record.worker}
+    assert len(workers) == 2
+    assert all(name.startswith("127.0.0.1:") for name in workers)
+
+
+def test_each_road_comes_back_as_if_tested_here(cluster: Cluster, tmp_path: Path) -> None:
+    samples = [8, 2, 12, 40, 9, 8, 10, 11]  # some are refused
+    tester = RoadTester(DummySimulator(), DummyDriver())
+    with workers_of(cluster, tmp_path, DummySimulator()) as workers:
+        attempts = drive_all(workers, samples)
+        assert sum(state.tests for state in workers.states().values()) == len(samples)
+    for candidate in roads(samples):
+        here, there = tester.test(candidate), attempts[candidate.id].tested
+        assert there is not None
+        assert (there.result, there.pose) == (here.result, here.pose)
+        assert there.packed == (None if here.trajectory is None else encode(here.trajectory))
+
+
+def test_all_that_drivers_log_comes_back(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
+    driver = FaultyDriver(Fault(write_log, marks.folder))
+    with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
+        (attempt,) = drive_all(workers, [8]).values()
+    (line,) = [line for line in events(tmp_path) if line["event"] == "log"]
+    assert line["message"] == f"{attempt.worker}: the road is wet"
+    assert line["logger"] == "frenetic.driver"
+
+
+MINE = """
+from {name}_helper import STEERING
+from frenetic.testing import DummyDriver
+
+class Mine(DummyDriver):
+    def __init__(self):
+        super().__init__(steering=STEERING)
+
+    def reset(self, setup):
+        assert self.controls.steering == STEERING == 0.125
+        open({was_there!r}, "w").close()
+"""
+
+
+@pytest.mark.parametrize("spec", ["{folder}/filed.py:Mine", "placed:Mine"])
+def test_workers_need_no_copy_of_a_users_file(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec: str
+) -> None:
+    name = "placed" if spec.startswith("placed") else "filed"
+    was_there = tmp_path / "was-there"
+    for file, text in (
+        (f"{name}_helper.py", "STEERING = 0.125"),
+        (f"{name}.py", MINE.format(name=name, was_there=str(was_there))),
+    ):
+        (tmp_path / file).write_text(text)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.chdir(tmp_path)
+    driver = DRIVERS.make(spec.format(folder=tmp_path))
+    try:
+        for path in tmp_path.glob("*.py"):
+            path.unlink()
+        with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
+            assert drive_all(workers, [8])[1].failure is None
+        assert was_there.exists()
+        assert cloudpickle.list_registry_pickle_by_value() == set()
+    finally:
+        for module in (type(driver).__module__, f"{name}_helper"):
+            del sys.modules[module]
+
+
+# What goes wrong with simulators and drivers
+
+
+def test_a_simulator_that_broke_is_started_again(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(raise_error, marks.folder, times=1))
+    with workers_of(cluster, tmp_path, simulator) as workers:
+        await_free(workers, 2)
+        workers.submit(straight(1))
+        attempt = await_attempt(workers)
+        assert attempt.failure == "the simulator raised RuntimeError: the engine stalled"
+        assert attempt.tested is not None
+        await_free(workers, 2)
+    assert len(marks.numbers("start")) == len(marks.numbers("end")) == 3
+
+
+def test_a_simulator_that_does_not_start_is_one_line(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    simulator = FaultySimulator(marks.folder, start=Fault(refuse_connection, marks.folder))
+    with (
+        pytest.raises(CampaignError, match="nobody listens on port 25252") as caught,
+        workers_of(cluster, tmp_path, simulator) as workers,
+    ):
+        await_free(workers)
+    assert "\n" not in str(caught.value)
+    assert len(marks.numbers("start")) <= 2  # a second start would be refused, too
+
+
+def test_those_that_start_do_the_work_of_those_that_do_not(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    start = Fault(refuse_connection, marks.folder, times=1)
+    with workers_of(cluster, tmp_path, FaultySimulator(marks.folder, start=start)) as workers:
+        attempts = drive_all(workers, [8, 9, 10])
+        until(lambda: not workers.wait(0.1) and len(marks.numbers("start")) == 2, "both start")
+    assert all(attempt.failure is None for attempt in attempts.values())
+
+
+def test_a_driver_that_ends_its_thread_is_a_lost_attempt(
+    cluster: Cluster, tmp_path: Path, marks: Marks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver = FaultyDriver(Fault(sys_exit, marks.folder, times=1))
+    monkeypatch.setattr(cluster_module, "TAKEN_INTERVAL", 0.1)
+    with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
+        await_free(workers)
+        workers.submit(straight(1))
+        attempt = await_attempt(workers)
+        assert attempt.tested is None
+        assert attempt.failure == f"worker {attempt.worker} was lost: SystemExit: 3"
+        await_free(workers, 2)
+
+
+def test_what_cannot_be_packed_is_one_line(cluster: Cluster, tmp_path: Path) -> None:
+    driver = DummyDriver()
+    driver.lock = threading.Lock()  # type: ignore[attr-defined]
+    with (
+        pytest.raises(CampaignError, match="cannot be sent to the workers of a cluster") as caught,
+        workers_of(cluster, tmp_path, DummySimulator(), driver),
+    ):
+        pass
+    assert "\n" not in str(caught.value)
+
+
+# What goes wrong with workers
+
+
+def test_a_worker_that_dies_costs_one_attempt_and_comes_back(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(kill, marks.folder, times=1))
+    strategy = Straight(8, 9, 10)
+    campaign(
+        tmp_path / "campaign", cluster.address, simulator, strategy=strategy, simulations=12
+    ).run()
+    assert sorted(told.candidate.id for told in strategy.told) == list(range(1, 13))
+    with CampaignStore.open(tmp_path / "campaign") as store:
+        records = list(store.tests())
+    assert {record.outcome for record in records} == {Outcome.PASS}
+    assert sorted(record.attempts for record in records) == [1] * 11 + [2]
+    (twice,) = [record.candidate.id for record in records if record.attempts == 2]
+    lines = events(tmp_path / "campaign")
+    (lost,) = [line for line in lines if line["event"] == "worker_lost"]
+    assert lost["test"] == twice
+    assert lost["message"] == f"worker {lost['worker']} was lost: it died or left the cluster"
+    (retried,) = [line for line in lines if line["event"] == "test_retried"]
+    assert (retried["test"], retried["reason"]) == (twice, lost["message"])
+    with workers_of(cluster, tmp_path, DummySimulator()) as workers:
+        await_free(workers, 2)  # its nanny has started it again
+
+
+def test_a_worker_that_once_worked_gets_further_chances_to_start(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    """When it comes back, it finds the port still taken, say."""
+    with workers_of(cluster, tmp_path, Stumbling(marks.folder)) as workers:
+        await_free(workers, 2)
+        workers.submit(straight(1))
+        assert await_attempt(workers).tested is None
+        await_free(workers, 2)
+    assert marks.are_there("stumbled")
+
+
+class Stumbling(FaultySimulator):
+    """Kills its process in the first drive; the next start after that fails."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, drive=Fault(kill, folder, times=1))
+
+    def __enter__(self) -> Self:
+        if self.marks.are_there("kill-0") and self.marks.make("stumbled"):
+            refuse_connection(self.marks)
+        return super().__enter__()
+
+
+def test_a_worker_without_a_nanny_dies_for_good(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=3))
+    with (
+        cluster.started("--name", "mortal", "--no-nanny", *ONE_SEAT) as process,
+        workers_of(cluster, tmp_path, simulator) as workers,
+    ):
+        await_free(workers, 3)
+        for candidate in roads([8, 9, 10]):
+            workers.submit(candidate)
+        until(lambda: len(marks.numbers("await_go")) == 3, "all drive")
+        assert process.pid in marks.pids()
+        process.kill()
+        marks.make("go")
+        attempts = await_attempts(workers, 3)
+        (lost,) = [attempt for attempt in attempts if attempt.tested is None]
+        assert lost.failure == "worker mortal was lost: it died or left the cluster"
+        assert sorted(attempt.candidate_id for attempt in attempts) == [1, 2, 3]
+        assert "mortal" not in workers.states()
+        assert len(drive_all(workers, [8, 9, 10])) == 3
+
+
+def test_a_worker_that_hangs_is_started_again_by_its_nanny(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(hang, marks.folder, times=1))
+    with workers_of(cluster, tmp_path, simulator, drive_limit=0.5) as workers:
+        await_free(workers, 2)
+        before = marks.pids()
+        workers.submit(straight(1))
+        attempt = await_attempt(workers)
+        assert attempt.tested is None
+        assert re.search("was lost: its drive took more than 0.[5-9]", str(attempt.failure))
+        await_free(workers, 2)
+        assert len(marks.pids()) == 3
+        assert sum(is_running(pid) for pid in before) == 1
+    (line,) = [line for line in events(tmp_path) if line["event"] == "worker_lost"]
+    assert (line["worker"], line["test"]) == (attempt.worker, 1)
+
+
+def test_a_worker_that_hangs_without_a_nanny_is_left_alone(
+    bare: Cluster, tmp_path: Path, marks: Marks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(hang, marks.folder, times=1))
+    with (  # noqa: PT012
+        pytest.raises(CampaignError, match=r"mortal: its drive took more than 0.[5-9]"),
+        bare.started("--name", "mortal", "--no-nanny", *ONE_SEAT) as process,
+        workers_of(bare, tmp_path, simulator, drive_limit=0.5) as workers,
+    ):
+        await_free(workers)
+        monkeypatch.setattr(cluster_module, "NO_SEATS_LIMIT", 0.2)
+        workers.submit(straight(1))
+        assert await_attempt(workers).tested is None
+        assert workers.states()["mortal"].state == "lost"
+        assert process.poll() is None
+        await_free(workers)
+
+
+def test_workers_may_come_and_leave(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
+    two = ("--no-nanny", "--nthreads", "2", "--resources", "simulator=2")
+    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=4))
+    with workers_of(cluster, tmp_path, simulator) as workers, client_of(cluster) as client:
+        await_free(workers, 2)
+        with cluster.started("--name", "guest", *two):
+            await_free(workers, 4)
+            assert {"guest seat 1", "guest seat 2"} < set(workers.states())
+            for candidate in roads([8, 9, 10, 11]):
+                workers.submit(candidate)
+            until(lambda: len(marks.numbers("await_go")) == 4, "all drive at once")
+            (guest,) = [
+                address
+                for address, info in client.scheduler_info()["workers"].items()
+                if info["name"] == "guest"
+            ]
+            retiring = threading.Thread(target=client.retire_workers, args=([guest],))
+            retiring.start()
+            marks.make("go")
+            attempts = await_attempts(workers, 4)
+            assert all(attempt.failure is None for attempt in attempts)
+            until(
+                lambda: not workers.wait(0.1) and len(workers.states()) == 2, "the guest has left"
+            )
+            retiring.join()
+            until(lambda: len(marks.numbers("end")) == 2, "its simulators end")
+        assert len(drive_all(workers, [8, 9, 10])) == 3
+
+
+def test_a_worker_that_is_short_of_memory_gets_no_roads(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with workers_of(cluster, tmp_path, DummySimulator()) as workers, client_of(cluster) as client:
+        await_free(workers, 2)
+        client.run(pause)
+        try:
+            until(lambda: not workers.wait(0.1) and not workers.free, "they take no tasks")
+            with monkeypatch.context() as impatient:
+                impatient.setattr(cluster_module, "NO_SEATS_LIMIT", 0.2)
+                with pytest.raises(CampaignError, match=r"can be used: .*short of memory"):
+                    await_free(workers)
+        finally:
+            client.run(go_on)
+        until(lambda: not workers.wait(0.1) and workers.free == 2, "they go on")
+        assert len(drive_all(workers, [8, 9, 10])) == 3
+
+
+# Several campaigns
+
+
+def test_another_campaign_waits_until_the_seats_are_left(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_module, "TAKEN_INTERVAL", 0.1)
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.mkdir()
+    second.mkdir()
+    with ExitStack() as stack:
+        others = stack.enter_context(workers_of(cluster, first, DummySimulator()))
+        await_free(others, 2)
+        with monkeypatch.context() as impatient:
+            impatient.setattr(cluster_module, "NO_SEATS_LIMIT", 0.3)
+            with (
+                pytest.raises(CampaignError, match="drive for another campaign: wait until"),
+                workers_of(cluster, second, DummySimulator(), drive_limit=0.3) as workers,
+            ):
+                await_free(workers)
+        with workers_of(cluster, second, DummySimulator()) as workers:
+            until(lambda: not workers.wait(0.1) and len(workers.states()) == 2, "it knows them")
+            assert not workers.free
+            stack.close()
+            await_free(workers, 2)
+
+
+# How they end
+
+
+def test_ctrl_c_waits_for_nobody(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=2))
+    start = time.monotonic()
+    with (  # noqa: PT012
+        pytest.raises(KeyboardInterrupt),
+        workers_of(cluster, tmp_path, simulator) as workers,
+    ):
+        await_free(workers, 2)
+        workers.submit(straight(1))
+        workers.submit(straight(2))
+        until(lambda: len(marks.numbers("await_go")) == 2, "both drive")
+        start = time.monotonic()
+        raise KeyboardInterrupt
+    assert time.monotonic() - start < 0.5 * LIMIT
+    assert not marks.numbers("end")
+    marks.make("go")
+    until(lambda: len(marks.numbers("end")) == 2, "the simulators end")
+
+
+def test_what_runs_is_finished_at_the_end(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder, times=1))
+    with workers_of(cluster, tmp_path, simulator) as workers:
+        await_free(workers, 2)
+        workers.submit(straight(1))
+        until(lambda: len(marks.numbers("await_go")) == 1, "it drives")
+        marks.make("go")
+    assert len(marks.numbers("end")) == 2
+
+
+KILLED = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {here!r})
+from faulty import Fault, FaultySimulator, Straight, await_go
+from frenetic import Budget, Campaign
+from frenetic.testing import DummyDriver
+marks = Path({marks!r})
+once = Fault(await_go, marks, times=1)
+Campaign(
+    strategy=Straight(8, 9), simulator=FaultySimulator(marks, drive=once), driver=DummyDriver(),
+    budget=Budget(time=1000.0), folder="campaign", cluster={address!r},
+).run()
+"""
+
+
+def test_simulators_end_when_their_campaign_is_killed(
+    cluster: Cluster, tmp_path: Path, marks: Marks
+) -> None:
+    script = KILLED.format(here=str(HERE), marks=str(marks.folder), address=cluster.address)
+    process = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path)
+    try:
+        until(lambda: process.poll() is not None or marks.numbers("await_go"), "it drives")
+    finally:
+        process.kill()
+        process.wait()
+    assert marks.numbers("await_go")
+    until(lambda: len(marks.numbers("end")) >= 1, "the one between two drives ends")
+    marks.make("go")
+    until(lambda: marks.numbers("end") == marks.numbers("start"), "the other ends")
+
+
+def test_simulators_end_with_their_worker(cluster: Cluster, tmp_path: Path, marks: Marks) -> None:
+    with (
+        cluster.started("--no-nanny", *ONE_SEAT) as process,
+        workers_of(cluster, tmp_path, FaultySimulator(marks.folder)) as workers,
+    ):
+        await_free(workers, 3)
+        process.terminate()
+        process.wait()
+        assert marks.numbers("end") == [1]
+
+
+# What is missing
+
+
+def test_a_cluster_that_loses_its_scheduler(tmp_path: Path) -> None:
+    strategy = Straight(8, 9, 10)
+    said = Said()
+    logging.getLogger("distributed.client").addHandler(said)
+    cluster = Cluster(tmp_path)
+    try:
+        cluster.start("--no-nanny", *ONE_SEAT)
+
+        def lose(progress: Progress) -> None:
+            if progress.tests == 3:
+                end(cluster.scheduler)
+
+        with pytest.raises(CampaignError, match=f"the Dask scheduler {cluster.address} is lost"):
+            campaign(
+                tmp_path / "campaign",
+                cluster.address,
+                DummySimulator(),
+                strategy=strategy,
+                simulations=20,
+            ).run(lose)
+    finally:
+        cluster.close()
+        logging.getLogger("distributed.client").removeHandler(said)
+    assert not said.records  # beside what we say
+    with CampaignStore.open(tmp_path / "campaign") as store:
+        told = store.counts().told
+    assert 3 <= told < 20
+    summary = campaign(
+        tmp_path / "campaign", None, DummySimulator(), strategy=Straight(8, 9, 10), simulations=20
+    ).resume()
+    assert (summary.passed, summary.errors, summary.tests) == (20, 0, 20)
+
+
+class Said(logging.Handler):
+    """Keeps records."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.records: list[logging.LogRecord] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.records.append(record)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:1", "nonsense://a", ""])
+def test_an_unreachable_scheduler_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
+) -> None:
+    monkeypatch.setattr(dask_link, "CONNECT_LIMIT", 0.3)
+    with pytest.raises(CampaignError, match="cannot be reached") as caught:
+        campaign(tmp_path / "campaign", address, DummySimulator()).run()
+    assert repr(address) in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "start one with 'dask scheduler'" in str(caught.value)
+
+
+def test_a_cluster_without_seats_is_one_line(
+    bare: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """First without workers, then with one that offers nothing, then with one of another time."""
+    monkeypatch.setattr(cluster_module, "NO_SEATS_LIMIT", 0.2)
+    monkeypatch.setattr(cluster_module, "NO_SEATS_TOLD_AFTER", 0.0)
+
+    def complaint() -> str:
+        with (
+            pytest.raises(CampaignError) as caught,
+            workers_of(bare, tmp_path, DummySimulator()) as workers,
+        ):
+            await_free(workers)
+        return str(caught.value)
+
+    how = f"start {{}} with 'dask worker {bare.address} --nthreads 1 --resources simulator=1'"
+    assert complaint() == (
+        f"no worker is connected to the Dask scheduler {bare.address}: " + how.format("some")
+    )
+    assert "waiting at most 0 s: no worker is connected" in str(events(tmp_path)[-1]["message"])
+    with bare.started("--no-nanny", "--nthreads", "1"), client_of(bare) as client:
+        client.wait_for_workers(1)
+        assert complaint() == (
+            f"none of the 1 workers of the Dask scheduler {bare.address} offers the resource"
+            f" 'simulator': " + how.format("them")
+        )
+        other = tmp_path / "other" / "frenetic_roads-9.9.dist-info"
+        other.mkdir(parents=True)
+        (other / "METADATA").write_text("Metadata-Version: 2.1\nName: frenetic-roads\nVersion: 9.9")
+        with bare.started("--name", "old", "--no-nanny", *ONE_SEAT, path=other.parent):
+            client.wait_for_workers(2)
+            assert complaint() == (
+                f"no worker of the Dask scheduler {bare.address} can be used: old: it has Frenetic"
+                f" 9.9, this campaign {version('frenetic-roads')}: install the same version on both"
+            )
+    (line,) = [line for line in events(tmp_path) if line["event"] == "worker_lost"]
+    assert line["worker"] == "old"
+
+
+@pytest.mark.parametrize(
+    ("found", "python", "trouble"),
+    [
+        (version("frenetic-roads"), platform.python_version(), ""),
+        (PackageNotFoundError("frenetic-roads"), "3.11.1", "it has no Frenetic: install frenetic"),
+        (OSError("gone"), OSError("gone"), "its version of Frenetic .OSError: gone"),
+        ("0.0.1", platform.python_version(), "it has Frenetic 0.0.1, this campaign"),
+        (version("frenetic-roads"), "3.1.4", "it runs Python 3.1.4, this campaign"),
+    ],
+)
+def test_software_has_to_be_the_same(found: object, python: object, trouble: str) -> None:
+    told = dask_link.software_trouble(found, python)
+    assert re.search(trouble, told)
+    assert bool(told) == bool(trouble)
+
+
+def test_a_scheduler_of_another_version_is_one_line(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dask_link, "software_trouble", lambda found, python: f"it has {found}")
+    with (
+        pytest.raises(CampaignError) as caught,
+        workers_of(cluster, tmp_path, DummySimulator()),
+    ):
+        pass
+    assert str(caught.value) == (
+        f"the Dask scheduler {cluster.address} cannot be used: it has {version('frenetic-roads')}"
+    )
+
+
+def test_a_missing_extra_says_what_brings_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in list(sys.modules):
+        if name.partition(".")[0] == "distributed":
+            monkeypatch.delitem(sys.modules, name)
+        if name.startswith("frenetic.campaign.workers."):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(
+        CampaignError, match=r'not installed: pip install "frenetic-roads\[cluster\]"'
+    ):
+        campaign(tmp_path / "campaign", "tcp://127.0.0.1:1", DummySimulator()).run()
+
+
+def test_the_command_line_takes_an_address(cluster: Cluster, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [
+            *(sys.executable, "-m", "frenetic", "run", "--cluster", cluster.address, "--json"),
+            *("--simulator", "frenetic.testing:DummySimulator", "--strategy", "random"),
+            *("--simulations", "10", "--seed", "1", "--out", str(tmp_path / "campaign")),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LIMIT,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["simulations"] == 10
+    assert "distributed" not in done.stderr

@@ -1,0 +1,630 @@
+"""Whole campaigns on a bad day: faults, kills, full disks, damaged files, Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import faulty
+import pytest
+from contents import contents
+from faulty import (
+    Deed,
+    Fault,
+    FaultyDriver,
+    FaultySimulator,
+    Marks,
+    Straight,
+    bend,
+    hang,
+    kill,
+    leave,
+    print_megabytes,
+    raise_error,
+    refuse_connection,
+    start_process,
+    start_thread,
+    sys_exit,
+)
+from pids import LIMIT, descendants, ending, is_running, until, until_gone
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.checking import check_campaign
+from frenetic.campaign.log import LOG
+from frenetic.campaign.store import DATABASE
+from frenetic.drivers import Driver
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.search import Frenetic, Strategy
+from frenetic.simulators import Simulator
+from frenetic.testing import DummyDriver, DummySimulator
+
+HERE = Path(__file__).parent
+
+posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX signals and groups")
+
+
+@pytest.fixture
+def marks(tmp_path: Path) -> Iterator[Marks]:
+    """An empty folder for marks; the processes that left theirs there are ended."""
+    folder = tmp_path / "marks"
+    folder.mkdir()
+    marks = Marks(folder)
+    with ending(lambda: set(marks.pids()) - {os.getpid()}):
+        yield marks
+
+
+def campaign(
+    folder: Path,
+    *,
+    simulator: Simulator | None = None,
+    driver: Driver | None = None,
+    strategy: Strategy | None = None,
+    simulations: int = 60,
+    **options: Any,
+) -> Campaign:
+    return Campaign(
+        strategy=strategy or Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6),
+        simulator=simulator or DummySimulator(bend),
+        driver=driver or DummyDriver(),
+        budget=Budget(simulations=simulations),
+        folder=folder,
+        **options,
+    )
+
+
+def one_line(caught: pytest.ExceptionInfo[CampaignError]) -> str:
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def events(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+
+
+# Faults of simulators and drivers
+
+
+@pytest.mark.parametrize("deed", [kill, leave, raise_error, hang])
+def test_a_fault_that_strikes_once_costs_nothing(tmp_path: Path, marks: Marks, deed: Deed) -> None:
+    """The road is tried again and told once."""
+    campaign(tmp_path / "whole", strategy=Straight(8, 9, 10)).run()
+    simulator = FaultySimulator(marks.folder, drive=Fault(deed, marks.folder, samples=9, times=1))
+    campaign(
+        tmp_path / "c",
+        strategy=Straight(8, 9, 10),
+        simulator=simulator,
+        workers=2,
+        drive_limit=1.0 if deed is hang else None,
+    ).run()
+    with CampaignStore.open(tmp_path / "c") as store:
+        attempts = {r.candidate.id: r.attempts for r in store.tests() if r.attempts != 1}
+        outcomes = {r.candidate.id: r.outcome for r in store.tests()}
+    with CampaignStore.open(tmp_path / "whole") as store:
+        assert outcomes == {r.candidate.id: r.outcome for r in store.tests()}
+    assert list(attempts.values()) == [2]
+    assert next(iter(attempts)) % 3 == 2
+    assert [e["event"] for e in events(tmp_path / "c")].count("test_retried") == 1
+    assert check_campaign(tmp_path / "c").findings == ()
+    until_gone(marks.pids())
+
+
+def test_a_road_on_which_workers_hang_is_an_error(tmp_path: Path, marks: Marks) -> None:
+    simulator = FaultySimulator(marks.folder, drive=Fault(hang, marks.folder, samples=9))
+    summary = campaign(
+        tmp_path / "c",
+        strategy=Straight(8, 8, 9, 8, 8, 8),
+        simulator=simulator,
+        simulations=6,
+        workers=2,
+        drive_limit=1.0,
+    ).run()
+    assert (summary.passed, summary.errors) == (5, 1)
+    with CampaignStore.open(tmp_path / "c") as store:
+        record = store.test(3)
+    assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
+    assert "was lost: its drive took more than 1" in record.reason
+    until_gone(marks.pids())
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_simulator_that_does_not_start_ends_the_campaign(
+    tmp_path: Path, marks: Marks, workers: int
+) -> None:
+    simulator = FaultySimulator(marks.folder, start=Fault(refuse_connection, marks.folder))
+    with pytest.raises(CampaignError, match="ConnectionRefusedError: nobody listens") as caught:
+        campaign(tmp_path / "c", simulator=simulator, workers=workers).run()
+    last = events(tmp_path / "c")[-1]
+    assert (last["event"], last["message"]) == ("gave_up", one_line(caught))
+    assert len(marks.numbers("start")) == workers
+    # When it is mended, the campaign is resumed.
+    assert campaign(tmp_path / "c", simulator=FaultySimulator(marks.folder)).resume().tests > 0
+
+
+class StartsTwice(FaultySimulator):
+    """Breaks now and then, and starts no third time."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder, drive=Fault(raise_error, folder, samples=9))
+
+    def __enter__(self):  # type: ignore[no-untyped-def]
+        super().__enter__()
+        if len(self.marks.numbers("start")) > 3:
+            refuse_connection(self.marks)
+        return self
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_simulator_that_does_not_start_again_ends_the_campaign(
+    tmp_path: Path, marks: Marks, workers: int
+) -> None:
+    seen: list[int] = []
+    with pytest.raises(CampaignError, match="nobody listens") as caught:
+        campaign(
+            tmp_path / "c",
+            strategy=Straight(8, 8, 9, 8),
+            simulator=StartsTwice(marks.folder),
+            workers=workers,
+        ).run(lambda progress: seen.append(progress.tests))
+    one_line(caught)
+    with CampaignStore.open(tmp_path / "c") as store:
+        assert store.counts().tests == seen[-1] >= 2
+    assert check_campaign(tmp_path / "c").findings == ()
+    until_gone(set(marks.pids()) - {os.getpid()})
+
+
+@pytest.mark.parametrize(
+    ("deed", "workers"),
+    [
+        (print_megabytes, 1),
+        (print_megabytes, 2),
+        (sys_exit, 1),
+        (sys_exit, 2),
+        # Here it would stay, as it would without a campaign.
+        (start_thread, 2),
+        (start_process, 2),
+    ],
+)
+def test_drivers_with_bad_manners(
+    tmp_path: Path, marks: Marks, workers: int, deed: Deed, capfd: pytest.CaptureFixture[str]
+) -> None:
+    summary = campaign(
+        tmp_path / "c",
+        strategy=Straight(8, 9),
+        driver=FaultyDriver(Fault(deed, marks.folder, times=1)),
+        simulations=10,
+        workers=workers,
+    ).run()
+    assert (summary.passed, summary.errors) == (10, 0)
+    if workers == 2:
+        until_gone(marks.pids())
+
+
+def test_a_driver_that_cannot_be_copied_is_one_line(tmp_path: Path) -> None:
+    driver = DummyDriver()
+    driver.reset = lambda setup: None  # type: ignore[method-assign]
+    with pytest.raises(CampaignError, match="driver or simulator cannot be copied") as caught:
+        campaign(tmp_path, driver=driver, workers=2).run()
+    one_line(caught)
+
+
+# Two at once
+
+
+GO_ON = """
+import sys
+from pathlib import Path
+from frenetic.errors import CampaignError
+sys.path.insert(0, sys.argv[2])
+from test_faults import campaign
+for go_on in (campaign(Path(sys.argv[1])).run, campaign(Path(sys.argv[1])).resume):
+    try:
+        go_on()
+    except CampaignError as error:
+        print(error)
+"""
+
+
+def test_a_second_process_is_refused(tmp_path: Path) -> None:
+    answers: list[str] = []
+
+    def try_elsewhere(progress: object) -> None:
+        if not answers:
+            done = subprocess.run(
+                [sys.executable, "-c", GO_ON, str(tmp_path / "c"), str(HERE)],
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=LIMIT,
+            )
+            answers.extend(done.stdout.splitlines())
+
+    summary = campaign(tmp_path / "c").run(try_elsewhere)
+    assert summary.simulations == 60
+    run, resume = answers
+    assert "already holds a campaign" in run
+    assert f"is being written by another process (process {os.getpid()})" in resume
+    campaign(tmp_path / "whole").run()
+    assert contents(tmp_path / "c") == contents(tmp_path / "whole")
+
+
+# Disks
+
+
+def on_a_small_disk(folder: Path, what: str) -> dict[str, Any]:
+    """Runs `small_disk`, on a file system of its own where one can be mounted."""
+    folder.mkdir()
+    script = [sys.executable, str(HERE / "small_disk.py"), str(folder), what]
+    mount = "mount -t tmpfs -o size=64m none {} && exec {}"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
+    possible = False
+    if sys.platform == "linux":
+        probe = ["unshare", "-rm", "sh", "-c", mount.format(f"'{folder}'", "true")]
+        try:
+            possible = subprocess.run(probe, capture_output=True, check=False).returncode == 0
+        except OSError:  # there is no such command
+            possible = False
+    if possible:
+        rest = mount.format(f"'{folder}'", '"$@"')
+        command = ["unshare", "-rm", "sh", "-c", rest, "sh", *script, "mounted"]
+    else:
+        if os.name == "posix" and os.geteuid() == 0:
+            for parent in folder.parents:  # others are to get there
+                if not parent.stat().st_mode & 0o001:
+                    parent.chmod(parent.stat().st_mode | 0o011)
+        command = [*script, "plain"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=2 * LIMIT, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    seen: dict[str, Any] = json.loads(done.stdout)
+    return seen
+
+
+@posix_only
+def test_a_full_disk_loses_nothing_and_the_campaign_goes_on(tmp_path: Path) -> None:
+    for seen in on_a_small_disk(tmp_path / "disk", "full").values():
+        first, again = seen["messages"]
+        for message in (first, again):
+            assert "the disk is full: free some space and resume the campaign" in message
+            assert "\n" not in message
+        assert seen["reported"] == seen["stored"] > 0
+        assert seen["ended"] == "200"
+        assert seen["same"]
+
+
+@posix_only
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    seen = on_a_small_disk(tmp_path / "disk", "readonly")
+    for message in seen["messages"]:
+        assert "ermission" in message or "Read-only" in message
+        assert "\n" not in message
+    assert seen["stored"] == 200
+    assert seen["same"]
+
+
+@contextmanager
+def unchanged(folder: Path) -> Iterator[None]:
+    before = (folder / DATABASE).read_bytes()
+    yield
+    assert (folder / DATABASE).read_bytes() == before
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_a_damaged_database_is_refused_and_left_as_it_is(
+    tmp_path: Path, finished: Path, seed: int
+) -> None:
+    """Or else the damage is in what a campaign goes on without, such as an old trajectory."""
+    rng = random.Random(seed)
+    data = bytearray((finished / DATABASE).read_bytes())
+    if seed % 4 == 0:
+        del data[rng.randrange(len(data)) :]
+    else:
+        first = rng.randrange(len(data) - 2000)
+        for _ in range(rng.choice([1, 30, 2000])):
+            data[rng.randrange(first, first + 2000)] ^= 1 << rng.randrange(8)
+    (tmp_path / DATABASE).write_bytes(data)
+    with unchanged(tmp_path):
+        with pytest.raises(CampaignError, match="already holds a campaign"):
+            campaign(tmp_path).run()
+        refusal = complaint(lambda: read_everything(tmp_path))
+    if complaint(lambda: campaign(tmp_path, simulations=70).resume()):
+        assert (tmp_path / DATABASE).read_bytes() == bytes(data)
+    else:
+        assert "trajectory" in refusal or not refusal
+
+
+def complaint(use: Callable[[], object]) -> str:
+    """The one line with which something was refused, if it was."""
+    try:
+        use()
+    except CampaignError as error:
+        message = str(error)
+    else:
+        return ""
+    assert message
+    assert "\n" not in message
+    return message
+
+
+def read_everything(folder: Path) -> None:
+    with CampaignStore.open(folder) as store:
+        list(store.tests(with_trajectory=True))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("finished")
+    campaign(folder).run()
+    return folder
+
+
+@pytest.mark.parametrize("part", ["header", "end", "log of the candidates"])
+def test_what_a_campaign_cannot_do_without_is_refused(
+    tmp_path: Path, finished: Path, part: str
+) -> None:
+    data = bytearray((finished / DATABASE).read_bytes())
+    if part == "header":
+        data[:16] = bytes(16)
+    elif part == "end":
+        del data[len(data) // 3 :]
+    else:
+        connection = sqlite3.connect(finished / DATABASE)
+        (page,) = connection.execute(
+            "SELECT rootpage FROM sqlite_schema WHERE name = 'candidate'"
+        ).fetchone()
+        (size,) = connection.execute("PRAGMA page_size").fetchone()
+        connection.close()
+        data[(page - 1) * size : page * size] = random.Random(1).randbytes(size)
+    (tmp_path / DATABASE).write_bytes(data)
+    with unchanged(tmp_path), pytest.raises(CampaignError, match=r"damaged|not a database") as e:
+        campaign(tmp_path, simulations=70).resume()
+    assert str(tmp_path / DATABASE) in one_line(e)
+
+
+# Clocks
+
+
+def test_a_clock_that_jumps_changes_nothing(tmp_path: Path) -> None:
+    """Budgets are measured by `time.perf_counter`, which is taken to go on steadily."""
+    allowed = {}
+    for kind in ("steady", "jumping"):
+        done = subprocess.run(
+            [sys.executable, str(HERE / "jumping_clock.py"), str(tmp_path / kind), kind],
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=LIMIT,
+        )
+        allowed[kind] = int(done.stdout)
+    assert allowed["jumping"] == allowed["steady"] > 20
+    assert contents(tmp_path / "jumping") == contents(tmp_path / "steady")
+    with CampaignStore.open(tmp_path / "jumping") as store:
+        elapsed = [record.elapsed or 0.0 for record in store.tests()]
+    assert elapsed == sorted(elapsed)
+    finished_at = finish_times(tmp_path / "jumping")
+    assert finished_at != sorted(finished_at)  # it did jump
+
+
+def finish_times(folder: Path) -> list[str]:
+    connection = sqlite3.connect(folder / DATABASE)
+    try:
+        rows = connection.execute("SELECT finished_at FROM test ORDER BY told")
+        return [row[0] for row in rows]
+    finally:
+        connection.close()
+
+
+# The command line, killed and interrupted
+
+
+class Running:
+    """A ``frenetic run`` in a group of its own, as a terminal starts it."""
+
+    def __init__(self, tmp_path: Path, marks: Marks, *options: str, workers: int = 2) -> None:
+        self.marks = marks
+        self.folder = tmp_path / "campaign"
+        self.out, self.err = tmp_path / "out", tmp_path / "err"
+        command = [sys.executable, "-m", "frenetic", "run", "--simulations", "60", "--unordered"]
+        command += ["--workers", str(workers), "--out", str(self.folder)]
+        command += ["--simulator", f"{faulty.__file__}:Waiting"]
+        for option in (f"folder={marks.folder}", *options):
+            command += ["--simulator-option", option]
+        with self.out.open("w") as out, self.err.open("w") as err:
+            self.process = subprocess.Popen(
+                command, stdout=out, stderr=err, cwd=tmp_path, start_new_session=True
+            )
+        self.family: set[int] = set()
+
+    def __enter__(self) -> Running:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with ending(lambda: {*self.family, *descendants(self.process.pid)}):
+            self.process.kill()
+            self.process.wait()
+
+    def until_marks(self, name: str, count: int = 2) -> None:
+        self.until(lambda: len(self.marks.numbers(name)) == count, f"{count} {name}")
+
+    def until(self, condition: Callable[[], object], what: str) -> None:
+        def holds() -> bool:
+            assert self.process.poll() is None, self.err.read_text()
+            return bool(condition())
+
+        until(holds, what)
+        self.family |= {self.process.pid, *descendants(self.process.pid)}
+
+    def press_ctrl_c(self) -> None:
+        os.killpg(self.process.pid, signal.SIGINT)
+
+    def ends(self) -> int:
+        code = self.process.wait(LIMIT)
+        until_gone({*self.family, *self.marks.pids()})
+        return code
+
+    def told(self) -> int:
+        with CampaignStore.open(self.folder) as store:
+            return store.counts().told
+
+
+@posix_only
+def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
+    with Running(tmp_path, marks, "after=5") as running:
+        running.until_marks("driving")
+        running.press_ctrl_c()
+        running.until(lambda: "Finishing what runs" in running.err.read_text(), "it is noticed")
+        marks.make("go")
+        assert running.ends() == 130
+    # Five, the two that waited, and what quick workers had got ahead of time.
+    assert 7 <= running.told() <= 9
+    assert f"Interrupted: {running.told()} simulations" in running.out.read_text()
+    assert "Traceback" not in running.err.read_text()
+    assert check_campaign(running.folder).findings == ()
+    assert events(running.folder)[-1]["event"] == "interrupted"
+    assert len(marks.numbers("end")) == 2  # the simulators were ended in peace
+
+
+@posix_only
+def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Marks) -> None:
+    with Running(tmp_path, marks, "after=5", "deed=start_process") as running:
+        running.until_marks("driving")
+        running.until(lambda: running.told() == 5, "five results")
+        running.press_ctrl_c()
+        running.until(lambda: "Finishing what runs" in running.err.read_text(), "it is noticed")
+        start = time.monotonic()
+        running.press_ctrl_c()
+        assert running.ends() == 130
+        assert time.monotonic() - start < 0.5 * LIMIT
+    assert "Interrupted: 5 simulations" in running.out.read_text()
+    assert "Traceback" not in running.err.read_text()
+    assert running.told() == 5
+    assert check_campaign(running.folder).findings == ()
+    assert len(marks.pids()) == 4  # with the processes that the drivers started
+
+
+@posix_only
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks, presses: int) -> None:
+    with Running(tmp_path, marks, "at=starting") as running:
+        running.until_marks("starting")
+        start = time.monotonic()
+        for _ in range(presses):
+            running.press_ctrl_c()
+        assert running.ends() == 130
+        assert time.monotonic() - start < 0.5 * LIMIT
+    assert "Traceback" not in running.err.read_text()
+    assert running.told() == 0
+    assert check_campaign(running.folder).findings == ()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="workers are forked from a server there only")
+@pytest.mark.parametrize(("presses", "loaded"), [(1, "python"), (1, "llvmlite"), (2, "numpy")])
+def test_ctrl_c_while_the_server_of_the_workers_starts(
+    tmp_path: Path, marks: Marks, presses: int, loaded: str
+) -> None:
+    def server_is_there() -> bool:
+        """With what it loads on its way."""
+        for child in descendants(running.process.pid):
+            try:
+                line = Path(f"/proc/{child}/cmdline").read_bytes()
+                if b"multiprocessing.forkserver" in line:
+                    return loaded in Path(f"/proc/{child}/maps").read_text()
+            except OSError:
+                continue
+        return False
+
+    with Running(tmp_path, marks) as running:
+        running.until(server_is_there, "the server starts")
+        for _ in range(presses):
+            running.press_ctrl_c()
+            if presses == 2:
+                running.until(lambda: "Finishing" in running.err.read_text(), "it is noticed")
+        assert running.ends() == 130, running.err.read_text()
+    assert "Traceback" not in running.err.read_text()
+    assert "EOFError" not in running.err.read_text()
+    assert running.told() == 0
+
+
+@posix_only
+@pytest.mark.parametrize(
+    "deed",
+    # Elsewhere nobody ends processes that are held by compiled code.
+    ["start_process", *(["hang_in_c"] if sys.platform == "linux" else [])],
+)
+def test_workers_of_a_killed_campaign_end_with_all_they_started(
+    tmp_path: Path, marks: Marks, deed: str
+) -> None:
+    with Running(tmp_path, marks, "after=4", f"deed={deed}") as running:
+        running.until_marks("driving")
+        running.until(lambda: running.told() == 4, "four results")
+        wanted = 2 if deed == "hang_in_c" else 4
+        running.until(lambda: len(marks.pids()) == wanted, "all are there")
+        assert all(is_running(pid) for pid in marks.pids())
+        running.process.kill()
+        assert running.ends() == -signal.SIGKILL
+    assert running.told() == 4
+    assert check_campaign(running.folder).findings == ()
+
+
+# Ctrl-C within a write
+
+
+class Interrupted(sqlite3.Connection):
+    """Ctrl-C is noticed after the nth statement of a transaction, once."""
+
+    left: int | None = None
+
+    def _count(self) -> None:
+        cls = type(self)
+        if cls.left is not None:
+            cls.left -= 1
+            if cls.left == 0:
+                cls.left = None
+                raise KeyboardInterrupt
+
+    def execute(self, sql: str, *parameters: Any) -> sqlite3.Cursor:
+        done = super().execute(sql, *parameters)
+        if sql.startswith(("BEGIN", "INSERT", "COMMIT")):
+            self._count()
+        return done
+
+    def executemany(self, sql: str, *parameters: Any) -> sqlite3.Cursor:
+        done = super().executemany(sql, *parameters)
+        self._count()
+        return done
+
+
+@pytest.mark.parametrize("statement", range(1, 12))
+def test_a_second_ctrl_c_within_a_write_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, statement: int, finished: Path
+) -> None:
+    connect = sqlite3.connect
+    monkeypatch.setattr(sqlite3, "connect", lambda *a, **k: connect(*a, **k, factory=Interrupted))
+    monkeypatch.setattr(Interrupted, "left", None)
+    reported: list[int] = []
+
+    def report(progress: Any) -> None:
+        reported.append(progress.tests)
+        if len(reported) == 20:
+            Interrupted.left = statement
+
+    summary = campaign(tmp_path).run(report)
+    assert Interrupted.left is None
+    assert summary.interrupted
+    with CampaignStore.open(tmp_path) as store:
+        assert len(reported) <= store.counts().told == summary.tests <= len(reported) + 1
+    assert check_campaign(tmp_path).findings == ()
+    campaign(tmp_path).resume()
+    assert contents(tmp_path) == contents(finished)
