@@ -115,7 +115,7 @@ def await_free(workers: Workers, count: int = 1) -> None:
     deadline = time.monotonic() + LIMIT
     while workers.free < count:
         assert time.monotonic() < deadline
-        assert not workers.wait(LIMIT)
+        assert not workers.wait(0.5)
 
 
 def await_attempts(workers: Workers, count: int) -> list[Attempt]:
@@ -123,7 +123,7 @@ def await_attempts(workers: Workers, count: int) -> list[Attempt]:
     deadline = time.monotonic() + LIMIT
     while len(attempts) < count:
         assert time.monotonic() < deadline
-        attempts += workers.wait(LIMIT)
+        attempts += workers.wait(LIMIT)  # which is woken at once
     assert len(attempts) == count
     return attempts
 
@@ -599,6 +599,17 @@ def test_a_cluster_that_loses_its_scheduler(tmp_path: Path) -> None:
         tmp_path / "campaign", None, DummySimulator(), strategy=Straight(8, 9, 10), simulations=20
     ).resume()
     assert (summary.passed, summary.errors, summary.tests) == (20, 0, 20)
+
+
+def test_a_scheduler_that_talks_nonsense_is_one_line(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dask_link, "_host", lambda address, info: info["no such thing"])
+    with (
+        pytest.raises(CampaignError, match=r"is lost .KeyError: 'no such thing'.: start"),
+        workers_of(cluster, tmp_path, DummySimulator()) as workers,
+    ):
+        await_free(workers)
 
 
 class Said(logging.Handler):

@@ -423,6 +423,7 @@ def test_workers_survive_the_end_of_the_server_that_forks_them(
         await_free(workers, 2)
         server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
         os.kill(server, 9)
+        until_gone([server])
         attempts = drive_all(workers, [8, 9, 10, 11])
         assert len(attempts) == 4
         await_idle(workers)
