@@ -390,7 +390,7 @@ def test_a_worker_that_hangs_is_started_again_by_its_nanny(
         workers.submit(straight(1))
         attempt = await_attempt(workers)
         assert attempt.tested is None
-        assert re.search("was lost: its drive took more than 0.[5-9]", str(attempt.failure))
+        assert re.search("was lost: its drive took more than [0-9.]+ s", str(attempt.failure))
         await_free(workers, 2)
         assert len(marks.pids()) == 3
         assert sum(is_running(pid) for pid in before) == 1
@@ -403,7 +403,7 @@ def test_a_worker_that_hangs_without_a_nanny_is_left_alone(
 ) -> None:
     simulator = FaultySimulator(marks.folder, drive=Fault(hang, marks.folder, times=1))
     with (  # noqa: PT012
-        pytest.raises(CampaignError, match=r"mortal: its drive took more than 0.[5-9]"),
+        pytest.raises(CampaignError, match=r"mortal: its drive took more than [0-9.]+ s"),
         bare.started("--name", "mortal", "--no-nanny", *ONE_SEAT) as process,
         workers_of(bare, tmp_path, simulator, drive_limit=0.5) as workers,
     ):

@@ -333,7 +333,7 @@ def test_a_worker_that_hangs_is_replaced(
         while not (attempts := workers.wait(LIMIT)):
             pass
         assert attempts[0].failure is not None
-        assert "its drive took more than 0.5" in attempts[0].failure
+        assert "its drive took more than " in attempts[0].failure
         assert attempts[0].seconds >= 0.5
         await_free(workers)
     assert len(marks.pids()) == 2
