@@ -45,8 +45,10 @@ START_LIMIT: Final = 600.0
 CLOSING_LIMIT: Final = 30.0
 """s that workers have to finish what they are at and to end their simulators."""
 PREFETCH_BELOW: Final = 0.02
-"""s: a worker whose tests take less gets the next candidate before it has finished one, since to
-fall asleep and wake up costs more time than the test of a road that is a little better chosen."""
+"""s: a worker whose tests take less gets further candidates before it has finished one, since
+falling asleep and waking up costs it more than the test of a road that is better chosen gains."""
+PREFETCH: Final = 4
+"""Candidates that such a worker has at most, the one that it drives included."""
 MOST_ON_WINDOWS: Final = 60
 """Workers: its kernel waits for so many objects at once."""
 
@@ -329,7 +331,7 @@ class _Worker:
         """How many candidates it can take now."""
         if self.state not in ("idle", "driving"):
             return 0
-        return max(0, (2 if self.pace < PREFETCH_BELOW else 1) - len(self.queue))
+        return max(0, (PREFETCH if self.pace < PREFETCH_BELOW else 1) - len(self.queue))
 
     def finish(self, seconds: float) -> None:
         """Takes note that a test is done."""
