@@ -10,7 +10,6 @@ import base64
 import binascii
 import hashlib
 import json
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -18,7 +17,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic.analysis.rerunning import Repeat
+from frenetic.analysis.kept import KeptFile, as_number, as_whole
+from frenetic.analysis.rerunning import Repeat, drive_document, read_drive
 from frenetic.analysis.statistics import spearman
 from frenetic.campaign.campaign import describe, prepare
 from frenetic.campaign.redriving import Redrive, Redriver, drive_again
@@ -38,6 +38,8 @@ VERSION: Final = 1
 """Of that file's form."""
 LEAST_PAIRS: Final = 3
 """Drives from which on the ranks of MOOBD are compared."""
+
+_FILE: Final = KeptFile(CONFIRMATIONS, "confirmations", VERSION, "frenetic confirm")
 
 
 class Agreement(StrEnum):
@@ -237,19 +239,7 @@ def write_confirmations(folder: Path, confirmations: Iterable[Confirmation]) -> 
     Raises:
         CampaignError: it cannot be written.
     """
-    path = folder / CONFIRMATIONS
-    kept: list[JSONValue] = [_document(one, with_drives=True) for one in confirmations]
-    document = {"version": VERSION, "confirmations": kept}
-    partial = path.with_suffix(".json.part")
-    try:
-        partial.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise CampaignError(
-            f"{path} cannot be written: {error.strerror or error}; check the permissions of the"
-            " folder"
-        ) from None
-    return path
+    return _FILE.write(folder, [_document(one, with_drives=True) for one in confirmations])
 
 
 def confirmation_document(confirmation: Confirmation) -> dict[str, JSONValue]:
@@ -280,22 +270,13 @@ def _test_document(one: ConfirmedTest, with_drives: bool) -> dict[str, JSONValue
         "agreement": str(one.agreement),
         "alike": one.is_alike,
         "reason": one.reason,
-        "recorded": _drive_document(one.recorded),
-        "other": _drive_document(one.other),
+        "recorded": drive_document(one.recorded),
+        "other": drive_document(one.other),
     }
     if with_drives:
         packed = None if one.trajectory is None else encode(one.trajectory)
         document["trajectory"] = None if packed is None else base64.b64encode(packed).decode()
     return document
-
-
-def _drive_document(drive: Repeat) -> dict[str, JSONValue]:
-    return {
-        "outcome": str(drive.outcome),
-        "moobd": drive.moobd,
-        "departure_distance": drive.departure_distance,
-        "departure_side": drive.departure_side,
-    }
 
 
 def read_confirmations(folder: Path) -> tuple[Confirmation, ...]:
@@ -304,45 +285,17 @@ def read_confirmations(folder: Path) -> tuple[Confirmation, ...]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    path = folder / CONFIRMATIONS
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return ()
-    except OSError as error:
-        raise CampaignError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError):
-        raise _damaged(path, "it is not JSON") from None
-    version = document.get("version") if isinstance(document, dict) else None
-    if isinstance(version, int) and version > VERSION:
-        raise CampaignError(
-            f"{path} was written by a newer version of frenetic (form {version}, this one reads"
-            f" {VERSION}): upgrade frenetic"
-        )
-    try:
-        if version != VERSION:
-            raise ValueError(f"its version is {version!r}")
-        return tuple(_read_confirmation(item) for item in document["confirmations"])
-    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
-        raise _damaged(path, f"{type(error).__name__}: {error}") from None
-    except CampaignError as error:
-        raise _damaged(path, str(error)) from None
-
-
-def _damaged(path: Path, what: str) -> CampaignError:
-    return CampaignError(
-        f"{path} is damaged ({what[:200]}): remove it, and let 'frenetic confirm' make it again"
-    )
+    return tuple(_FILE.read(folder, _read_confirmation))
 
 
 def _read_confirmation(item: Any) -> Confirmation:
     return Confirmation(
         simulator=_described(item["simulator"]),
         driver=_described(item["driver"]),
-        rules=Rules(**{name: _number(value) for name, value in item["rules"].items()}),
-        car=CarBody(**{name: _number(value) for name, value in item["car"].items()}),
+        rules=Rules(**{name: as_number(value) for name, value in item["rules"].items()}),
+        car=CarBody(**{name: as_number(value) for name, value in item["car"].items()}),
         tests=tuple(_read_test(one) for one in item["tests"]),
-        missing=_whole(item["missing"]),
+        missing=as_whole(item["missing"]),
     )
 
 
@@ -359,39 +312,9 @@ def _read_test(item: Any) -> ConfirmedTest:
     except binascii.Error as error:
         raise ValueError(f"a trajectory is no base64: {error}") from None
     return ConfirmedTest(
-        test_id=_whole(item["test"]),
-        recorded=_read_drive(item["recorded"]),
-        other=_read_drive(item["other"]),
+        test_id=as_whole(item["test"]),
+        recorded=read_drive(item["recorded"]),
+        other=read_drive(item["other"]),
         reason=str(item["reason"]),
         trajectory=trajectory,
     )
-
-
-def _read_drive(item: Any) -> Repeat:
-    moobd, distance, side = (
-        item[name] for name in ("moobd", "departure_distance", "departure_side")
-    )
-    if side not in (None, "left", "right"):
-        raise ValueError(f"a departure_side is {side!r}")
-    return Repeat(
-        World(),
-        Outcome(item["outcome"]),
-        None if moobd is None else _number(moobd),
-        None if distance is None else _number(distance),
-        side,
-    )
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"{value!r} is no number")
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{value!r} is not finite")
-    return number
-
-
-def _whole(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError(f"{value!r} is no whole number")
-    return value

@@ -12,7 +12,6 @@ as the drives can tell: the whole 95 % interval has to be on one side.
 
 from __future__ import annotations
 
-import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,6 +23,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from frenetic.analysis.kept import KeptFile, as_number, as_whole
 from frenetic.analysis.segments import REACH
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.campaign import describe
@@ -31,7 +31,7 @@ from frenetic.campaign.redriving import Redrive, Redriver, drive_again, readable
 from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.tester import Tested
 from frenetic.drivers import Driver
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.simulators.simulator import Simulator
@@ -48,6 +48,8 @@ LEVEL: Final = 0.5
 LEAST_DRIVES: Final = 8
 """Drives from which on it is said which quantities matter."""
 _WRITE_INTERVAL: Final = 5.0  # s between two times that what is done is written
+
+_FILE: Final = KeptFile(RERUNS, "reruns", VERSION, "frenetic rerun")
 
 
 class Stability(StrEnum):
@@ -461,19 +463,8 @@ def write_reruns(folder: Path, reruns: Iterable[Rerun]) -> Path:
     Raises:
         CampaignError: it cannot be written.
     """
-    path = folder / RERUNS
     ordered = sorted(reruns, key=lambda one: one.test_id)
-    document = {"version": VERSION, "reruns": [rerun_document(one) for one in ordered]}
-    partial = path.with_suffix(".json.part")
-    try:
-        partial.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise CampaignError(
-            f"{path} cannot be written: {error.strerror or error}; check the permissions of the"
-            " folder"
-        ) from None
-    return path
+    return _FILE.write(folder, [rerun_document(one) for one in ordered])
 
 
 def rerun_document(one: Rerun) -> dict[str, JSONValue]:
@@ -502,10 +493,7 @@ def _repeat_document(drive: Repeat) -> dict[str, JSONValue]:
         del world["noise_seed"]
     return {
         "world": world,
-        "outcome": str(drive.outcome),
-        "moobd": drive.moobd,
-        "departure_distance": drive.departure_distance,
-        "departure_side": drive.departure_side,
+        **drive_document(drive),
         "trouble": drive.trouble,
     }
 
@@ -516,42 +504,16 @@ def read_reruns(folder: Path | str) -> dict[int, Rerun]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    path = Path(folder) / RERUNS
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except OSError as error:
-        raise CampaignError(f"{path} cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError):
-        raise _damaged(path, "it is not JSON") from None
-    version = document.get("version") if isinstance(document, dict) else None
-    if isinstance(version, int) and version > VERSION:
-        raise CampaignError(
-            f"{path} was written by a newer version of frenetic (form {version}, this one reads"
-            f" {VERSION}): upgrade frenetic"
-        )
-    try:
-        if version != VERSION:
-            raise ValueError(f"its version is {version!r}")
-        reruns = [_read_rerun(item) for item in document["reruns"]]
-    except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
-        raise _damaged(path, f"{type(error).__name__}: {error}") from None
+    reruns = _FILE.read(Path(folder), _read_rerun)
     return {one.test_id: one for one in sorted(reruns, key=lambda one: one.test_id)}
-
-
-def _damaged(path: Path, what: str) -> CampaignError:
-    return CampaignError(
-        f"{path} is damaged ({what[:200]}): remove it, and let 'frenetic rerun' make it again"
-    )
 
 
 def _read_rerun(item: Any) -> Rerun:
     return Rerun(
-        test_id=_whole(item["test"]),
+        test_id=as_whole(item["test"]),
         recorded=_read_repeat(item["recorded"]),
         variations=tuple(_read_variation(one) for one in item["variations"]),
-        seed=_whole(item["seed"]),
+        seed=as_whole(item["seed"]),
         driver=dict(item["driver"]),
         simulator=dict(item["simulator"]),
         drives=tuple(_read_repeat(drive) for drive in item["drives"]),
@@ -560,17 +522,12 @@ def _read_rerun(item: Any) -> Rerun:
 
 def _read_variation(item: Any) -> Variation:
     try:
-        return Variation(str(item["quantity"]), _number(item["low"]), _number(item["high"]))
+        return Variation(str(item["quantity"]), as_number(item["low"]), as_number(item["high"]))
     except FreneticError as error:
         raise ValueError(str(error)) from None
 
 
 def _read_repeat(item: Any) -> Repeat:
-    moobd, distance, side = (
-        item[name] for name in ("moobd", "departure_distance", "departure_side")
-    )
-    if side not in (None, "left", "right"):
-        raise ValueError(f"a departure_side is {side!r}")
     trouble = item["trouble"]
     if not isinstance(trouble, str | None):
         raise TypeError(f"a trouble is {trouble!r}")
@@ -578,29 +535,38 @@ def _read_repeat(item: Any) -> Repeat:
     if unknown := item["world"].keys() - names:
         raise ValueError(f"a world has {', '.join(sorted(unknown))}")
     world: dict[str, Any] = {
-        name: _whole(value) if name == "noise_seed" else _number(value)
+        name: as_whole(value) if name == "noise_seed" else as_number(value)
         for name, value in item["world"].items()
     }
-    return Repeat(
-        World(**world),
-        Outcome(item["outcome"]),
-        None if moobd is None else _number(moobd),
-        None if distance is None else _number(distance),
-        side,
-        trouble,
+    return replace(read_drive(item), world=World(**world), trouble=trouble)
+
+
+def drive_document(drive: Repeat) -> dict[str, JSONValue]:
+    """What became of a drive, whatever its world, as a JSON object."""
+    return {
+        "outcome": str(drive.outcome),
+        "moobd": drive.moobd,
+        "departure_distance": drive.departure_distance,
+        "departure_side": drive.departure_side,
+    }
+
+
+def read_drive(item: Any) -> Repeat:
+    """A drive in the usual world from a `drive_document`.
+
+    Raises:
+        LookupError: something is missing.
+        TypeError, ValueError: something is not what it has to be.
+    """
+    moobd, distance, side = (
+        item[name] for name in ("moobd", "departure_distance", "departure_side")
     )
-
-
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"{value!r} is no number")
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{value!r} is not finite")
-    return number
-
-
-def _whole(value: object) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError(f"{value!r} is no whole number")
-    return value
+    if side not in (None, "left", "right"):
+        raise ValueError(f"a departure_side is {side!r}")
+    return Repeat(
+        World(),
+        Outcome(item["outcome"]),
+        None if moobd is None else as_number(moobd),
+        None if distance is None else as_number(distance),
+        side,
+    )
