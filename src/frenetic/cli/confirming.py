@@ -11,7 +11,12 @@ from rich.table import Table
 
 from frenetic.cli.console import Log, Results, announced_compilation
 from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import Duration, as_usage_error, json_option
+from frenetic.cli.options import (
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+    redriving_workers_option,
+)
 from frenetic.cli.progress import counted_progress
 from frenetic.cli.recorded import part_options, recorded_parts
 
@@ -29,20 +34,8 @@ if TYPE_CHECKING:
     help="The N most telling failures. [default: 10]",
 )
 @part_options
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Drive on N roads at once, in processes of their own.",
-)
-@click.option(
-    "--drive-limit",
-    type=Duration(),
-    help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
-    " 10 s]",
-)
+@redriving_workers_option
+@drive_limit_option
 @json_option
 def confirm(
     campaign: Path,
@@ -97,9 +90,7 @@ def confirm(
             drive_limit=drive_limit,
             on_progress=show,
             on_start=compiled,
-            on_interrupt=lambda: log.print(
-                "Finishing what runs; press Ctrl-C again to leave at once."
-            ),
+            on_interrupt=log.stopping,
         )
     gallery = _draw(log, campaign, confirmation)
     if as_json:

@@ -54,6 +54,10 @@ class Log(Console):
     def __init__(self) -> None:
         super().__init__(stderr=True, highlight=False, soft_wrap=True)
 
+    def stopping(self) -> None:
+        """Says that Ctrl-C was noticed."""
+        self.print("Finishing what runs; press Ctrl-C again to leave at once.")
+
     def on_broken_pipe(self) -> None:
         """Falls silent."""
         self.quiet = True

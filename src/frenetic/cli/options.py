@@ -139,6 +139,20 @@ def _or_usual_limit(ctx: click.Context, _: click.Parameter, value: float | None)
     return usual_wall_limit(ctx.params["simulator"]) if value is None else value
 
 
+redriving_workers_option = click.option(
+    "--workers",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Drive on N roads at once, in processes of their own.",
+)
+drive_limit_option = click.option(
+    "--drive-limit",
+    type=Duration(),
+    help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
+    " 10 s]",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 

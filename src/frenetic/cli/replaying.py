@@ -12,7 +12,12 @@ from rich.table import Table
 
 from frenetic.cli.console import Log, Results, announced_compilation
 from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import Duration, as_usage_error, json_option
+from frenetic.cli.options import (
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+    redriving_workers_option,
+)
 from frenetic.cli.progress import counted_progress
 from frenetic.cli.recorded import part_options, recorded_parts
 
@@ -35,20 +40,8 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Write the results as JUnit XML, one test case per road.",
 )
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Drive on N roads at once, in processes of their own.",
-)
-@click.option(
-    "--drive-limit",
-    type=Duration(),
-    help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
-    " 10 s]",
-)
+@redriving_workers_option
+@drive_limit_option
 @json_option
 def replay(
     campaign: Path,
@@ -89,9 +82,7 @@ def replay(
             drive_limit=drive_limit,
             on_progress=lambda now: show(now.tests, now.total),
             on_start=compiled,
-            on_interrupt=lambda: log.print(
-                "Finishing what runs; press Ctrl-C again to leave at once."
-            ),
+            on_interrupt=log.stopping,
         )
     if as_json:
         click.echo(json.dumps(_document(replayed)))

@@ -14,7 +14,12 @@ from rich.table import Table
 
 from frenetic.cli.console import Log, Results, announced_compilation, shell
 from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import Duration, as_usage_error, json_option
+from frenetic.cli.options import (
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+    redriving_workers_option,
+)
 from frenetic.cli.progress import counted_progress
 from frenetic.cli.recorded import part_options, recorded_parts
 
@@ -111,20 +116,8 @@ class VaryingCommand(GroupedCommand):
     help="Only the N most telling failures. [default: all failures]",
 )
 @part_options
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Drive on N roads at once, in processes of their own.",
-)
-@click.option(
-    "--drive-limit",
-    type=Duration(),
-    help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
-    " 10 s]",
-)
+@redriving_workers_option
+@drive_limit_option
 @json_option
 def rerun(
     campaign: Path,
@@ -171,7 +164,7 @@ def rerun(
     def stopping() -> None:
         nonlocal interrupted
         interrupted += 1
-        log.print("Finishing what runs; press Ctrl-C again to leave at once.")
+        log.stopping()
 
     with (
         announced_compilation(log) as compiled,

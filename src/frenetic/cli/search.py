@@ -23,6 +23,7 @@ from frenetic.cli.options import (
     Folder,
     Setting,
     as_usage_error,
+    drive_limit_option,
     driver_options,
     json_option,
 )
@@ -55,12 +56,7 @@ def _worker_options(command: Callable[P, R]) -> Callable[P, R]:
             metavar="ADDRESS",
             help="Drive on the workers of a running Dask cluster, such as tcp://10.0.0.1:8786.",
         ),
-        click.option(
-            "--drive-limit",
-            type=Duration(),
-            help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit"
-            " and 10 s]",
-        ),
+        drive_limit_option,
     ]
     for option in reversed(options):
         command = option(command)
@@ -283,11 +279,8 @@ def _search(
             compiled()
             log.print(f"{announcement}, results in {folder}", markup=False)
 
-        def stopping() -> None:
-            log.print("Finishing what runs; press Ctrl-C again to leave at once.")
-
         try:
-            summary = search(show, on_start=started, on_interrupt=stopping)
+            summary = search(show, on_start=started, on_interrupt=log.stopping)
         except CampaignError as error:
             # What was stored until then is still worth a look.
             if not campaign.started:
