@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
+from frenetic.campaign.checking import check_campaign
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search import Candidate, Frenetic, Origin, RandomSearch
+from frenetic.search import Candidate, Frenetic, Origin, RandomSearch, SearchEnded
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -86,6 +87,39 @@ def test_budget_of_failures_ends_with_the_last_one_wanted(tmp_path: Path) -> Non
     strategy = Scripted(STRAIGHT, BENT)
     summary = campaign(tmp_path, strategy, Budget(failures=3, simulations=100)).run()
     assert (summary.failed, summary.simulations) == (3, 6)
+
+
+class Listed(Scripted):
+    """Proposes each road once."""
+
+    def ask(self) -> Candidate:
+        if self.asked == len(self.roads):
+            raise SearchEnded("the list is worked through")
+        return super().ask()
+
+
+@pytest.mark.parametrize("options", [{}, {"ordered": True}, {"workers": 2}])
+def test_a_strategy_that_ends_the_search(tmp_path: Path, options: dict[str, int]) -> None:
+    strategy = Listed(STRAIGHT, LOOP, BENT)
+    summary = campaign(tmp_path, strategy, Budget(simulations=100), **options).run()
+    assert (summary.simulations, summary.invalid, summary.interrupted) == (2, 1, False)
+    assert summary.ended == "the list is worked through"
+    assert len(strategy.told) == 3
+    with CampaignStore.open(tmp_path) as store:
+        assert store.facts["ended"] == summary.ended
+        assert "finished_at" in store.facts
+        assert store.facts["strategy_seconds"] >= 0.0  # type: ignore[operator]
+    assert check_campaign(tmp_path).findings == ()
+    longer = Listed(STRAIGHT, LOOP, BENT, STRAIGHT)
+    assert campaign(tmp_path, longer, Budget(simulations=3), **options).resume().simulations == 3
+    with CampaignStore.open(tmp_path) as store:
+        assert store.facts["ended"] == ""
+
+
+def test_a_strategy_that_ends_sooner_when_resumed_is_noticed(tmp_path: Path) -> None:
+    campaign(tmp_path, Listed(STRAIGHT, BENT), Budget(simulations=2)).run()
+    with pytest.raises(CampaignError, match="proposes another road as candidate 2"):
+        campaign(tmp_path, Listed(STRAIGHT), Budget(simulations=3)).resume()
 
 
 def test_budget_of_time_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

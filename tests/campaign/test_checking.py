@@ -446,6 +446,8 @@ def test_other_facts(folder: Path, name: str, bad: str) -> None:
         ("step", "9e999", "a positive number of metres is needed"),
         ("curvatures", "X'0102030405'", "no whole number of float64"),
         ("curvatures", "X'000000000000F87F'", "not all finite"),
+        ("points", "X'0102030405'", "no whole pairs of float64"),
+        ("points", "X'000000000000F87F000000000000F87F'", "the points are not all finite"),
         ("asked_after", "-1", "asked_after is -1"),
     ],
 )
@@ -655,6 +657,17 @@ def test_a_refused_road_that_is_valid(folder: Path) -> None:
     text = f"test {number}: it is stored as INVALID, but its road is valid"
     expect(check_campaign(folder), Subject.VERDICT, text)
     assert check_campaign(folder, quick=True).is_sound
+
+
+def test_points_that_were_refused_and_are_valid(folder: Path) -> None:
+    number = test_of(folder, Outcome.INVALID)
+    points = np.array([[20.0, 20.0], [60.0, 20.0], [100.0, 20.0], [140.0, 20.0]])
+    change = "UPDATE candidate SET points = ? WHERE id = ?"
+    execute(folder, change, (points - 18.0).astype("<f8").tobytes(), number)
+    assert check_campaign(folder).is_sound
+    execute(folder, change, points.astype("<f8").tobytes(), number)
+    text = f"test {number}: it is stored as INVALID, but its road is valid"
+    expect(check_campaign(folder), Subject.VERDICT, text)
 
 
 def test_another_version_may_judge_otherwise(folder: Path) -> None:

@@ -64,7 +64,8 @@ def driven(redrives: list[Redrive], redriver: Redriver, workers: int = 1) -> dic
 def gentle(number: int = 1, world: World | None = None) -> Redrive:
     """A gentle road somewhere on the map."""
     pose = Pose(100.0, 50.0, 1.5)
-    return Redrive(number, np.zeros(11), 10.0, Origin("redrive"), pose, world or World())
+    world = world or World()
+    return Redrive(number, np.zeros(11), 10.0, Origin("redrive"), pose=pose, world=world)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -90,6 +90,9 @@ def tell(store: CampaignStore, *ids: int) -> None:
 def assert_same_candidate(one: Candidate, other: Candidate) -> None:
     assert (one.id, one.step, one.origin) == (other.id, other.step, other.origin)
     assert one.curvatures.tolist() == other.curvatures.tolist()
+    assert (one.points is None) == (other.points is None)
+    if one.points is not None and other.points is not None:
+        assert one.points.tolist() == other.points.tolist()
 
 
 def assert_same(one: TestRecord, other: TestRecord) -> None:
@@ -580,6 +583,19 @@ def test_damaged_files_raise_nothing_but_campaign_errors(finished: Path, tmp_pat
             lines = str(error).splitlines()
             assert len(lines) == 1
         shutil.rmtree(broken)
+
+
+def test_points_come_back_as_they_were(store: CampaignStore) -> None:
+    points = np.array([[10.0, 20.0], [0.1 + 0.2, 30.0], [1e-3, -4.0]])
+    with_points = replace(make_candidate(1), curvatures=np.empty(0), points=points)
+    store.asked(with_points)
+    assert_same_candidate(store.candidate(1), with_points)
+    found = store.candidate(1).points
+    assert found is not None
+    with pytest.raises(ValueError, match="read-only"):
+        found[0] = 0.0
+    with pytest.raises(ValueError, match="points of candidate 2"):
+        store.asked(replace(with_points, id=2, points=np.array([[1.0, np.nan]])))
 
 
 # Schema

@@ -112,3 +112,32 @@ def test_records_that_are_no_numbers_are_not_kept() -> None:
 def test_map_smaller_than_its_margins_is_refused() -> None:
     with pytest.raises(ValueError, match="more than twice the margin"):
         RoadTester(DummySimulator(), DummyDriver(), map_size=20.0)
+
+
+def proposed_as_points(points: list[tuple[float, float]]) -> Candidate:
+    return Candidate(1, np.empty(0), 1.0, Origin("generator"), np.array(points, dtype=float))
+
+
+def test_points_are_driven_where_they_lie() -> None:
+    tests, simulator = make_tester()
+    tested = tests.test(proposed_as_points([(20.0, 30.0), (60.0, 30.0), (120.0, 30.0)]))
+    assert tested.result.outcome is Outcome.PASS
+    assert simulator.drives == 1
+    assert tested.pose == pytest.approx((20.0, 30.0, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("points", "why"),
+    [
+        ([(20.0, 30.0)], "Not enough road points."),
+        ([(20.0, 30.0), (20.0, 30.0)], "the same"),
+        ([(20.0, 30.0), (203.0, 30.0)], "Not entirely inside the map boundaries"),
+        ([(20.0, 30.0), (60.0, 30.0), (60.0, 35.0), (20.0, 35.0)], "self-intersecting"),
+    ],
+)
+def test_points_are_judged_where_they_lie(points: list[tuple[float, float]], why: str) -> None:
+    tests, simulator = make_tester()
+    tested = tests.test(proposed_as_points(points))
+    assert tested.result.outcome is Outcome.INVALID
+    assert why in tested.result.reason
+    assert simulator.drives == 0

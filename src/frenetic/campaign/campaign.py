@@ -328,7 +328,7 @@ class Campaign:
                     for progress in dispatcher.tests():
                         if on_progress is not None:
                             on_progress(progress)
-                interrupted = interrupt.requested and tally.budget_spent < 1.0
+                interrupted = interrupt.requested and tally.budget_spent < 1.0 and not tally.ended
         except (KeyboardInterrupt, SystemError) as error:
             # Raised while compiled code returns, an interrupt arrives as its SystemError.
             if not isinstance(error.__cause__ or error, KeyboardInterrupt):
@@ -353,10 +353,13 @@ class Campaign:
             seed=self.seed,
             folder=self.folder,
             interrupted=interrupted,
+            ended=tally.ended,
         )
         store.finish(
             seconds=round(summary.seconds, 3),
             interrupted=interrupted,
+            ended=tally.ended,
+            strategy_seconds=round(tally.strategy_seconds, 4),
             budget=asdict(self.budget),
         )
         log.progress(summary, force=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import Counter, deque
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final
 
@@ -21,7 +20,7 @@ from frenetic.campaign.workers.workers import Attempt, Workers
 from frenetic.errors import CampaignError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
-from frenetic.search.strategy import SelectiveStrategy, Strategy
+from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
 
 MAX_ATTEMPTS: Final = 2
 """How often a candidate is tried whose worker or simulator breaks."""
@@ -109,18 +108,24 @@ class Dispatcher:
     def _is_over(self) -> bool:
         if self._is_spent and self._lookahead:
             return True  # what still runs comes too late, however fast the workers are
+        if self._tally.ended and not self._outstanding:
+            return True
         return (self._is_spent or self._interrupt.requested) and not self._running
 
     def _ask(self) -> None:
         """Asks for what may be outstanding."""
         while self._may_ask():
-            candidate = ask(self._strategy)
+            try:
+                candidate = ask(self._strategy, self._tally)
+            except SearchEnded as end:
+                self._tally.ended = str(end) or "the strategy has nothing left to propose"
+                return
             self._store.asked(candidate)
             self._outstanding[candidate.id] = candidate
             self._waiting.append(candidate.id)
 
     def _may_ask(self) -> bool:
-        if self._is_spent:
+        if self._is_spent or self._tally.ended:
             return False
         within = self._budget.simulations
         if within is not None and self._tally.simulations + len(self._outstanding) >= within:
@@ -216,7 +221,7 @@ class Dispatcher:
         self._store.told(record, tested.packed)
         del self._outstanding[candidate.id]
         evaluation = Evaluation(candidate, result.outcome, result.moobd, tally.budget_spent)
-        tell(self._strategy, evaluation)
+        tell(self._strategy, evaluation, tally)
         self._log_result(candidate.id, record)
         yield tally.progress(time.perf_counter() - self._start)
         self._give_up_if_hopeless(record)
@@ -224,8 +229,10 @@ class Dispatcher:
     def _is_wanted(self, candidate: Candidate) -> bool:
         if self._selective is None:
             return True
-        with _blaming_the_strategy():
+        try:
             return self._selective.is_wanted(candidate)
+        except Exception as error:
+            raise _raised(error) from error
 
     def _give_up_if_hopeless(self, record: TestRecord) -> None:
         """Raises a `CampaignError` if only roads that are not judged have come for too long."""
@@ -273,14 +280,22 @@ class Dispatcher:
             )
 
 
-def ask(strategy: Strategy) -> Candidate:
-    """The strategy's next candidate.
+def ask(strategy: Strategy, tally: Tally) -> Candidate:
+    """The strategy's next candidate; the time that it takes is counted.
 
     Raises:
+        SearchEnded: it has none left.
         CampaignError: the strategy raised, or what it proposed is no candidate or not finite.
     """
-    with _blaming_the_strategy():
+    start = time.perf_counter()
+    try:
         candidate = strategy.ask()
+    except SearchEnded:
+        raise
+    except Exception as error:
+        raise _raised(error) from error
+    finally:
+        tally.strategy_seconds += time.perf_counter() - start
     if not isinstance(candidate, Candidate):
         raise CampaignError(
             f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
@@ -292,19 +307,20 @@ def ask(strategy: Strategy) -> Candidate:
     return candidate
 
 
-def tell(strategy: Strategy, evaluation: Evaluation) -> None:
-    """Tells the strategy.
+def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
+    """Tells the strategy; the time that it takes is counted.
 
     Raises:
         CampaignError: the strategy raised.
     """
-    with _blaming_the_strategy():
-        strategy.tell(evaluation)
-
-
-@contextmanager
-def _blaming_the_strategy() -> Iterator[None]:
+    start = time.perf_counter()
     try:
-        yield
+        strategy.tell(evaluation)
     except Exception as error:
-        raise CampaignError(f"the strategy raised {describe_error(error)}") from error
+        raise _raised(error) from error
+    finally:
+        tally.strategy_seconds += time.perf_counter() - start
+
+
+def _raised(error: Exception) -> CampaignError:
+    return CampaignError(f"the strategy raised {describe_error(error)}")

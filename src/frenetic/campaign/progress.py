@@ -57,6 +57,8 @@ class Summary(Progress):
     folder: Path = field(default_factory=Path)
     interrupted: bool = False
     """Whether it was stopped before its budget was spent."""
+    ended: str = ""
+    """Why the strategy proposed nothing more before the budget was spent; empty if it did not."""
 
     def as_json(self) -> dict[str, JSONValue]:
         """The summary as one JSON object."""
@@ -72,6 +74,7 @@ class Summary(Progress):
             "tests_per_second": round(self.tests_per_second, 1),
             "seed": self.seed,
             "interrupted": self.interrupted,
+            "ended": self.ended,
             "folder": str(self.folder),
         }
 
@@ -87,6 +90,10 @@ class Tally:
         self.seconds = 0.0
         """Spent before this process went on."""
         self.budget_spent = 0.0
+        self.strategy_seconds = 0.0
+        """s that the strategy took to propose and to learn."""
+        self.ended = ""
+        """Why the strategy proposes nothing more; empty while it does."""
 
     @property
     def simulations(self) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from frenetic.arrays import FloatArray
 from frenetic.campaign.configuration import configuration_faults
 from frenetic.campaign.dispatch import MAX_ATTEMPTS
 from frenetic.campaign.interrupt import catch_interrupt
@@ -31,7 +32,7 @@ OPERATOR: Final = "redrive"
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Redrive(Candidate):
     """A road to be driven where it lies, in a world that may differ from the simulator's."""
 
@@ -40,7 +41,8 @@ class Redrive(Candidate):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Made anew, so that the values are read-only again.
-        return Redrive, (self.id, self.curvatures, self.step, self.origin, self.pose, self.world)
+        values = (self.id, self.curvatures, self.step, self.origin, self.pose, self.world)
+        return _redrive, values
 
     @classmethod
     def of(cls, number: int, record: TestRecord, world: World) -> Redrive:
@@ -56,7 +58,14 @@ class Redrive(Candidate):
                 " driven again"
             )
         origin = Origin(OPERATOR, (candidate.id,), candidate.origin.generation)
-        return cls(number, candidate.curvatures, candidate.step, origin, Pose(*record.pose), world)
+        curvatures, pose = candidate.curvatures, Pose(*record.pose)
+        return _redrive(number, curvatures, candidate.step, origin, pose, world)
+
+
+def _redrive(
+    number: int, curvatures: FloatArray, step: float, origin: Origin, pose: Pose, world: World
+) -> Redrive:
+    return Redrive(number, curvatures, step, origin, pose=pose, world=world)
 
 
 @dataclass(frozen=True)

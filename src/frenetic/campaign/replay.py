@@ -13,7 +13,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate, Evaluation
-from frenetic.search.strategy import Strategy
+from frenetic.search.strategy import SearchEnded, Strategy
 
 
 def replay(
@@ -37,7 +37,7 @@ def replay(
         nonlocal following
         while following is not None and following[1] <= told:
             logged = following[0]
-            _require_same_road(store, logged, ask(strategy))
+            _require_same_road(store, logged, _proposed(strategy, tally))
             outstanding[logged.id] = logged
             following = next(asked, None)
 
@@ -49,7 +49,8 @@ def replay(
                 f"{store.folder} is damaged: candidate {record.candidate.id} was told before it"
                 " was asked"
             )
-        tell(strategy, Evaluation(candidate, record.outcome, record.moobd, record.budget_spent))
+        evaluation = Evaluation(candidate, record.outcome, record.moobd, record.budget_spent)
+        tell(strategy, evaluation, tally)
         tally.count(record.outcome, record.moobd)
         tally.seconds = record.elapsed or tally.seconds + record.seconds
     ask_until(tally.told)
@@ -57,9 +58,17 @@ def replay(
     return tally, outstanding
 
 
-def _require_same_road(store: CampaignStore, logged: Candidate, proposed: Candidate) -> None:
+def _proposed(strategy: Strategy, tally: Tally) -> Candidate | None:
+    try:
+        return ask(strategy, tally)
+    except SearchEnded:
+        return None
+
+
+def _require_same_road(store: CampaignStore, logged: Candidate, proposed: Candidate | None) -> None:
     same = (
-        proposed.id == logged.id
+        proposed is not None
+        and proposed.id == logged.id
         and proposed.step == logged.step
         and proposed.origin == logged.origin
         and np.array_equal(proposed.curvatures, logged.curvatures)

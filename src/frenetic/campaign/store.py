@@ -125,14 +125,19 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE test ADD COLUMN worker TEXT",  # who drove it
         "ALTER TABLE test ADD COLUMN elapsed REAL",  # s of the campaign's time when it was told
     ),
+    (
+        # m, x and y in turn, float64, little-endian: where the road was proposed as points
+        "ALTER TABLE candidate ADD COLUMN points BLOB CHECK (length(points) % 16 = 0)",
+    ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
 
-_INSERT_CANDIDATE: Final = "INSERT INTO candidate VALUES (?, ?, ?, ?, ?, ?, ?)"
+_INSERT_CANDIDATE: Final = "INSERT INTO candidate VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
 _INSERT_TEST: Final = f"INSERT INTO test VALUES ({', '.join('?' * 22)})"  # noqa: S608
+_REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?)"
 _INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?)"
 _SELECT_CANDIDATE: Final = (
-    "SELECT id, operator, parents, generation, step, curvatures FROM candidate WHERE id = ?"
+    "SELECT id, operator, parents, generation, step, curvatures, points FROM candidate WHERE id = ?"
 )
 _SELECT_TEST: Final = """
     SELECT told, outcome, reason, budget_spent, x, y, heading, moobd, max_oob_share, duration,
@@ -420,7 +425,7 @@ class CampaignStore:
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a "
                 f"higher id, not {candidate.id}"
             )
-        self._asked[candidate.id] = (*_candidate_row(candidate), self._told)
+        self._asked[candidate.id] = _candidate_row(candidate, self._told)
         self._last_asked = candidate.id
 
     def told(self, record: TestRecord, trajectory: bytes | None = None) -> None:
@@ -451,23 +456,28 @@ class CampaignStore:
 
         Raises a `ValueError` for a fact that is not JSON or is called ``config`` or ``created_at``.
         """
-        self._require_writer()
-        if fixed := {_CONFIG, _CREATED_AT} & facts.keys():
-            raise ValueError(f"{', '.join(sorted(fixed))} cannot be changed: choose another name")
-        rows = [(key, _to_json(value)) for key, value in ({"finished_at": _now()} | facts).items()]
+        rows = self._fact_rows({"finished_at": _now()} | facts)
         with self._transaction() as connection:
-            connection.executemany("INSERT OR REPLACE INTO campaign VALUES (?, ?)", rows)
+            connection.executemany(_REPLACE_FACT, rows)
 
     def reopen(self, **facts: JSONValue) -> None:
         """Forget that the campaign has finished, and how, and add facts in place of that.
 
         Raises a `ValueError` as `finish` does.
         """
-        self.finish(**facts)
+        rows = self._fact_rows(facts)
         with self._transaction() as connection:
             connection.execute(
-                "DELETE FROM campaign WHERE key IN ('finished_at', 'seconds', 'interrupted')"
+                "DELETE FROM campaign"
+                " WHERE key IN ('finished_at', 'seconds', 'interrupted', 'ended')"
             )
+            connection.executemany(_REPLACE_FACT, rows)
+
+    def _fact_rows(self, facts: Mapping[str, JSONValue]) -> list[tuple[str, str]]:
+        self._require_writer()
+        if fixed := {_CONFIG, _CREATED_AT} & facts.keys():
+            raise ValueError(f"{', '.join(sorted(fixed))} cannot be changed: choose another name")
+        return [(key, _to_json(value)) for key, value in facts.items()]
 
     def tests(
         self,
@@ -704,7 +714,7 @@ class CampaignStore:
             raise CampaignError(f"{self._path}: the trajectory {name}: {error}") from error
 
     def _to_candidate(self, row: tuple[Any, ...]) -> Candidate:
-        candidate_id, operator, parents_json, generation, step, blob = row
+        candidate_id, operator, parents_json, generation, step, blob, pairs = row
         name = f"of candidate {candidate_id}"
         if not isinstance(operator, str) or not isinstance(generation, int):
             raise self._damaged(f"the operator or generation {name} has the wrong type")
@@ -719,8 +729,15 @@ class CampaignStore:
         curvatures = np.frombuffer(blob, dtype="<f8").astype(np.float64, copy=False)
         if not np.isfinite(curvatures).all():
             raise self._damaged(f"the curvatures {name} are not all finite")
+        points = None
+        if pairs is not None:
+            if not isinstance(pairs, bytes) or len(pairs) % 16:
+                raise self._damaged(f"the points {name} are not whole pairs of float64")
+            points = np.frombuffer(pairs, dtype="<f8").reshape(-1, 2)
+            if not np.isfinite(points).all():
+                raise self._damaged(f"the points {name} are not all finite")
         return Candidate(
-            candidate_id, curvatures, step, Origin(operator, tuple(parents), generation)
+            candidate_id, curvatures, step, Origin(operator, tuple(parents), generation), points
         )
 
     def _outcome(self, value: object, name: str) -> Outcome:
@@ -766,11 +783,15 @@ _OPTIONAL: Final = (
 """Numbers that a test may lack, in the order of the table's columns and of the record's fields."""
 
 
-def _candidate_row(candidate: Candidate) -> tuple[object, ...]:
+def _candidate_row(candidate: Candidate, asked_after: int) -> tuple[object, ...]:
     origin = candidate.origin
-    curvatures = candidate.curvatures
+    curvatures, points = candidate.curvatures, candidate.points
     if curvatures.ndim != 1 or not np.isfinite(curvatures).all():
         raise ValueError(f"the curvatures of candidate {candidate.id} are not all finite")
+    if points is not None and not (
+        points.ndim == 2 and points.shape[1] == 2 and np.isfinite(points).all()
+    ):
+        raise ValueError(f"the points of candidate {candidate.id} are not pairs of finite numbers")
     if not (math.isfinite(candidate.step) and candidate.step > 0.0):
         raise ValueError(f"step is {candidate.step}: a positive number is needed")
     return (
@@ -780,6 +801,8 @@ def _candidate_row(candidate: Candidate) -> tuple[object, ...]:
         int(origin.generation),
         float(candidate.step),
         curvatures.astype("<f8", copy=False).tobytes(),
+        asked_after,
+        None if points is None else points.astype("<f8", copy=False).tobytes(),
     )
 
 

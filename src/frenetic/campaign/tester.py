@@ -9,13 +9,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from frenetic.arrays import FloatArray
 from frenetic.campaign.store import TestRecord
 from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers.driver import Driver
 from frenetic.errors import RoadError, describe_error
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
-from frenetic.road import MAP_SIZE, MARGIN, Pose, Road
+from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, check_validity
 from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.simulator import Simulator
@@ -106,6 +107,8 @@ class RoadTester:
 
     def test(self, candidate: Candidate) -> Tested:
         """Drives a candidate's road if it is one, fits the map and is valid."""
+        if candidate.points is not None:
+            return self._test_points(candidate.points)
         try:
             road = Road(candidate.curvatures, candidate.step, lane_width=self.lane_width)
         except RoadError as error:
@@ -114,6 +117,17 @@ class RoadTester:
         if fitted is None or not verdict.valid:
             return self._refused(verdict.message, fitted.pose if fitted else None)
         return self._driven(fitted)
+
+    def _test_points(self, points: FloatArray) -> Tested:
+        """Drives the road through points where they lie, if they are valid."""
+        try:
+            verdict = check_validity(points, self.map_size)
+            if not verdict.valid:
+                return self._refused(verdict.message, None)
+            road = Road.from_points(points, lane_width=self.lane_width)
+        except RoadError as error:
+            return self._refused(str(error), None)
+        return self._driven(road)
 
     def test_placed(self, road: Road) -> Tested:
         """Drives a road where it lies if it is valid there."""

@@ -333,3 +333,5 @@ def _print_summary(summary: Summary) -> None:
         f" ({summary.tests_per_second:.0f} tests/s): {summary.failed} failures,"
         f" {summary.passed} passed, {summary.invalid} invalid, {summary.errors} errors{least}"
     )
+    if summary.ended:
+        click.echo(f"The strategy ended the search: {summary.ended}")

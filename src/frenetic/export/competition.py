@@ -11,6 +11,7 @@ from dataclasses import dataclass, fields
 from operator import attrgetter
 from typing import Any, Final
 
+from frenetic.arrays import FloatArray
 from frenetic.campaign.stored import StoredTest
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome
@@ -123,6 +124,7 @@ def competition_document(
     outcome: Outcome | None = None,
     description: str = "",
     drive: Drive | None = None,
+    points: FloatArray | None = None,
 ) -> dict[str, Any]:
     """A test as a JSON object with the competition's keys, in its order.
 
@@ -134,14 +136,16 @@ def competition_document(
             neither an outcome nor what belongs to it.
         description: why it ended so.
         drive: what was driven, None if nothing was.
+        points: (N, 2) m through which the road was laid, if it was given by points.
     """
+    road_points = road.road_points if points is None else points
     document: dict[str, Any] = {
         "id": test_id,
         "is_valid": None if verdict is None else verdict.valid,
         "validation_message": None if verdict is None else verdict.message,
-        "road_points": road.road_points.round(_DIGITS).tolist(),
+        "road_points": road_points.round(_DIGITS).tolist(),
         "interpolated_points": [
-            (x, y, GROUND, 2.0 * road.lane_width) for x, y in interpolate(road.road_points).tolist()
+            (x, y, GROUND, 2.0 * road.lane_width) for x, y in interpolate(road_points).tolist()
         ],
     }
     if outcome is not None and outcome.is_test:
@@ -166,4 +170,5 @@ def stored_test_document(test: StoredTest) -> dict[str, Any]:
         outcome=record.outcome,
         description=record.reason,
         drive=test.drive,
+        points=record.candidate.points,
     )

@@ -79,11 +79,12 @@ def _write_test(folder: Path, record: TestRecord, test: StoredTest | None) -> No
     if test is not None:
         document = stored_test_document(test)
     else:
+        points = record.candidate.points
         document = {
             "id": record.candidate.id,
             "is_valid": False,
             "validation_message": record.reason,
-            "road_points": [],
+            "road_points": [] if points is None else points.tolist(),
             "interpolated_points": [],
             "test_outcome": str(record.outcome),
             "description": record.reason,
@@ -115,7 +116,10 @@ class _Statistics:
             self._sides[departure.side] += 1
             if self._with_sparseness:
                 place = (departure.x, departure.y)
-                segment = competition_segment(test.road.road_points, place)
+                points = record.candidate.points
+                segment = competition_segment(
+                    test.road.road_points if points is None else points, place
+                )
                 if segment is not None:
                     self._segments.append(segment.points)
 

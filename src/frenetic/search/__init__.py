@@ -5,7 +5,7 @@ from __future__ import annotations
 from frenetic.search.frenetic import Frenetic
 from frenetic.search.random_search import RandomSearch
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import SelectiveStrategy, Strategy
+from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
 
 __all__ = [
     "Candidate",
@@ -13,6 +13,7 @@ __all__ = [
     "Frenetic",
     "Origin",
     "RandomSearch",
+    "SearchEnded",
     "SelectiveStrategy",
     "Strategy",
 ]

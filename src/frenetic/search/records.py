@@ -34,15 +34,27 @@ class Candidate:
     step: float
     """m between two curvature samples."""
     origin: Origin
+    points: FloatArray | None = None
+    """(N, 2) m, read-only: the road as points on the map, if that is how it was proposed.
+
+    Then these are judged and driven where they lie, and the curvatures follow from them; there are
+    none if no road passes through the points.
+    """
 
     def __post_init__(self) -> None:
-        values = np.array(self.curvatures, dtype=np.float64)
-        values.setflags(write=False)
-        object.__setattr__(self, "curvatures", values)
+        object.__setattr__(self, "curvatures", _read_only(self.curvatures))
+        if self.points is not None:
+            object.__setattr__(self, "points", _read_only(self.points))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Made anew, so that the values are read-only again.
-        return Candidate, (self.id, self.curvatures, self.step, self.origin)
+        return Candidate, (self.id, self.curvatures, self.step, self.origin, self.points)
+
+
+def _read_only(values: FloatArray) -> FloatArray:
+    copied = np.array(values, dtype=np.float64)
+    copied.setflags(write=False)
+    return copied
 
 
 @dataclass(frozen=True)

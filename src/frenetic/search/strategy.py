@@ -11,6 +11,13 @@ from frenetic.arrays import FloatArray
 from frenetic.search.records import Candidate, Evaluation, Origin
 
 
+class SearchEnded(Exception):  # noqa: N818 - it is no error
+    """A strategy has nothing left to propose; the message says why, in a few words.
+
+    Raised by `ask`, it ends the campaign when what runs is finished.
+    """
+
+
 @runtime_checkable
 class Strategy(Protocol):
     """A search algorithm: says which road to try next, and learns what became of it.
@@ -18,7 +25,8 @@ class Strategy(Protocol):
     The contract, which `frenetic.testing.strategy_contract.StrategyContract` tests:
 
     - `ask` may be called any number of times before anything is told. It never blocks and always
-      returns a candidate, if need be a random one.
+      returns a candidate, if need be a random one; a strategy that has no more of them raises
+      `SearchEnded`, from then on at every call.
     - Candidates have ids 1, 2, 3, .. in the order of asking. Their curvatures are read-only, finite
       and at least two, and are never changed after they were handed out.
     - Each candidate is told exactly once, in any order, whatever its outcome: INVALID, ERROR and

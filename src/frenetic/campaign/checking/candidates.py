@@ -8,25 +8,27 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from frenetic.campaign.checking.database import Tables
 from frenetic.campaign.checking.findings import Findings, Subject
 from frenetic.campaign.checking.rows import CandidateRow, candidate_rows
 from frenetic.campaign.configuration import is_number, shown
 
 
 def check_candidates(
-    connection: sqlite3.Connection, last: int, told: int, findings: Findings
+    connection: sqlite3.Connection, tables: Tables, last: int, told: int, findings: Findings
 ) -> None:
     """Looks at each candidate on its own, and at the order in which they were asked.
 
     Args:
         connection: to the database.
+        tables: that it has.
         last: id up to which they are looked at.
         told: how many results there are.
         findings: takes what is found.
     """
     generations: dict[int, int] = {}
     before = asked_after = 0
-    for row in candidate_rows(connection, last):
+    for row in candidate_rows(connection, tables, last):
         name = f"candidate {row.id}"
         if row.id != before + 1:
             findings.add(Subject.ORDER, f"{_span(before + 1, row.id - 1)} missing")
@@ -88,3 +90,8 @@ def _faults(row: CandidateRow) -> Iterator[str]:
         yield "the curvatures are no whole number of float64"
     elif not np.isfinite(np.frombuffer(row.curvatures, dtype="<f8")).all():
         yield "the curvatures are not all finite"
+    if row.points is not None:
+        if not isinstance(row.points, bytes) or len(row.points) % 16:
+            yield "the points are no whole pairs of float64"
+        elif not np.isfinite(np.frombuffer(row.points, dtype="<f8")).all():
+            yield "the points are not all finite"

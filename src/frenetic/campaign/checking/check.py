@@ -90,7 +90,7 @@ def _check(
     holdings = _holdings(folder, connection, version, tables, facts, findings)
     if tables.has("candidate"):
         with findings.reading("the candidates"):
-            check_candidates(connection, asked, told, findings)
+            check_candidates(connection, tables, asked, told, findings)
     if tables.has("candidate", "test", "trajectory"):
 
         def done(number: int) -> None:

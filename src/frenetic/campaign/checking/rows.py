@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from frenetic.campaign.checking.database import Tables
@@ -21,6 +21,8 @@ class CandidateRow(NamedTuple):
     step: Any
     curvatures: Any
     asked_after: Any
+    points: Any
+    """None unless the road was proposed as points."""
 
 
 class ResultRow(NamedTuple):
@@ -49,9 +51,10 @@ class ResultRow(NamedTuple):
     worker: Any
     elapsed: Any
     asked_after: Any
-    """None if there is no such candidate, as for the next two."""
+    """None if there is no such candidate, as for the next three."""
     step: Any
     curvatures: Any
+    points: Any
     trajectory: Any
     """None if there is none."""
 
@@ -60,14 +63,17 @@ _OLD: Final[Mapping[str, str]] = {
     "attempts": "1 AS attempts",
     "worker": "NULL AS worker",
     "elapsed": "NULL AS elapsed",
+    "points": "NULL AS points",
 }
 """What stands for columns that databases of old versions lack."""
 
 
-def candidate_rows(connection: sqlite3.Connection, last: int) -> Iterator[CandidateRow]:
+def candidate_rows(
+    connection: sqlite3.Connection, tables: Tables, last: int
+) -> Iterator[CandidateRow]:
     """The candidates with ids up to ``last``, in the order of their ids."""
     select = f"""
-        SELECT {", ".join(CandidateRow._fields)} FROM candidate
+        SELECT {", ".join(_here(tables, "candidate", CandidateRow._fields))} FROM candidate
         WHERE id > ? AND id <= ? ORDER BY id LIMIT {_BATCH}
     """  # noqa: S608  # names of columns
     done = 0
@@ -78,12 +84,15 @@ def candidate_rows(connection: sqlite3.Connection, last: int) -> Iterator[Candid
 
 def result_rows(connection: sqlite3.Connection, tables: Tables, last: int) -> Iterator[ResultRow]:
     """The results told as numbers up to ``last``, in the order of telling."""
-    here = tables.columns["test"]
-    names = ResultRow._fields[: ResultRow._fields.index("asked_after")]
-    columns = [name if name in here else _OLD[name] for name in names]
+    names = ResultRow._fields
+    of_candidate, trajectory = names.index("asked_after"), names.index("trajectory")
+    columns = [
+        *_here(tables, "test", names[:of_candidate]),
+        *_here(tables, "candidate", names[of_candidate:trajectory]),
+    ]
     columns[0] = "test.candidate_id"
     select = f"""
-        SELECT {", ".join(columns)}, asked_after, step, curvatures, data
+        SELECT {", ".join(columns)}, data
         FROM test
             LEFT JOIN candidate ON candidate.id = test.candidate_id
             LEFT JOIN trajectory ON trajectory.candidate_id = test.candidate_id
@@ -93,3 +102,9 @@ def result_rows(connection: sqlite3.Connection, tables: Tables, last: int) -> It
     while rows := connection.execute(select, (done, last)).fetchall():
         yield from map(ResultRow._make, rows)
         done = rows[-1][1]
+
+
+def _here(tables: Tables, table: str, names: Sequence[str]) -> list[str]:
+    """Columns of a table as they can be selected, whatever version it is of."""
+    here = tables.columns[table]
+    return [name if name in here else _OLD[name] for name in names]

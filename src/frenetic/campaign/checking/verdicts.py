@@ -20,7 +20,7 @@ from frenetic.campaign.checking.rows import ResultRow
 from frenetic.errors import RoadError
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road
+from frenetic.road import Pose, Road, check_validity
 from frenetic.simulators.drive import Drive, Rules, Trajectory
 
 MOOBD_TOLERANCE: Final = 1e-4
@@ -104,9 +104,13 @@ def _number(value: float | None, unit: str) -> str:
 def refused_otherwise(row: ResultRow, setting: Setting) -> str:
     """What is wrong if a road that was refused is valid; empty if it is not."""
     try:
-        _, verdict = Road(
-            np.frombuffer(row.curvatures, dtype="<f8"), row.step, lane_width=setting.lane_width
-        ).placed(setting.map_size, setting.margin)
+        if row.points is not None:
+            points = np.frombuffer(row.points, dtype="<f8").reshape(-1, 2)
+            verdict = check_validity(points, setting.map_size)
+        else:
+            curvatures = np.frombuffer(row.curvatures, dtype="<f8")
+            road = Road(curvatures, row.step, lane_width=setting.lane_width)
+            _, verdict = road.placed(setting.map_size, setting.margin)
     except RoadError:
         return ""
     return "it is stored as INVALID, but its road is valid" if verdict.valid else ""
