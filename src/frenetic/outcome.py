@@ -27,6 +27,11 @@ class Outcome(str, Enum):  # noqa: UP042  # Python 3.9 runs `frenetic.competitio
         return self in (Outcome.PASS, Outcome.FAIL)
 
     @property
+    def is_simulated(self) -> bool:
+        """Whether it cost a simulation, one that broke included."""
+        return self not in (Outcome.INVALID, Outcome.DROPPED)
+
+    @property
     def is_test(self) -> bool:
         """Whether the road counts as tested: every outcome but DROPPED."""
         return self is not Outcome.DROPPED

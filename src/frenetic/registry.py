@@ -119,6 +119,24 @@ class Registry:
             )
         return made
 
+    def make_from(
+        self, spec: str, options: Mapping[str, Any], available: Mapping[str, object]
+    ) -> Any:
+        """An instance made with the given options, and with what is available and its class takes.
+
+        Raises:
+            FreneticError: as `make`; or an option is one of those that are available.
+        """
+        for name in options:
+            if name in available:
+                raise FreneticError(
+                    f"the option {name} of the {self.kind} is not allowed here: it follows from"
+                    " what else is given"
+                )
+        takes = self.option_names(self.load(spec))
+        taken = {k: v for k, v in available.items() if takes is None or k in takes}
+        return self.make(spec, **options, **taken)
+
     def option_names(self, factory: Callable[..., Any]) -> list[str] | None:
         """Names of the options that a factory takes, None if it takes any or hides them."""
         try:

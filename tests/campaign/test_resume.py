@@ -6,7 +6,9 @@ import multiprocessing
 import os
 import random
 import signal
+import sqlite3
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from pids import LIMIT, until_gone
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.campaign.checking import check_campaign
+from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
 from frenetic.search import Candidate, Frenetic, RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -165,6 +168,16 @@ def test_other_parts_are_refused_and_nothing_is_changed(tmp_path: Path) -> None:
         with pytest.raises(CampaignError, match="was made with another strategy"):
             other.resume()
     assert contents(tmp_path) == before
+
+
+def test_a_campaign_of_a_version_with_fewer_options_goes_on(tmp_path: Path) -> None:
+    campaign(tmp_path, simulator=Stopping(20)).run()
+    with closing(sqlite3.connect(tmp_path / DATABASE)) as connection:
+        forget = "UPDATE campaign SET value = json_remove(value, ?) WHERE key = 'config'"
+        connection.execute(forget, ("$.strategy.options.skip_repeats",))
+        connection.commit()
+    summary = campaign(tmp_path).resume()
+    assert not summary.interrupted
 
 
 def test_strategy_that_replays_differently_is_noticed(tmp_path: Path) -> None:

@@ -855,3 +855,20 @@ def test_asked_and_told_one_by_one_it_is_listing_1(
     with pytest.raises(StopIteration):
         listing_1(script, tell, 400, random_budget, cross_freq, cross_num)
     assert len(script.asked) == 400
+
+
+def test_repeats_are_skipped_on_request() -> None:
+    def proposed(skip: bool, tests: int = 400) -> list[bytes]:
+        script = Script(is_valid=lambda curvatures, step: True, skip_repeats=skip)
+        moobds = itertools.cycle([-0.6, -1.5, -0.9, 1.0, -2.0, -1.1])
+        outcomes = itertools.cycle([FAIL, PASS, FAIL, PASS, PASS])
+        return [script.run(next(outcomes), next(moobds)).curvatures.tobytes() for _ in range(tests)]
+
+    assert len(set(proposed(skip=False))) < 400
+    assert len(set(proposed(skip=True))) == 400
+
+
+def test_skipping_repeats_changes_nothing_before_the_first_one() -> None:
+    plain, skipping = Script(), Script(skip_repeats=True)
+    for _ in range(30):
+        assert np.array_equal(plain.run(PASS).curvatures, skipping.run(PASS).curvatures)

@@ -286,7 +286,7 @@ class Campaign:
             "lane_width",
             "lookahead",
         ):
-            if ours[name] != config.get(name):
+            if ours[name] != _with_new_options(config.get(name), ours[name], name):
                 raise CampaignError(
                     f"{self.folder} was made with another {name.replace('_', ' ')}:"
                     f" {json.dumps(config.get(name))[:300]}, not {json.dumps(ours[name])[:300]}"
@@ -385,6 +385,19 @@ class Campaign:
         fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
         text = f"{event} after {tally.told} results" if tally.told else str(event)
         log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
+
+
+def _with_new_options(recorded: Any, ours: Any, name: str) -> Any:
+    """A recorded strategy with the options that it did not have at the time, as ours has them.
+
+    If they change what it proposes, that is noticed when the log is replayed.
+    """
+    if name != "strategy" or not isinstance(recorded, dict) or not isinstance(ours, dict):
+        return recorded
+    old, new = recorded.get("options"), ours.get("options")
+    if not isinstance(old, dict) or not isinstance(new, dict):
+        return recorded
+    return {**recorded, "options": {**new, **old}}
 
 
 _LOGGED: Final = (

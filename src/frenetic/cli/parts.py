@@ -116,6 +116,4 @@ def make_part(
                 f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
                 " the command"
             )
-    takes = registry.option_names(registry.load(spec))
-    taken = {k: v for k, v in available.items() if takes is None or k in takes}
-    return registry.make(spec, **options, **taken)
+    return registry.make_from(spec, options, available)

@@ -112,6 +112,11 @@ def simulation_records(road: Road, drive: Drive) -> list[SimulationRecord]:
     return records
 
 
+def simulation_rows(road: Road, drive: Drive) -> list[tuple[Any, ...]]:
+    """The values of `simulation_records`, as they stand in a test's JSON document."""
+    return [_values(record) for record in simulation_records(road, drive)]
+
+
 def _rounded(x: float, y: float, z: float) -> tuple[float, float, float]:
     return round(x, _DIGITS), round(y, _DIGITS), round(z, _DIGITS)
 
@@ -149,11 +154,10 @@ def competition_document(
         ],
     }
     if outcome is not None and outcome.is_test:
-        records = [] if drive is None else simulation_records(road, drive)
         document |= {
             "test_outcome": str(outcome),
             "description": description,
-            "execution_data": [_values(record) for record in records],
+            "execution_data": [] if drive is None else simulation_rows(road, drive),
         }
     return document
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import hashlib
 import heapq
 import math
 from collections.abc import Iterator
@@ -32,6 +33,7 @@ from frenetic.search.random_search import (
     STEP,
     RandomRoads,
     RoadCheck,
+    competition_check,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, options_of, require, require_whole
@@ -85,10 +87,11 @@ class Frenetic:
     more once a failing one is told; those asked before are not wanted any more. Asked and told one
     by one, it is exactly Listing 1.
 
-    Our deviation, which ``max_redraws=0`` turns off: see `is_valid`.
+    Our deviations, of which ``max_redraws=0`` turns the first off and the second is off unless it
+    is asked for: see `is_valid` and `skip_repeats`.
 
     It remembers only roads below the threshold that can still become parents, and the `cross_num`
-    best.
+    best; with `skip_repeats` also 16 bytes of every road.
 
     Args:
         seed: A whole number of at least 0.
@@ -112,6 +115,9 @@ class Frenetic:
             again (for a child: parents and operator, too). F1 .. F4 leave nothing to draw: their
             mutants are handed out whatever they are. So is the last draw when all were refused.
         max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
+        skip_repeats: Whether a road that was proposed before is drawn again like one that is
+            refused, and left out where there is nothing to draw (F1 .. F4). Listing 1 tests about
+            one road in five for a second time.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -138,6 +144,7 @@ class Frenetic:
         max_scale: float = LISTING_1.max_scale,
         is_valid: RoadCheck | None = None,
         max_redraws: int = MAX_REDRAWS,
+        skip_repeats: bool = False,
     ) -> None:
         self.options = options_of(locals())
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
@@ -147,6 +154,9 @@ class Frenetic:
         self._threshold = threshold
         self._cross_freq = require_whole("cross_freq", cross_freq, 0)
         self._cross_num = require_whole("cross_num", cross_num, 2)
+        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
+        self._is_valid = is_valid or competition_check(map_size)
+        self._proposed: set[bytes] | None = set() if skip_repeats else None
         self._roads = RandomRoads(
             map_size=map_size,
             step=step,
@@ -154,7 +164,7 @@ class Frenetic:
             max_length=max_length,
             curvature_bound=curvature_bound,
             max_change=max_change,
-            is_valid=is_valid,
+            is_valid=self._is_new_and_valid if skip_repeats else self._is_valid,
             max_redraws=max_redraws,
         )
         self._max_redraws = max_redraws
@@ -242,7 +252,9 @@ class Frenetic:
         road = parent.candidate.curvatures
         if parent.outcome is Outcome.FAIL:
             for name, vary in FAIL_OPERATORS.items():
-                yield name, vary(road)
+                varied = vary(road)
+                if self._is_new(varied):
+                    yield name, varied
             return
         for name, mutate in PASS_OPERATORS.items():
             mutant = self._roads.redrawn(partial(mutate, self._rng, road, self._options))
@@ -292,4 +304,18 @@ class Frenetic:
                 (parent.candidate.origin.generation + 1 for parent in parents), default=0
             ),
         )
+        if self._proposed is not None:
+            self._proposed.add(_fingerprint(curvatures))
         return self._ledger.issue(curvatures, self._roads.step, origin)
+
+    def _is_new(self, curvatures: FloatArray) -> bool:
+        return self._proposed is None or _fingerprint(curvatures) not in self._proposed
+
+    def _is_new_and_valid(self, curvatures: FloatArray, step: float) -> bool:
+        return self._is_new(curvatures) and self._is_valid(curvatures, step)
+
+
+def _fingerprint(curvatures: FloatArray) -> bytes:
+    """16 bytes that no two different roads share."""
+    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
+    return hashlib.blake2b(values.tobytes(), digest_size=16).digest()

@@ -85,16 +85,23 @@ class Ledger:
         """Return the number of candidates that were asked and not yet told."""
         return len(self._outstanding)
 
-    def issue(self, curvatures: FloatArray, step: float, origin: Origin) -> Candidate:
+    def issue(
+        self,
+        curvatures: FloatArray,
+        step: float,
+        origin: Origin,
+        points: FloatArray | None = None,
+    ) -> Candidate:
         """Return a new candidate that carries the next id.
 
         Args:
             curvatures: (N,) 1/m; copied.
             step: m between two curvature samples.
             origin: How the road was made.
+            points: (N, 2) m, where it lies on the map, if it is to stay there; copied.
 
         """
-        candidate = Candidate(self._last_id + 1, curvatures, step, origin)
+        candidate = Candidate(self._last_id + 1, curvatures, step, origin, points)
         self._last_id = candidate.id
         self._outstanding[candidate.id] = candidate
         return candidate
