@@ -176,7 +176,7 @@ def test_a_campaign_of_a_version_with_fewer_options_goes_on(tmp_path: Path) -> N
         forget = "UPDATE campaign SET value = json_remove(value, ?) WHERE key = 'config'"
         connection.execute(forget, ("$.strategy.options.skip_repeats",))
         connection.commit()
-    summary = campaign(tmp_path).resume()
+    summary = campaign(tmp_path, simulator=Stopping(999)).resume()
     assert not summary.interrupted
 
 
