@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from frenetic.simulators.embedded.vehicle import (
     Y,
 )
 from frenetic.simulators.observing import Observer
+from frenetic.simulators.starting import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 if TYPE_CHECKING:
@@ -37,15 +38,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-MAX_START_OFFSET: Final = 2.0
-"""m, half a lane."""
-MAX_START_HEADING: Final = math.pi / 4.0
-"""rad."""
-
 _NO_ERRORS = np.empty((0, 2))
 
 
-class EmbeddedSimulator:
+class EmbeddedSimulator(StartingPlace):
     """A dynamic single-track car in compiled code; a drive of 250 m takes about a millisecond.
 
     Args:
@@ -113,24 +109,6 @@ class EmbeddedSimulator:
     @friction.setter
     def friction(self, friction: float) -> None:
         self.vehicle = replace(self.vehicle, friction=friction)
-
-    @property
-    def start_offset(self) -> float:
-        """M to the left of the ego lane's centre at which the car starts."""
-        return self._start_offset
-
-    @start_offset.setter
-    def start_offset(self, offset: float) -> None:
-        self._start_offset = _within(offset, MAX_START_OFFSET, "start_offset", "m")
-
-    @property
-    def start_heading(self) -> float:
-        """Rad to the left of the road's direction in which the car points at the start."""
-        return self._start_heading
-
-    @start_heading.setter
-    def start_heading(self, heading: float) -> None:
-        self._start_heading = _within(heading, MAX_START_HEADING, "start_heading", "rad")
 
     def __enter__(self) -> Self:
         """Compiles what is not compiled yet."""
@@ -262,11 +240,3 @@ class EmbeddedSimulator:
             logger.debug("the driver broke", exc_info=True)
             return written, f"the driver raised {describe_error(error)}"
         return written, None
-
-
-def _within(value: float, most: float, name: str, unit: str) -> float:
-    if not abs(value) <= most:
-        raise ValueError(
-            f"{name} is {value}: a number from {-most:.3g} to {most:.3g} {unit} is needed"
-        )
-    return float(value)

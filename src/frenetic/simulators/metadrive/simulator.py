@@ -15,7 +15,6 @@ from frenetic.drivers.driver import Driver, checked_controls
 from frenetic.errors import DriverError, FreneticError, describe_error
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive, Rules, Trajectory
-from frenetic.simulators.embedded.simulator import MAX_START_HEADING, MAX_START_OFFSET
 from frenetic.simulators.metadrive.car import (
     PERIOD,
     STEPS_PER_PERIOD,
@@ -25,6 +24,7 @@ from frenetic.simulators.metadrive.car import (
 )
 from frenetic.simulators.metadrive.drivers import MetaDriveDriver, metadrive_driver
 from frenetic.simulators.observing import Observer, wrap
+from frenetic.simulators.starting import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ Decide: TypeAlias = "Callable[[Observer, Motion, float], Decision]"
 that it has made last, the very same object, is held."""
 
 
-class MetaDriveSimulator:
+class MetaDriveSimulator(StartingPlace):
     """MetaDrive: Bullet physics of a four-wheeled car, headless; needs the extra ``metadrive``.
 
     Its engine exists once in a process, from entering to leaving the simulator.
@@ -95,24 +95,6 @@ class MetaDriveSimulator:
     @friction.setter
     def friction(self, friction: float) -> None:
         self._friction = _positive(friction, "friction")
-
-    @property
-    def start_offset(self) -> float:
-        """M to the left of the ego lane's centre at which the car starts."""
-        return self._start_offset
-
-    @start_offset.setter
-    def start_offset(self, offset: float) -> None:
-        self._start_offset = _within(offset, MAX_START_OFFSET, "start_offset", "m")
-
-    @property
-    def start_heading(self) -> float:
-        """Rad to the left of the road's direction in which the car points at the start."""
-        return self._start_heading
-
-    @start_heading.setter
-    def start_heading(self, heading: float) -> None:
-        self._start_heading = _within(heading, MAX_START_HEADING, "start_heading", "rad")
 
     def __enter__(self) -> Self:
         """Starts MetaDrive's engine.
@@ -263,12 +245,4 @@ def _asked(decision: Decision) -> tuple[float, float, float]:
 def _positive(value: float, name: str) -> float:
     if not (math.isfinite(value) and value > 0.0):
         raise ValueError(f"{name} is {value}: a positive number is needed")
-    return float(value)
-
-
-def _within(value: float, most: float, name: str, unit: str) -> float:
-    if not abs(value) <= most:
-        raise ValueError(
-            f"{name} is {value}: a number from {-most:.3g} to {most:.3g} {unit} is needed"
-        )
     return float(value)
