@@ -25,6 +25,7 @@ from frenetic.road.validity import (
     check_validity,
     interpolate,
     min_radius,
+    overlaps_itself,
 )
 
 FloatArray = npt.NDArray[np.float64]
@@ -557,3 +558,25 @@ def test_a_move_within_the_map_leaves_the_verdict(seed: int, move: tuple[int, in
 def test_every_list_of_finite_points_gets_a_verdict(points: list[tuple[float, float]]) -> None:
     verdict = check_validity(points)
     assert verdict.valid == (verdict.message == "")
+
+
+def test_edges_tell_whether_a_road_overlaps_itself() -> None:
+    left = [(-4.0, 0.0), (-4.0, 10.0), (-4.0, 20.0)]
+    right = [(4.0, 0.0), (4.0, 10.0), (4.0, 20.0)]
+    assert not overlaps_itself(left, right)
+    assert overlaps_itself(left, [right[0], left[1], right[2]])  # no width in the middle
+    assert overlaps_itself(left, right[::-1])
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "says"),
+    [
+        ([], [], "at least 2 each"),
+        ([(0.0, 0.0)] * 3, [(0.0, 0.0)] * 2, "have 3 and 2"),
+        ([(0.0, 0.0)] * 2, [(0.0, math.nan)] * 2, "finite numbers"),
+        ([(0.0, 0.0)] * 2, [0.0, 1.0], "shape"),
+    ],
+)
+def test_edges_that_are_none_are_refused(left: Any, right: Any, says: str) -> None:
+    with pytest.raises(RoadError, match=says):
+        overlaps_itself(left, right)

@@ -33,7 +33,14 @@ from frenetic.errors import RoadError
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-__all__ = ["MAP_SIZE", "Verdict", "check_validity", "interpolate", "min_radius"]
+__all__ = [
+    "MAP_SIZE",
+    "Verdict",
+    "check_validity",
+    "interpolate",
+    "min_radius",
+    "overlaps_itself",
+]
 
 
 MAP_SIZE: Final = 200.0
@@ -162,6 +169,27 @@ def min_radius(interpolated: npt.ArrayLike) -> float:
     if not np.isfinite(nodes).all():
         raise RoadError(_FINITE_ONLY)
     return float(_min_radius(nodes))
+
+
+def overlaps_itself(left: npt.ArrayLike, right: npt.ArrayLike) -> bool:
+    """Return whether a road is twisted or meets itself, as the competition decides it.
+
+    Args:
+        left: (M, 2) points of the left edge in m, at least two.
+        right: (M, 2) points of the right edge in m.
+
+    Raises:
+        RoadError: The points are not M finite pairs of numbers each.
+    """
+    left_edge, right_edge = as_points(left), as_points(right)
+    if left_edge.shape != right_edge.shape or len(left_edge) < 2:
+        raise RoadError(
+            "a road's edges must have equally many points, at least 2 each, but have"
+            f" {len(left_edge)} and {len(right_edge)}"
+        )
+    if not (np.isfinite(left_edge).all() and np.isfinite(right_edge).all()):
+        raise RoadError(_FINITE_ONLY)
+    return bool(_overlaps_itself(left_edge, right_edge))
 
 
 def as_points(points: npt.ArrayLike) -> FloatArray:

@@ -1,0 +1,260 @@
+"""The executor that a generator is given: the pipeline's interface, with the bench behind it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any, Final
+
+from frenetic.competition.hosting.assignment import Assignment
+from frenetic.competition.hosting.clock import VirtualClock
+from frenetic.competition.hosting.offered.code_pipeline.executors import AbstractTestExecutor
+from frenetic.competition.hosting.offered.code_pipeline.tests_generation import (
+    RoadTest,
+    TestGenerationStatistic,
+)
+from frenetic.competition.hosting.offered.code_pipeline.validation import WRONG_TYPE, TestValidator
+from frenetic.competition.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from frenetic.competition.hosting.parent import Message, Parent
+
+OVER: Final = 123
+"""Exit code by which the pipeline ends a generator whose budget is spent."""
+MOST_POINTS: Final = 10_000
+"""Road points that the bench is sent; a road of more than 500 is invalid anyway."""
+MOST_VALUES: Final = 10
+"""Values of a road point that the bench is sent; a point of more than 2 is none anyway."""
+
+_COUNTERS: Final = {"PASS": "test_passed", "FAIL": "test_failed", "ERROR": "test_in_error"}
+_TIME_BUDGET: Final = "time-budget"
+
+
+class RemainingTime(float):
+    """Seconds, a number as in 2021, that also answer ``["time-budget"]`` as later dictionaries."""
+
+    __slots__ = ()
+
+    def __getitem__(self, name: str) -> float:
+        if name != _TIME_BUDGET:
+            raise KeyError(name)
+        return float(self)
+
+
+class TimeBudget:
+    """What the executor knows of the budget.
+
+    Args:
+        clock: of the budget.
+        as_number: whether the remaining time is a number, as in 2021, or a dictionary.
+
+    """
+
+    generation_budget = None
+    """There is one budget, for generating and executing together."""
+    execution_budget = None
+
+    def __init__(self, clock: VirtualClock, *, as_number: bool) -> None:
+        self._clock = clock
+        self._as_number = as_number
+        self.time_budget = clock.budget
+        """Virtual s."""
+
+    def is_over(self) -> bool:
+        """Return whether nothing remains."""
+        return self._clock.is_over
+
+    def can_run_a_test(self) -> bool:
+        """Return whether anything remains; a test for which it is too little ends the run."""
+        return not self._clock.is_over
+
+    def get_remaining_real_time(self) -> float:
+        """Return virtual s, which here are the real ones."""
+        return self._clock.remaining
+
+    def get_remaining_time(self) -> Any:
+        """Return virtual s: a dictionary, or a number as in 2021."""
+        remaining = self._clock.remaining
+        return RemainingTime(remaining) if self._as_number else {_TIME_BUDGET: remaining}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of a test."""
+
+    outcome: str
+    """PASS, FAIL, ERROR or INVALID."""
+    description: str
+    records: list[SimulationDataRecord]
+    spent: float
+    """Virtual s of the budget so far."""
+    simulated: float
+    """s of simulated time."""
+
+    @property
+    def is_executed(self) -> bool:
+        """Whether it cost a simulation."""
+        return self.outcome != "INVALID"
+
+    @classmethod
+    def from_json(cls, message: Message) -> Answer:
+        """Return the bench's answer to a test."""
+        return cls(
+            outcome=message["outcome"],
+            description=message["description"],
+            records=[_record(row) for row in message["records"]],
+            spent=message["spent"],
+            simulated=message["simulated"],
+        )
+
+
+class HostedExecutor(AbstractTestExecutor):
+    """Has tests executed by the bench, one at a time, from any thread.
+
+    Args:
+        assignment: the terms.
+        parent: the bench.
+        remaining_as_number: whether `get_remaining_time` gives a number, as in 2021.
+
+    """
+
+    def __init__(
+        self, assignment: Assignment, parent: Parent, *, remaining_as_number: bool
+    ) -> None:
+        self._parent = parent
+        self._seconds_per_test = assignment.seconds_per_test
+        self._clock = VirtualClock(
+            assignment.time_budget, counts_computing=assignment.counts_computing
+        )
+        self._lock = threading.Lock()
+        self._since = time.monotonic()  # when the generator began to make the next test
+        self._was_ended = False
+        self.map_size = assignment.map_size
+        self.oob_tolerance = assignment.oob_tolerance
+        self.speed_limit = assignment.speed_limit
+        self.result_folder = str(assignment.result_folder)
+        self.time_budget = TimeBudget(self._clock, as_number=remaining_as_number)
+        self.stats = TestGenerationStatistic()
+        self.test_validator = TestValidator(assignment.map_size)
+        self.road_visualizer = None
+        self.start_generation_time: float | None = self._since
+
+    def start(self) -> None:
+        """Let the budget begin."""
+        self._clock.start()
+        self._since = self.start_generation_time = time.monotonic()
+
+    @property
+    def has_spent_the_budget(self) -> bool:
+        """Whether nothing remains, or a test was refused because it did not fit any more."""
+        return self._was_ended or self._clock.is_over
+
+    def execute_test(self, the_test: Any) -> tuple[str, str, list[SimulationDataRecord]]:
+        """Return outcome, description and records of a test; an invalid one has no records.
+
+        Raises:
+            SystemExit: The budget is spent; the test was not run and does not count.
+
+        """
+        with self._lock:
+            is_test = isinstance(the_test, RoadTest)
+            points = _plain_points(the_test.road_points) if is_test else None
+            self._clock.stop()
+            generation_time = time.monotonic() - self._since
+            message = self._parent.ask({"kind": "test", "road_points": points})
+            if message.get("over"):
+                self._was_ended = True
+                self._clock.end()
+                raise SystemExit(OVER)
+            answer = Answer.from_json(message)
+            description = answer.description if is_test else WRONG_TYPE
+            if is_test:
+                _note(the_test, answer)
+            self._count(answer, generation_time)
+            self._clock.settle(answer.spent)
+            self._since = self.start_generation_time = time.monotonic()
+            return answer.outcome, description, answer.records
+
+    def validate_test(self, the_test: Any) -> tuple[bool, str]:
+        """Return whether a test is valid, and if not, why; costs nothing."""
+        return self.test_validator.validate_test(the_test)
+
+    def is_over(self) -> bool:
+        """Return whether nothing remains of the budget."""
+        return self._clock.is_over
+
+    def get_remaining_time(self) -> Any:
+        """Return virtual s: a dictionary with ``time-budget``, or a number as in 2021."""
+        return self.time_budget.get_remaining_time()
+
+    def get_stats(self) -> TestGenerationStatistic:
+        """Return the counts so far."""
+        return self.stats
+
+    def is_force_timeout(self) -> bool:
+        """Return False: no test is made to time out here."""
+        return False
+
+    def close(self) -> None:
+        """Do nothing: the bench ends the process."""
+
+    def _count(self, answer: Answer, generation_time: float) -> None:
+        """Adds a test to `stats`.
+
+        They are the generator's as well, which may have put anything in their place: what cannot be
+        counted is left alone.
+        """
+        names = ["test_generated", "test_valid" if answer.is_executed else "test_invalid"]
+        if answer.outcome in _COUNTERS:
+            names.append(_COUNTERS[answer.outcome])
+        if answer.description.startswith("Car drove out of the lane "):
+            names.append("obes")
+        times = {"test_generation_real_times": generation_time}
+        if answer.is_executed:
+            times["test_execution_real_times"] = self._seconds_per_test
+            times["test_execution_simulation_times"] = answer.simulated
+        for name in names:
+            with suppress(Exception):
+                setattr(self.stats, name, getattr(self.stats, name) + 1)
+        for name, seconds in times.items():
+            with suppress(Exception):
+                getattr(self.stats, name).append(seconds)
+
+
+def _note(test: RoadTest, answer: Answer) -> None:
+    """Writes what became of a test into it."""
+    test.set_validity(answer.is_executed, "" if answer.is_executed else answer.description)
+    test.execution_data = answer.records
+    test.test_outcome = answer.outcome
+    test.description = answer.description
+    test.features = {}
+
+
+def _record(row: list[Any]) -> SimulationDataRecord:
+    values: list[Any] = [tuple(v) if isinstance(v, list) else v for v in row]
+    return SimulationDataRecord(*values)
+
+
+def _plain_points(points: Any) -> list[list[float | None] | None]:
+    """Road points as JSON has them, as the generator gave them; what is no number becomes None."""
+    if not _is_list(points):
+        return []
+    return [
+        [_number(value) for value in islice(point, MOST_VALUES)] if _is_list(point) else None
+        for point in islice(points, MOST_POINTS)
+    ]
+
+
+def _is_list(value: Any) -> bool:
+    return isinstance(value, Iterable) and not isinstance(value, (str, bytes))
+
+
+def _number(value: Any) -> float | None:
+    if not hasattr(value, "__float__"):  # a text has none, a number of numpy has
+        return None
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return None

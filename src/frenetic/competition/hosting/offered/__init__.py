@@ -1,0 +1,63 @@
+"""The pipeline's modules, under the pipeline's names.
+
+They come before a copy of the pipeline that lies on the module path; of such a copy only those are
+found that are not among ours.
+"""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+import sys
+
+from frenetic.competition.hosting.offered import code_pipeline, self_driving
+from frenetic.competition.hosting.offered.code_pipeline import (
+    beamng_executor,
+    executors,
+    tests_generation,
+    validation,
+    visualization,
+)
+from frenetic.competition.hosting.offered.self_driving import (
+    bbox,
+    oob_monitor,
+    road_points,
+    road_polygon,
+    simulation_data,
+)
+
+PACKAGES = {"code_pipeline": code_pipeline, "self_driving": self_driving}
+MODULES = (
+    beamng_executor,
+    executors,
+    tests_generation,
+    validation,
+    visualization,
+    bbox,
+    oob_monitor,
+    road_points,
+    road_polygon,
+    simulation_data,
+)
+
+
+def install() -> None:
+    """Make the modules importable; the module path must be set by then."""
+    for name, package in PACKAGES.items():
+        package.__path__ = pkgutil.extend_path(package.__path__, name)
+        sys.modules[name] = package
+    for module in MODULES:
+        name = _pipeline_name(module.__name__)
+        sys.modules[name] = module
+        for value in vars(module).values():
+            if inspect.isclass(value) and value.__module__ == module.__name__:
+                value.__module__ = name  # by which it is found again, when it is unpickled
+
+
+def module_names() -> list[str]:
+    """Return the names of the modules, as the pipeline has them."""
+    return [name for name in sys.modules if name.partition(".")[0] in PACKAGES and "." in name]
+
+
+def _pipeline_name(name: str) -> str:
+    return name[len(__name__) + 1 :]

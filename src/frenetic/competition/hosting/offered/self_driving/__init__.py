@@ -1,0 +1,1 @@
+"""The pipeline's package of that name."""

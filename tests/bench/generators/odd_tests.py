@@ -1,0 +1,35 @@
+"""Hands over what is no road test, and roads that are none."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from code_pipeline.tests_generation import RoadTestFactory
+
+ROADS = [
+    [],
+    [(10.0, 10.0)],
+    [(50.0, 50.0), (50.0, 60.0)],
+    [(50.0, 50.0), (50.0, 50.0), (50.0, 90.0)],
+    [(50.0, 20.0), (50.0, float("nan")), (50.0, 90.0)],
+    [("a", 20.0), (50.0, None), 7],
+    None,
+    np.array([[50, 20], [50, 50], [50, 90]]),
+]
+
+
+class OddTests:
+    def __init__(self, executor=None, map_size=None):
+        self.executor = executor
+
+    def start(self):
+        seen = []
+        for road_points in ROADS:
+            test = RoadTestFactory.create_road_test(road_points)
+            outcome, description, data = self.executor.execute_test(test)
+            seen.append([outcome, description, len(data), test.id, test.is_valid])
+        for other in ([(50.0, 20.0), (50.0, 90.0)], None):
+            seen.append(list(self.executor.execute_test(other)))
+            seen.append(list(self.executor.validate_test(other)))
+        seen.append(vars(self.executor.get_stats()))
+        Path("seen.json").write_text(json.dumps(seen), encoding="utf-8")

@@ -1,0 +1,257 @@
+"""The clock and the executor that a generator is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from frenetic.competition.budget import TimeBudget
+from frenetic.competition.hosting.assignment import Assignment
+from frenetic.competition.hosting.clock import VirtualClock
+from frenetic.competition.hosting.executor import HostedExecutor
+from frenetic.competition.hosting.loading import takes_time_budget
+from frenetic.competition.hosting.offered.code_pipeline.executors import AbstractTestExecutor
+from frenetic.competition.hosting.offered.code_pipeline.tests_generation import (
+    RoadTest,
+    RoadTestFactory,
+)
+
+# --- the clock ---------------------------------------------------------------------------------
+
+
+@dataclass
+class Timer:
+    now: float = 1000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_computing_costs_nothing_where_it_does_not_count() -> None:
+    timer = Timer()
+    clock = VirtualClock(100.0, counts_computing=False, timer=timer)
+    clock.start()
+    for k in range(1, 4):
+        timer.now += 1000.0
+        clock.stop()
+        clock.settle(30.0 * k)
+        timer.now += 1000.0
+        assert clock.spent == 30.0 * k
+        assert clock.remaining == 100.0 - 30.0 * k
+    assert not clock.is_over
+
+
+def test_computing_counts_between_the_tests() -> None:
+    timer = Timer()
+    clock = VirtualClock(100.0, counts_computing=True, timer=timer)
+    timer.now += 500.0  # before the start
+    assert clock.spent == 0.0
+    clock.start()
+    timer.now += 7.0
+    assert clock.spent == 7.0
+    clock.stop()
+    timer.now += 500.0  # of the bench
+    assert clock.spent == 7.0
+    clock.settle(38.0)  # as the bench has it
+    timer.now += 62.0
+    assert clock.remaining == 0.0
+    assert clock.is_over
+    timer.now += 1.0
+    assert clock.remaining == 0.0
+
+
+@pytest.mark.parametrize(("budget", "cost"), [(0.9, 0.3), (7200.0, 36.0), (1.1, 0.1), (7.0, 0.7)])
+def test_whole_tests_use_up_a_budget(budget: float, cost: float) -> None:
+    clock = VirtualClock(budget, counts_computing=False)
+    tests = round(budget / cost)
+    for k in range(1, tests + 1):
+        assert not clock.is_over
+        clock.settle(k * cost)
+    assert clock.is_over
+
+
+def test_a_remainder_is_something() -> None:
+    clock = VirtualClock(100.0, counts_computing=False)
+    clock.settle(90.0)
+    assert (clock.remaining, clock.is_over) == (10.0, False)
+    clock.end()
+    assert (clock.remaining, clock.is_over) == (0.0, True)
+
+
+# --- the executor ------------------------------------------------------------------------------
+
+ROW = [0.0, [1.0, 2.0, -28.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0], *range(12), 0.5]
+
+
+@dataclass
+class Answers:
+    """A bench that gives prepared answers."""
+
+    given: list[dict[str, Any]]
+    asked: list[Any] = field(default_factory=list)
+
+    def ask(self, message: dict[str, Any]) -> dict[str, Any]:
+        self.asked.append(message)
+        return self.given.pop(0)
+
+
+def answer(outcome: str, spent: float, description: str = "", **rest: Any) -> dict[str, Any]:
+    rows = [ROW] if outcome in ("PASS", "FAIL") else []
+    assert all(len(row) == 17 for row in rows)
+    defaults = {"records": rows, "simulated": 8.0, "description": description, "spent": spent}
+    return {"outcome": outcome, **defaults, **rest}
+
+
+def make(*given: dict[str, Any], as_number: bool = False, budget: float = 100.0) -> HostedExecutor:
+    assignment = Assignment(
+        module="m",
+        class_name="C",
+        path=None,
+        seed=0,
+        map_size=200,
+        time_budget=budget,
+        seconds_per_test=30.0,
+        counts_computing=False,
+        oob_tolerance=0.95,
+        speed_limit=70.0,
+        result_folder=Path("results"),
+    )
+    executor = HostedExecutor(assignment, Answers(list(given)), remaining_as_number=as_number)  # type: ignore[arg-type]
+    executor.start()
+    return executor
+
+
+def straight() -> RoadTest:
+    return RoadTestFactory.create_road_test([(50.0, 20.0), (50.0, 90.0)])
+
+
+def test_an_executed_test_holds_what_became_of_it() -> None:
+    executor = make(answer("FAIL", 30.0, "Car drove out of the lane to the right"))
+    test = straight()
+    assert not hasattr(test, "execution_data")
+    outcome, description, records = executor.execute_test(the_test=test)
+    assert (outcome, description) == ("FAIL", "Car drove out of the lane to the right")
+    assert records[0].pos == (1.0, 2.0, -28.0)
+    assert records[0].oob_percentage == 0.5
+    assert len(records[0]) == 17
+    assert (test.test_outcome, test.description, test.execution_data) == (
+        outcome,
+        description,
+        records,
+    )
+    assert (test.is_valid, test.validation_message, test.features) == (True, "", {})
+    assert isinstance(executor, AbstractTestExecutor)
+
+
+def test_every_outcome_is_counted() -> None:
+    executor = make(
+        answer("PASS", 30.0),
+        answer("INVALID", 30.0, "The road is too sharp", simulated=0.0),
+        answer("ERROR", 60.0, "The simulator broke", simulated=0.0),
+        answer("FAIL", 90.0, "Car moved less than 1 m in the last 10 s"),
+        budget=90.0,
+    )
+    seen = [executor.execute_test(straight())[0] for _ in range(4)]
+    assert seen == ["PASS", "INVALID", "ERROR", "FAIL"]
+    stats = executor.get_stats()
+    assert (stats.test_generated, stats.test_valid, stats.test_invalid) == (4, 3, 1)
+    assert (stats.test_passed, stats.test_failed, stats.test_in_error, stats.obes) == (1, 1, 1, 0)
+    assert stats.test_execution_real_times == [30.0] * 3
+    assert stats.test_execution_simulation_times == [8.0, 0.0, 8.0]
+    assert len(stats.test_generation_real_times) == 4
+    assert executor.is_over()
+
+
+def test_a_generator_may_add_to_the_counts_and_break_them() -> None:
+    executor = make(*(answer("PASS", 1.0) for _ in range(3)))
+    executor.stats.test_generated += 5
+    executor.execute_test(straight())
+    assert executor.stats.test_generated == 6
+    executor.stats.test_generated = None  # type: ignore[assignment]
+    executor.stats.test_execution_real_times = 4.0  # type: ignore[assignment]
+    executor.execute_test(straight())
+    assert executor.stats.test_valid == 2
+    executor.stats = None  # type: ignore[assignment]
+    assert executor.execute_test(straight())[0] == "PASS"
+
+
+def test_a_spent_budget_ends_the_process() -> None:
+    executor = make(answer("PASS", 90.0), {"over": True}, {"over": True})
+    executor.execute_test(straight())
+    assert executor.get_remaining_time() == {"time-budget": 10.0}
+    assert not executor.is_over()
+    test = straight()
+    for _ in range(2):
+        with pytest.raises(SystemExit) as ended:
+            executor.execute_test(test)
+        assert ended.value.code == 123
+    assert executor.is_over()
+    assert not hasattr(test, "test_outcome")
+    assert executor.stats.test_generated == 1
+
+
+def test_the_remaining_time_of_2021_is_a_number() -> None:
+    executor = make(answer("PASS", 30.0), as_number=True)
+    executor.execute_test(straight())
+    remaining = executor.get_remaining_time()
+    assert remaining == 70.0
+    assert remaining - 0.5 == 69.5
+    assert f"{remaining:.1f} {remaining}" == "70.0 70.0"
+    # A class that takes the time budget and knows later pipelines, too.
+    assert remaining["time-budget"] == 70.0
+    with pytest.raises(KeyError):
+        remaining["generation-budget"]
+
+
+@pytest.mark.parametrize("as_number", [False, True])
+def test_our_own_generators_read_the_budget(as_number: bool) -> None:
+    executor = make(answer("PASS", 30.0), as_number=as_number)
+    budget = TimeBudget(executor)
+    assert budget.totals == {"time-budget": 100.0}
+    executor.execute_test(straight())
+    assert budget.share_spent() == 0.3
+
+
+def test_what_else_the_pipeline_has() -> None:
+    executor = make(answer("PASS", 30.0))
+    budget = executor.time_budget
+    assert (budget.time_budget, budget.get_remaining_real_time()) == (100.0, 100.0)
+    assert budget.generation_budget is budget.execution_budget is None
+    assert not budget.is_over()
+    assert budget.can_run_a_test()
+    assert budget.get_remaining_time() == executor.get_remaining_time()
+    assert executor.validate_test(straight()) == (True, "")
+    assert executor.validate_test([(50.0, 20.0), (50.0, 90.0)]) == (False, "Wrong type")
+    assert executor.oob_tolerance == 0.95
+    assert executor.map_size == 200
+    assert executor.road_visualizer is None
+    assert not executor.is_force_timeout()
+    executor.close()
+    assert executor.execute_test(straight())[0] == "PASS"
+
+
+class Of2022:
+    def __init__(self, executor: Any = None, map_size: Any = None) -> None: ...
+
+
+class Of2021:
+    def __init__(self, time_budget: Any = None, executor: Any = None, map_size: Any = None) -> None:
+        pass
+
+
+class OfAnyYear:
+    def __init__(self, *args: Any, **kwargs: Any) -> None: ...
+
+
+class OnlyBy:
+    def __init__(self, executor: Any, map_size: Any, *, time_budget: Any) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("kind", "takes"), [(Of2022, False), (Of2021, True), (OfAnyYear, False), (OnlyBy, True)]
+)
+def test_who_is_given_the_time_budget(kind: type[Any], takes: bool) -> None:
+    assert takes_time_budget(kind) is takes

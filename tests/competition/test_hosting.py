@@ -1,0 +1,555 @@
+"""The process in which the bench runs a generator, with a small scripted bench at its other end."""
+
+from __future__ import annotations
+
+import ast
+import csv
+import io
+import json
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_old_pipeline import too_new
+
+import frenetic
+from frenetic.competition.hosting import offered
+from frenetic.errors import RoadError
+from frenetic.road import check_validity
+
+HOSTING = Path(frenetic.__file__).parent / "competition" / "hosting"
+MAIN = HOSTING / "main.py"
+GENERATORS = Path(__file__).parents[1] / "bench" / "generators"
+PATIENCE = 120.0  # s after which a process is ended that should have ended long before
+
+Message = dict[str, Any]
+
+
+def record(timer: float, oob_distance: float) -> list[Any]:
+    place, ahead = [10.0, 20.0, -28.0], [1.0, 0.0, 0.0]
+    controls = [1.5, 2.5, 0.0, 0.0, 0.5, 0.5]
+    return [timer, place, ahead, ahead, *controls, 9.0, 32, False, 0, 0.0, oob_distance, 0.25]
+
+
+@dataclass
+class Bench:
+    """The other end: judges every road by its validity, and lets every third valid one fail."""
+
+    budget: float = 360.0
+    seconds_per_test: float = 36.0
+    executed: int = 0
+    roads: list[Any] = field(default_factory=list)
+    """Of the tests that counted."""
+    refused: int = 0
+    """Tests asked for when the budget was spent."""
+
+    def answer(self, road_points: Any) -> Message:
+        if (self.executed + 1) * self.seconds_per_test > self.budget + 1e-9:
+            self.refused += 1
+            return {"over": True}
+        self.roads.append(road_points)
+        try:
+            verdict = check_validity(road_points)
+            valid, reason = verdict.valid, verdict.message
+        except RoadError as error:
+            valid, reason = False, str(error)
+        outcome, description, records = "INVALID", reason, []
+        if valid:
+            self.executed += 1
+            failed = self.executed % 3 == 0
+            outcome = "FAIL" if failed else "PASS"
+            description = "Car drove out of the lane to the left" if failed else "Successful test"
+            records = [record(0.0, 2.0), record(0.05, -0.5 if failed else 1.0)]
+        return {
+            "outcome": outcome,
+            "description": description,
+            "records": records,
+            "spent": self.executed * self.seconds_per_test,
+            "simulated": 4.5 if valid else 0.0,
+        }
+
+
+@dataclass
+class Run:
+    """What a generator's process said and left."""
+
+    messages: list[Message]
+    log: str
+    code: int
+    folder: Path
+
+    @property
+    def end(self) -> Message:
+        assert self.messages[-1]["kind"] == "end", (self.messages[-1], self.log)
+        return self.messages[-1]
+
+    def seen(self) -> Any:
+        return json.loads((self.folder / "seen.json").read_text(encoding="utf-8"))
+
+
+def assignment(spec: str, bench: Bench, folder: Path, **changes: Any) -> Message:
+    module, _, name = spec.rpartition(":")
+    return {
+        "module": module,
+        "class": name,
+        "path": str(GENERATORS),
+        "map_size": 200,
+        "seed": 5,
+        "time_budget": bench.budget,
+        "seconds_per_test": bench.seconds_per_test,
+        "counts_computing": False,
+        "oob_tolerance": 0.95,
+        "speed_limit": 70.0,
+        "lane_width": 4.0,
+        "result_folder": str(folder / "results"),
+        **changes,
+    }
+
+
+@contextmanager
+def started(folder: Path, command: Sequence[str | Path]) -> Iterator[subprocess.Popen[bytes]]:
+    """A process whose stderr goes to ``log``; it is ended if it takes far too long."""
+    with (
+        (folder / "log").open("wb") as log,
+        subprocess.Popen(
+            command,
+            cwd=folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=log,
+            env=os.environ | {"PYTHONHASHSEED": "5"},
+        ) as process,
+    ):
+        watchdog = threading.Timer(PATIENCE, process.kill)
+        watchdog.start()
+        try:
+            yield process
+        finally:
+            watchdog.cancel()
+            process.kill()
+
+
+def send(process: subprocess.Popen[bytes], message: Message) -> None:
+    assert process.stdin is not None
+    process.stdin.write(json.dumps(message).encode() + b"\n")
+    process.stdin.flush()
+
+
+def run(
+    spec: str,
+    folder: Path,
+    *,
+    bench: Bench | None = None,
+    command: Sequence[str | Path] = (sys.executable, "-u", MAIN),
+    stop: Callable[[Bench], bool] = lambda _: False,
+    **changes: Any,
+) -> Run:
+    """Runs a generator to its end, or until ``stop`` says so after a test."""
+    bench = bench or Bench()
+    messages: list[Message] = []
+    with started(folder, command) as process:
+        assert process.stdout is not None
+        send(process, assignment(spec, bench, folder, **changes))
+        for line in process.stdout:
+            messages.append(json.loads(line))
+            if messages[-1]["kind"] == "test":
+                send(process, bench.answer(messages[-1]["road_points"]))
+                if stop(bench):
+                    break
+        else:
+            process.wait()
+        process.stdin.close()  # type: ignore[union-attr]
+        code = process.wait()
+    log = (folder / "log").read_text(encoding="utf-8")
+    return Run(messages, log, code, folder)
+
+
+# --- generators --------------------------------------------------------------------------------
+
+
+def test_a_generator_spends_its_budget_and_returns(tmp_path: Path) -> None:
+    bench = Bench(budget=7200.0)
+    done = run("random_roads:RandomRoads", tmp_path, bench=bench)
+    assert done.messages[0] == {"kind": "ready"}
+    assert done.end == {"kind": "end", "how": "over", "detail": "", "traceback": "", "threads": 0}
+    assert done.code == 0
+    assert bench.executed == 200
+    assert bench.refused == 0
+    # Its prints go to the log, whole.
+    assert f"test {len(bench.roads)}: " in done.log
+    assert "PASS (Successful test), 2 records" in done.log
+
+
+def test_the_seed_makes_the_roads(tmp_path: Path) -> None:
+    roads = []
+    for name, seed in (("a", 5), ("b", 5), ("c", 2**32 + 6)):
+        bench = Bench()
+        (tmp_path / name).mkdir()
+        run("random_roads:RandomRoads", tmp_path / name, bench=bench, seed=seed)
+        roads.append(bench.roads)
+    assert roads[0] == roads[1] != roads[2]
+
+
+@pytest.mark.parametrize("path", [None, GENERATORS.parent])
+def test_a_generator_may_be_a_file(path: Path | None, tmp_path: Path) -> None:
+    file = "generators/random_roads.py" if path else str(GENERATORS / "random_roads.py")
+    bench = Bench()
+    done = run(f"{file}:RandomRoads", tmp_path, bench=bench, path=path and str(path))
+    assert done.end["how"] == "over"
+    assert bench.executed == 10
+
+
+def test_what_is_validated_first_is_counted_when_it_is_executed(tmp_path: Path) -> None:
+    done = run("stats_reader:StatsReader", tmp_path)
+    assert done.end["how"] == "over", done.end
+    seen = done.seen()
+    times = seen.pop("test_generation_real_times")
+    assert len(times) == 10
+    assert all(seconds >= 0.0 for seconds in times)
+    assert seen.pop("kept_back") >= 0
+    assert seen == {
+        "test_generated": 10,
+        "test_valid": 10,
+        "test_invalid": 0,
+        "test_passed": 7,
+        "test_failed": 3,
+        "test_in_error": 0,
+        "obes": 3,
+        "test_execution_real_times": [36.0] * 10,
+        "test_execution_simulation_times": [4.5] * 10,
+    }
+
+
+def test_roads_have_areas(tmp_path: Path) -> None:
+    done = run("polygon_user:PolygonUser", tmp_path)
+    assert done.end["how"] == "over", done.end
+    assert done.seen() == ["PASS", "PASS", "FAIL"] * 3 + ["PASS"]
+
+
+def test_a_generator_keeps_books(tmp_path: Path) -> None:
+    done = run("bookkeeper:Bookkeeper", tmp_path)
+    assert done.end["how"] == "over", done.end
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "tests.csv").read_text(encoding="utf-8"))))
+    assert [float(row["remaining"]) for row in rows] == [360.0 - 36.0 * k for k in range(1, 11)]
+    assert [float(row["min_oob_distance"]) for row in rows[:3]] == [1.0, 1.0, -0.5]
+
+
+def test_a_generator_may_break_the_counts(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run("bookkeeper:StatsBreaker", tmp_path, bench=bench)
+    assert done.end["how"] == "over", done.end
+    assert bench.executed == 10
+
+
+def test_a_crash_is_told_and_printed(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run("crashing:Crashing", tmp_path, bench=bench)
+    assert done.end["how"] == "crashed"
+    assert done.end["detail"] == "ValueError: no more ideas after three tests"
+    assert "crashing.py" in done.end["traceback"]
+    assert done.end["traceback"].splitlines()[-1] == "after three tests"
+    assert done.end["traceback"] in done.log
+    assert bench.executed == 3
+
+
+def test_a_generator_that_never_returns_ends_with_its_bench(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run(
+        "never_returning:NeverReturning",
+        tmp_path,
+        bench=bench,
+        stop=lambda bench: bench.executed == 2,
+    )
+    assert [message["kind"] for message in done.messages] == ["ready", "test", "test"]
+    assert done.code == 3
+
+
+def test_a_generator_that_goes_on_is_refused_every_time(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run(
+        "never_returning:Unstoppable", tmp_path, bench=bench, stop=lambda bench: bench.refused == 5
+    )
+    assert len(bench.roads) == 10
+    assert done.log.count("went on after SystemExit(123)") >= 4
+    assert done.code == 3
+
+
+def test_a_generator_may_notice_late_that_the_budget_is_spent(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run("never_returning:Stubborn", tmp_path, bench=bench)
+    assert done.end["how"] == "over"
+    assert (bench.executed, bench.refused) == (10, 3)
+
+
+def test_a_generator_may_end_its_process(tmp_path: Path) -> None:
+    done = run("exiting:Exiting", tmp_path)
+    assert done.end["how"] == "exit"
+    assert done.end["detail"] == "exit code 7"
+
+
+def test_threads_execute_tests_and_may_be_left_running(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run("threads:Threads", tmp_path, bench=bench)
+    assert done.end["how"] == "returned"
+    assert done.end["threads"] == 2
+    assert bench.executed == 4
+    assert done.code == 0
+
+
+def test_in_2021_time_is_a_number(tmp_path: Path) -> None:
+    done = run("old_2021:Old2021", tmp_path)
+    assert done.end["how"] == "returned", done.end
+    assert done.seen() == [0.0, 36.0, 72.0, 108.0, 144.0]
+
+
+@pytest.mark.parametrize(("budget", "tests", "phase"), [(7200.0, 200, 40), (7219.0, 200, 41)])
+def test_a_fifth_of_the_budget_is_exactly_that(
+    budget: float, tests: int, phase: int, tmp_path: Path
+) -> None:
+    bench = Bench(budget=budget)
+    done = run("phases:Phases", tmp_path, bench=bench)
+    assert done.end["how"] == "over"
+    assert (tmp_path / "first_phase.txt").read_text(encoding="utf-8") == str(phase)
+    assert bench.executed == tests
+    assert bench.refused == 1
+
+
+def test_tests_that_are_none_come_back_invalid(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run("odd_tests:OddTests", tmp_path, bench=bench)
+    assert done.end["how"] == "returned", done.end
+    *seen, stats = done.seen()
+    assert [row[0] for row in seen[:8]] == [*["INVALID"] * 7, "PASS"]
+    assert [row[1] for row in seen[:3]] == [
+        "Not enough road points.",
+        "Not enough road points.",
+        "The road is not long enough.",
+    ]
+    assert [row[2] for row in seen[:8]] == [0] * 7 + [2]
+    assert [row[3] for row in seen[:8]] == list(range(1, 9))
+    assert [row[4] for row in seen[:8]] == [False] * 7 + [True]
+    assert seen[8:] == [["INVALID", "Wrong type", []], [False, "Wrong type"]] * 2
+    assert (stats["test_generated"], stats["test_invalid"], stats["test_passed"]) == (10, 9, 1)
+    # What the bench was sent.
+    assert bench.roads[5] == [[None, 20.0], [50.0, None], None]
+    assert bench.roads[7] == [[50.0, 20.0], [50.0, 50.0], [50.0, 90.0]]
+    assert bench.roads[8:] == [None, None]
+
+
+def test_a_copy_of_the_pipeline_gives_only_what_the_bench_does_not_have(tmp_path: Path) -> None:
+    done = run("helped:Helped", tmp_path, path=str(GENERATORS / "own_pipeline"))
+    assert done.end["how"] == "returned", done.end
+    outcome, name, is_one = done.seen()
+    assert outcome == "PASS"
+    assert name.endswith("hosting.offered.code_pipeline.tests_generation")
+    assert is_one
+
+
+@pytest.mark.parametrize("spec", ["frenetic:Frenetic", "frenetic.py:Frenetic"])
+def test_a_generator_may_have_the_name_of_ours(spec: str, tmp_path: Path) -> None:
+    bench = Bench()
+    done = run(spec, tmp_path, bench=bench, path=str(GENERATORS / "own_frenetic"))
+    assert done.end["how"] == "over", done.end
+    assert bench.executed == 10
+
+
+def test_our_own_generators_run_as_in_the_pipeline(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("FRENETIC_SEED", "5")
+    bench = Bench()
+    done = run("frenetic.competition:Frenetic", tmp_path, bench=bench, path=None)
+    assert done.end["how"] == "over", done.end
+    assert bench.executed == len(bench.roads) == 10
+    assert "Frenetic starts: seed 5" in done.log
+
+
+def test_processes_that_a_generator_spawns_know_the_pipeline(tmp_path: Path) -> None:
+    bench = Bench()
+    done = run("parallel:Parallel", tmp_path, bench=bench)
+    assert done.end["how"] == "returned", done.end
+    assert bench.executed == 2
+
+
+# --- generators that cannot be started ---------------------------------------------------------
+
+BROKEN = {
+    "there is no module 'nowhere': looked for it in": ("nowhere:Some", ""),
+    "there is no module 'nowhere': looked": ("nowhere.deeper:Some", ""),
+    "there is no file": ("nowhere.py:Some", ""),
+    "importing mine fails: ModuleNotFoundError: No module named 'no_such_thing'; install it": (
+        "mine:Mine",
+        "import no_such_thing",
+    ),
+    "No module named 'code_pipeline.test_analysis'; the bench offers code_pipeline.": (
+        "mine:Mine",
+        "import code_pipeline.test_analysis",
+    ),
+    "importing mine fails: it ends its process with exit code 2": (
+        "mine:Mine",
+        "import sys\nsys.exit(2)",
+    ),
+    "importing mine fails: SyntaxError": ("mine:Mine", "def"),
+    "give it as package.module with --path": ("mine.py:Mine", "from . import other"),
+    "mine has no class 'Mine', did you mean 'Mime'? Its classes with a method start: Mime": (
+        "mine:Mine",
+        "class Mime:\n    def start(self): ...",
+    ),
+    "mine has no class 'Mine'. Its classes with a method start: none": ("mine:Mine", "Mine = 5"),
+    "Mine is no generator: it has no method start": (
+        "mine:Mine",
+        "class Mine:\n    def __init__(self, executor, map_size): ...",
+    ),
+    "building Mine fails: TypeError": ("mine:Mine", "class Mine:\n    def start(self): ..."),
+    "BeamngExecutor cannot be built, as this is Frenetic's bench": (
+        "mine:Mine",
+        "from code_pipeline.beamng_executor import BeamngExecutor\nBeamngExecutor(200)",
+    ),
+}
+
+
+@pytest.mark.parametrize("says", BROKEN)
+def test_a_generator_that_cannot_be_started_says_why(says: str, tmp_path: Path) -> None:
+    spec, source = BROKEN[says]
+    (tmp_path / "mine.py").write_text(source, encoding="utf-8")
+    done = run(spec, tmp_path, path=str(tmp_path))
+    assert [message["kind"] for message in done.messages] == ["end"]
+    assert done.end["how"] == "crashed"
+    assert says in done.end["detail"]
+    assert "\n" not in done.end["detail"]
+
+
+# --- the process -------------------------------------------------------------------------------
+
+MEDDLER = """
+import os, sys
+
+print("at import")
+
+class Meddler:
+    def __init__(self, executor, map_size):
+        print("to stdout"); sys.stdout.write("half a line")
+        os.write(1, b"to descriptor 1\\n")
+        os.system("echo from another program")
+        assert sys.stdin.read() == ""
+        assert "hosting" not in sys.path[0]
+        print("\\N{GREEK SMALL LETTER KAPPA} \\udc80")
+
+    def start(self):
+        import main
+        assert main.HERS
+"""
+
+
+def test_nothing_that_a_generator_prints_disturbs_the_bench(tmp_path: Path) -> None:
+    (tmp_path / "meddler.py").write_text(MEDDLER, encoding="utf-8")
+    # The working directory is on the module path, the folder of our own main.py is not.
+    (tmp_path / "main.py").write_text("HERS = True", encoding="utf-8")
+    done = run("meddler:Meddler", tmp_path, path=None)
+    assert [message["kind"] for message in done.messages] == ["ready", "end"]
+    assert done.end["how"] == "returned", done.end
+    for text in (
+        "at import",
+        "half a line",
+        "to descriptor 1",
+        "from another program",
+        "κ \\udc80",
+    ):
+        assert text in done.log
+
+
+def test_the_process_ends_when_nobody_gives_it_work(tmp_path: Path) -> None:
+    with started(tmp_path, (sys.executable, "-u", MAIN)) as process:
+        assert process.stdin is not None
+        process.stdin.close()
+        assert process.wait() == 3
+
+
+def test_the_bench_may_say_unasked_that_the_budget_is_spent(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(
+        "import sys\n"
+        "from code_pipeline.tests_generation import RoadTestFactory\n"
+        "class Slow:\n"
+        "    def __init__(self, executor, map_size):\n"
+        "        self.executor = executor\n"
+        "    def start(self):\n"
+        "        while not self.executor._parent._received.qsize(): pass\n"
+        "        self.executor.execute_test(RoadTestFactory.create_road_test([(0, 0), (9, 9)]))\n",
+        encoding="utf-8",
+    )
+    with started(tmp_path, (sys.executable, "-u", MAIN)) as process:
+        send(process, assignment("slow:Slow", Bench(), tmp_path, path=str(tmp_path)))
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline()) == {"kind": "ready"}
+        send(process, {"over": True})
+        message = json.loads(process.stdout.readline())
+        assert (message["kind"], message["how"]) == ("end", "over")
+
+
+# --- an older Python ---------------------------------------------------------------------------
+
+SPARSE = """
+import importlib.abc
+import runpy
+import sys
+
+ALLOWED = {*sys.stdlib_module_names, "code_pipeline", "frenetic", "numpy", "polygon_user",
+           "random_roads", "roads", "scipy", "self_driving"}
+
+
+class NothingElse(importlib.abc.MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        top = name.partition(".")[0]
+        if top not in ALLOWED and not top.startswith("_"):
+            raise ModuleNotFoundError(f"no {name} here", name=name)
+
+
+sys.meta_path.insert(0, NothingElse())
+sys.argv = [MAIN]
+runpy.run_path(MAIN, run_name="__main__")
+"""
+
+
+def sparsely() -> Sequence[str | Path]:
+    """The command with numpy and scipy only."""
+    return (sys.executable, "-u", "-c", SPARSE.replace("MAIN", repr(str(MAIN))))
+
+
+def test_numpy_and_scipy_suffice(tmp_path: Path) -> None:
+    bench, other = Bench(), Bench()
+    done = run("random_roads:RandomRoads", tmp_path, bench=bench, command=sparsely())
+    assert done.end["how"] == "over", done.end
+    (tmp_path / "full").mkdir()
+    run("random_roads:RandomRoads", tmp_path / "full", bench=other)
+    assert bench.roads == other.roads
+
+
+def test_without_shapely_one_line_says_what_brings_it(tmp_path: Path) -> None:
+    done = run("polygon_user:PolygonUser", tmp_path, command=sparsely())
+    assert done.end["how"] == "crashed"
+    assert 'pip install "frenetic-roads[bench]"' in done.end["detail"]
+    assert "\n" not in done.end["detail"]
+
+
+FILES = sorted(HOSTING.rglob("*.py"))
+
+
+def test_all_files_are_looked_at() -> None:
+    names = {file.name for file in FILES}
+    assert {"main.py", "executor.py", "road_polygon.py"} <= names
+    assert {Path(str(module.__file__)) for module in offered.MODULES} <= set(FILES)
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(HOSTING)))
+def test_python_3_9_can_run_it(file: Path) -> None:
+    source = file.read_text(encoding="utf-8")
+    ast.parse(source, feature_version=(3, 9))
+    assert "def " not in source or "from __future__ import annotations" in source
+    assert list(too_new(ast.parse(source))) == []
