@@ -181,7 +181,8 @@ def measure_here(index: int, simulations: int, seed: int) -> int:
     try:
         measured = CONTESTANTS[index].run(simulations, seed)
     except ModuleNotFoundError as error:
-        remedy = "pip install -e ." if index else 'pip install -e ".[bench]", or --peer-python PATH'
+        theirs = 'pip install -e ".[benchmarks]", or --peer-python PATH'
+        remedy = "pip install -e ." if index else theirs
         print(f"{error.name} is not installed for {sys.executable}: {remedy}", file=sys.stderr)
         return MISSING
     print(json.dumps(asdict(measured)))

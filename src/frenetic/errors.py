@@ -28,6 +28,10 @@ class CampaignError(FreneticError):
     """A campaign's folder or database that cannot be used as asked."""
 
 
+class StrategyError(CampaignError):
+    """A strategy that raised, or of whose roads all are refused, so that a search cannot go on."""
+
+
 class DriverError(FreneticError):
     """A driver that cannot be loaded, or that broke its contract during a drive."""
 

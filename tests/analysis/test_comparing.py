@@ -3,47 +3,31 @@
 from __future__ import annotations
 
 import math
-import sqlite3
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from made_campaigns import search, store_of
 
-from frenetic.analysis.clusters import cluster_failures, failures_of
 from frenetic.analysis.comparing import (
-    MEASURES,
-    CampaignMeasures,
     Comparison,
+    MapCoverage,
     Verdict,
     compare,
     compare_measured,
-    find_campaigns,
-    group_campaigns,
-    measure_campaign,
 )
+from frenetic.analysis.grouping import find_campaigns, group_campaigns
+from frenetic.analysis.measures import HEADLINE, MEASURES
+from frenetic.analysis.measuring import CampaignMeasures, Cell
 from frenetic.analysis.statistics import Magnitude
-from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
-from frenetic.campaign.store import JSONValue
+from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Frenetic, Origin, RandomSearch, Strategy
-from frenetic.simulators import EmbeddedSimulator
+from frenetic.search import Frenetic, RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
 
 SIMULATIONS = 110
-
-
-def search(folder: Path, strategy: Strategy, simulations: int = SIMULATIONS) -> Path:
-    Campaign(
-        strategy=strategy,
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
-        budget=Budget(simulations=simulations),
-        folder=folder,
-    ).run()
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -51,8 +35,8 @@ def repeats(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with five campaigns of each of two strategies."""
     parent = tmp_path_factory.mktemp("repeats")
     for seed in range(5):
-        search(parent / f"frenetic-{seed}", Frenetic(seed=seed))
-        search(parent / f"random-{seed}", RandomSearch(seed=seed))
+        search(parent / f"frenetic-{seed}", Frenetic(seed=seed), SIMULATIONS)
+        search(parent / f"random-{seed}", RandomSearch(seed=seed), SIMULATIONS)
     return parent
 
 
@@ -84,115 +68,60 @@ def test_strategies_that_are_alike_at_first_show_no_difference(comparison: Compa
 def test_all_measures_are_compared_and_those_that_say_the_same_told_once(
     comparison: Comparison,
 ) -> None:
-    assert [one.measure.name for one in comparison.measures] == list(MEASURES)
+    on_a_bench = {"virtual_seconds_to_failure"}
+    known = [name for name in MEASURES if name not in on_a_bench]
+    assert [one.measure.name for one in comparison.measures] == known
+    assert comparison.headline.measure.name == known[0] == HEADLINE
     told = {one.measure.name for one in comparison.telling}
-    assert told == set(MEASURES) - {"failures_per_100"}
+    of_the_same = {"failures_per_100", "distinct_failures"}
+    neither = {"tests", "simulations", "invalid", "errors"}
+    assert told == set(known) - of_the_same - neither
     for one in comparison.measures:
         assert one.p_overall is None
         for name, values in one.values.items():
             assert one.quartiles(name).median == np.median(values)
     assert comparison.notes == ()
+    assert comparison.simulations == SIMULATIONS
     with pytest.raises(KeyError, match="no measure is called 'speed'"):
         comparison.by("speed")
 
 
-def test_measures_are_what_the_database_says(repeats: Path) -> None:
-    folder = repeats / "frenetic-2"
-    measured = measure_campaign(folder)
-    database = sqlite3.connect(folder / "campaign.sqlite")
-
-    def ask(question: str) -> float:
-        (value,) = database.execute(question).fetchone()
-        return float(value)
-
-    driven = "outcome IN ('PASS', 'FAIL', 'ERROR')"
-    first = ask("SELECT min(told) FROM test WHERE outcome = 'FAIL'")
-    assert measured.failures == ask("SELECT count(*) FROM test WHERE outcome = 'FAIL'") > 0
-    assert measured.simulations == ask(f"SELECT count(*) FROM test WHERE {driven}") == SIMULATIONS
-    assert measured.invalid == ask("SELECT count(*) FROM test WHERE outcome = 'INVALID'")
-    assert measured.simulations_to_failure == ask(
-        f"SELECT count(*) FROM test WHERE {driven} AND told <= {first}"
-    )
-    assert measured.seconds_to_failure == ask(f"SELECT elapsed FROM test WHERE told = {first}")
-    database.close()
-    with CampaignStore.open(folder) as store:
-        assert measured.distinct_failures == len(cluster_failures(failures_of(store)))
-    assert 1 <= measured.cells <= measured.failures
-    assert measured.failures_per_100 == pytest.approx(100 * measured.failures / SIMULATIONS)
-    assert (measured.seed, measured.is_finished) == (2, True)
-    curve = measured.failures_after
-    assert (len(curve), curve[0], curve[-1]) == (SIMULATIONS + 1, 0, measured.failures)
-    assert set(np.diff(curve)) <= {0, 1}
-    assert np.argmax(curve > 0) == measured.simulations_to_failure
-
-
-def store_of(folder: Path, outcomes: Sequence[Outcome], elapsed: float | None = None) -> Path:
-    """A campaign with these outcomes, one after the other, without trajectories."""
-    config: dict[str, JSONValue] = {"seed": 1, "lane_width": 4.0, "rules": {}, "car": {}}
-    with CampaignStore.create(folder, config) as store:
-        for told, outcome in enumerate(outcomes, start=1):
-            candidate = Candidate(told, np.zeros(5), 10.0, Origin("random"))
-            store.asked(candidate)
-            store.told(
-                TestRecord(
-                    candidate=candidate,
-                    told=told,
-                    outcome=outcome,
-                    reason="",
-                    budget_spent=0.0,
-                    seconds=2.0,
-                    elapsed=None if elapsed is None else told * elapsed,
-                )
-            )
-    return folder
-
-
-def test_refused_and_dropped_roads_are_no_simulations(tmp_path: Path) -> None:
-    kinds = (Outcome.INVALID, Outcome.PASS, Outcome.DROPPED, Outcome.ERROR, Outcome.INVALID)
-    measured = measure_campaign(store_of(tmp_path / "c", (*kinds, Outcome.FAIL), elapsed=0.5))
-    assert (measured.simulations, measured.invalid, measured.failures) == (3, 2, 1)
-    assert measured.invalid_share == pytest.approx(2 / 5)
-    assert measured.failures_after.tolist() == [0, 0, 0, 1]
-    assert measured.simulations_to_failure == 3
-    assert measured.seconds_to_failure == 3.0
-    assert not measured.is_finished
-
-
-def test_a_log_of_an_old_version_knows_only_what_each_test_took(tmp_path: Path) -> None:
-    measured = measure_campaign(store_of(tmp_path / "c", (Outcome.PASS, Outcome.FAIL)))
-    assert measured.seconds_to_failure == 4.0
-
-
-def test_a_campaign_without_failures_never_came_to_the_first(tmp_path: Path) -> None:
-    measured = measure_campaign(store_of(tmp_path / "c", (Outcome.PASS,) * 3))
-    assert measured.simulations_to_failure == measured.seconds_to_failure == math.inf
-    assert (measured.failures, measured.distinct_failures, measured.cells) == (0, 0, 0)
-    assert MEASURES["simulations_to_failure"].text(math.inf) == "none"
-
-
-def test_an_empty_campaign_has_no_shares(tmp_path: Path) -> None:
-    measured = measure_campaign(store_of(tmp_path / "c", ()))
-    assert (measured.failures_per_100, measured.invalid_share) == (0.0, 0.0)
+def test_what_all_campaigns_have_in_common_is_told(comparison: Comparison) -> None:
+    assert comparison.shared["driver"] == "Planner"
+    assert comparison.shared["budget"] == f"simulations {SIMULATIONS}"
+    assert "strategy" not in comparison.shared
 
 
 # Statistics of made-up groups
 
 
-def campaign(failures: int, first: float = 5.0, simulations: int = 100) -> CampaignMeasures:
+def campaign(
+    failures: int,
+    first: float = 5.0,
+    simulations: int = 100,
+    filled: frozenset[Cell] = frozenset(),
+    competition_filled: frozenset[Cell] = frozenset(),
+    generator_seconds: float | None = None,
+    pairwise_diversity: float = -math.inf,
+) -> CampaignMeasures:
     curve = np.zeros(simulations + 1, dtype=np.int64)
-    curve[simulations - failures :] = np.arange(failures + 1)
+    if failures:
+        start = int(first)
+        curve[start : start + failures] = np.arange(1, failures + 1)
+        curve[start + failures :] = failures
     return CampaignMeasures(
         folder=Path("made-up"),
         seed=None,
-        simulations=simulations,
         invalid=0,
-        failures=failures,
-        distinct_failures=failures,
-        cells=failures,
-        simulations_to_failure=first,
-        seconds_to_failure=first,
         failures_after=curve,
+        distinct_after=curve,
+        cells_after=curve,
+        seconds_to_failure=first,
         is_finished=True,
+        filled=filled,
+        competition_filled=competition_filled,
+        generator_seconds=generator_seconds,
+        pairwise_diversity=pairwise_diversity,
     )
 
 
@@ -249,6 +178,100 @@ def test_several_groups_are_corrected_for_being_several() -> None:
     assert found.pairs[2].verdict is Verdict.NOT_SHOWN
     assert found.p_overall is not None
     assert found.p_overall < 0.01
+
+
+def test_a_group_ranks_by_the_mean_rank_of_its_campaigns() -> None:
+    found = compare_measured({"c": group(1, 2), "a": group(9, 7), "b": group(8, 7)}).by("failures")
+    # 9 8 7 7 2 1 have the ranks 1 2 3.5 3.5 5 6.
+    assert found.mean_ranks == {"c": 5.5, "a": 2.25, "b": 2.75}
+    assert found.places == {"c": 3, "a": 1, "b": 2}
+    assert found.order == ("a", "b", "c")
+
+
+def test_groups_that_rank_alike_share_a_place() -> None:
+    found = compare_measured({"a": group(3, 4), "b": group(4, 3), "c": group(1, 1)}).by("failures")
+    assert list(found.places.values()) == [1, 1, 3]
+    assert found.order == ("a", "b", "c")
+
+
+def test_less_ranks_first_where_less_is_better() -> None:
+    quick, slow = (campaign(3, first=2.0),), (campaign(3, first=9.0),)
+    found = compare_measured({"slow": slow, "quick": quick}).by("simulations_to_failure")
+    assert found.places == {"slow": 2, "quick": 1}
+
+
+def test_nobody_is_better_by_what_is_neither() -> None:
+    found = compare_measured({"a": group(*range(5)), "b": group(*range(5))}).by("simulations")
+    assert (found.pairs, found.p_overall, dict(found.mean_ranks)) == ((), None, {})
+    assert found.measure.better == "neither"
+
+
+def test_a_measure_that_not_all_have_is_left_out() -> None:
+    known, unknown = campaign(1, generator_seconds=2.0), campaign(1)
+    both = compare_measured({"a": (known,), "b": (known,)})
+    assert both.by("generator_seconds").values["a"] == (2.0,)
+    with pytest.raises(KeyError):
+        compare_measured({"a": (known,), "b": (known, unknown)}).by("generator_seconds")
+
+
+def test_no_diversity_is_worse_than_any() -> None:
+    some = tuple(campaign(2, pairwise_diversity=0.1 * i) for i in range(5))
+    none = tuple(campaign(1) for _ in range(5))
+    found = compare_measured({"none": none, "some": some}).by("pairwise_diversity")
+    assert found.pairs[0].a12 == 0.0
+    assert found.pairs[0].verdict is Verdict.SECOND_IS_BETTER
+    assert found.text("none") == "none"
+    assert found.text("some") == "0.200 (0.100 to 0.300)"
+
+
+def test_pairs_can_be_turned() -> None:
+    (pair,) = (
+        compare_measured({"a": group(9, 8, 7, 9, 8), "b": group(0, 1, 2, 1, 0)})
+        .by("failures")
+        .pairs
+    )
+    turned = pair.turned
+    assert (turned.first, turned.second, turned.a12) == ("b", "a", 0.0)
+    assert (turned.better, str(turned)) == (pair.better, str(pair)) == ("a", "a is better than b")
+
+
+def test_those_that_are_shown_to_be_worse_are_known() -> None:
+    groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4), "c": group(5, 4, 6, 5, 3)}
+    found = compare_measured(groups).by("failures")
+    assert found.worse_than("a") == ("b", "c")
+    assert found.worse_than("b") == found.worse_than("c") == ()
+
+
+def test_too_many_groups_for_their_repeats_are_noted() -> None:
+    five = {name: group(*range(5)) for name in "abcde"}
+    (note,) = compare_measured(five).notes
+    # 10 pairs of 5 and 5: 10 * 2 / 252.
+    assert "no two can be shown to differ: p after correction is 0.079 at least" in note
+    apart = {name: group(*range(10 * i, 10 * i + 5)) for i, name in enumerate("abcde")}
+    assert not any(pair.better for pair in compare_measured(apart).headline.pairs)
+    assert compare_measured({name: five[name] for name in "abc"}).notes == ()
+
+
+def test_relative_map_coverage_is_that_of_the_cells_that_anybody_filled() -> None:
+    def with_cells(*cells: int) -> CampaignMeasures:
+        found = [(cell,) for cell in cells]
+        return campaign(1, filled=frozenset(found), competition_filled=frozenset(found[:1]))
+
+    comparison = compare_measured(
+        {"a": (with_cells(1, 2), with_cells(2, 3, 4)), "b": (with_cells(9), with_cells())}
+    )
+    # 1 2 3 4 9 are filled in all.
+    assert comparison.map_coverage() == {
+        "a": MapCoverage(cells=4, share=0.5),
+        "b": MapCoverage(cells=1, share=0.1),
+    }
+    # 1 2 9 of the competition's.
+    assert comparison.map_coverage(as_competition=True) == {
+        "a": MapCoverage(cells=2, share=1 / 3),
+        "b": MapCoverage(cells=1, share=0.5 / 3),
+    }
+    empty = compare_measured({"a": group(0), "b": group(0)}).map_coverage()
+    assert empty == {"a": MapCoverage(0, 0.0), "b": MapCoverage(0, 0.0)}
 
 
 # Which campaigns belong together
@@ -351,7 +374,9 @@ def test_campaigns_of_other_lengths_or_without_an_end_are_noted(tmp_path: Path) 
     longer = made(tmp_path, "b", budget=Budget(simulations=4))
     notes = compare({"x": [first], "y": [longer]}).notes
     assert notes == (
-        "the campaigns have from 2 to 4 simulations: compare failures per 100 simulations",
+        "the campaigns have from 2 to 4 simulations: compare failures per 100 simulations; distinct"
+        " failures per 100 simulations fall with their number, as what is new becomes rare, so look"
+        " at the curves",
     )
     cut = store_of(tmp_path / "c", (Outcome.PASS,) * 2)
     notes = compare({"x": [first], "y": [cut]}).notes

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from frenetic.analysis import (
     features_of,
     segment_of,
 )
-from frenetic.analysis.competition import direction_coverage
+from frenetic.analysis.competition import direction_coverage, first_record
 from frenetic.arrays import FloatArray
 from frenetic.oracle import Departure
 from frenetic.road import Road
@@ -67,6 +68,38 @@ def test_there_is_no_segment_where_the_competition_breaks(
     road: list[tuple[float, float]], position: tuple[float, float]
 ) -> None:
     assert competition_segment(road, position) is None
+
+
+def test_first_record_is_the_first_whose_nearest_place_is_at_the_segments_start() -> None:
+    """Against the definition, position by position, on paths that stray far from a winding road."""
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(60):
+        road = Road(rng.uniform(-0.06, 0.06, 20)).road_points
+        place = road[rng.integers(20, len(road) - 5)]
+        cut = competition_segment(road, (place[0], place[1]))
+        assert cut is not None
+        drift = rng.normal(0.0, 4.0, 2)
+        path = cut.line[::3] + np.cumsum(rng.normal(0.0, 1.0, cut.line[::3].shape), axis=0) + drift
+        expected = 0
+        for i, position in enumerate(path):
+            node = node_of(cut.line, position)
+            if node is not None and math.dist(node, cut.points[0]) < 0.01:
+                expected = i
+                break
+        found.append(first_record(cut, path))
+        assert found[-1] == expected
+    assert sum(record > 0 for record in found) > 10
+
+
+def node_of(line: FloatArray, position: FloatArray) -> FloatArray | None:
+    """The first node within 0.55 m of the line's point that is nearest to a position."""
+    feet = []
+    for a, b in pairwise(line):
+        share = min(max(float((position - a) @ (b - a) / ((b - a) @ (b - a))), 0.0), 1.0)
+        feet.append(a + share * (b - a))
+    foot = min(feet, key=lambda one: math.dist(one, position))
+    return next((node for node in line if math.dist(node, foot) < 0.55), None)
 
 
 def test_direction_coverage_of_a_straight_is_one_bin_of_26() -> None:

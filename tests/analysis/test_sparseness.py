@@ -130,6 +130,16 @@ def test_competition_sparseness_looks_only_at_those_that_come_after() -> None:
     assert other_way_round.maxima == pytest.approx((max(BC, AC), AB))
 
 
+@given(st.lists(LINES, min_size=2, max_size=12))
+@settings(max_examples=50)
+def test_competition_sparseness_misses_no_pair(lines: list[FloatArray]) -> None:
+    expected = tuple(
+        max(edit_distance(one, other) for other in lines[i + 1 :])
+        for i, one in enumerate(lines[:-1])
+    )
+    assert competition_sparseness(lines).maxima == expected
+
+
 def test_diversity_worked_out_by_hand() -> None:
     # Shares of the longer line: 2, 4 and 4 steps.
     ab, ac, bc = AB / 2.0, AC / 4.0, BC / 4.0

@@ -19,6 +19,8 @@ from frenetic.analysis.statistics import (
     kruskal_wallis,
     magnitude,
     mann_whitney,
+    mean_ranks,
+    places,
     proportion_interval,
     quartiles,
     spearman,
@@ -43,6 +45,8 @@ def test_quartiles_of_one_value_are_that_value() -> None:
 def test_quartiles_next_to_infinity_are_infinite_and_never_nan() -> None:
     q = quartiles([10.0, math.inf, 20.0, math.inf])
     assert (q.least, q.low, q.median, q.high) == (10.0, 17.5, math.inf, math.inf)
+    q = quartiles([10.0, -math.inf, 20.0, -math.inf])
+    assert (q.least, q.low, q.median, q.high) == (-math.inf, -math.inf, -math.inf, 12.5)
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=30))
@@ -184,6 +188,26 @@ def test_kruskal_wallis_of_one_group_is_refused() -> None:
 
 
 # spearman
+
+
+def test_mean_ranks_by_hand() -> None:
+    # 1 2 2 4 inf have the ranks 1 2.5 2.5 4 5.
+    assert mean_ranks([[2.0, 4.0], [1.0], [2.0, math.inf]]) == [3.25, 1.0, 3.75]
+    with pytest.raises(ValueError, match="at least one"):
+        mean_ranks([])
+
+
+@given(st.lists(few, min_size=1, max_size=4))
+def test_mean_ranks_agree_with_scipy(groups: list[list[float]]) -> None:
+    everything = [value for group in groups for value in group]
+    ranks = stats.rankdata(everything)
+    ends = np.cumsum([len(group) for group in groups])
+    expected = [part.mean() for part in np.split(ranks, ends[:-1])]
+    assert mean_ranks(groups) == pytest.approx(expected)
+
+
+def test_places_are_shared() -> None:
+    assert places([2.0, 1.0, 2.0, 0.5, 3.0]) == [3, 2, 3, 1, 5]
 
 
 def test_spearman_by_hand() -> None:

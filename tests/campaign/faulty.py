@@ -121,6 +121,16 @@ def start_process(marks: Marks) -> None:
     child.returncode = 0  # nobody is to wait for it, nor to be warned about it
 
 
+def fork_and_kill(marks: Marks) -> None:
+    """Its child holds on to whatever connections it had."""
+    child = os.fork()
+    if child == 0:
+        time.sleep(LIMIT)
+        os._exit(0)
+    marks.make(f"pid-{child}")
+    kill(marks)
+
+
 def write_nonsense(marks: Marks) -> None:
     """To every socket that the process has."""
     for descriptor in range(3, 64):

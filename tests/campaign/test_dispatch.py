@@ -35,6 +35,7 @@ class FakeWorkers:
 
     Args:
         losses: how often the attempt at a candidate is lost.
+        busy: how many candidates keep them busy; as many as they can have if None.
     """
 
     def __init__(
@@ -42,8 +43,10 @@ class FakeWorkers:
         count: int,
         choose: Choose = lambda ids: ids[:1],
         losses: Mapping[int, int] | None = None,
+        busy: int | None = None,
     ) -> None:
         self.count = count
+        self.busy = count if busy is None else busy
         self.choose = choose
         self.losses = Counter(losses or {})
         self.running: dict[int, Candidate] = {}
@@ -55,6 +58,10 @@ class FakeWorkers:
     @property
     def free(self) -> int:
         return self.count - len(self.running)
+
+    @property
+    def needed(self) -> int:
+        return max(0, self.busy - len(self.running))
 
     def states(self) -> Mapping[str, WorkerState]:
         return {}
@@ -164,11 +171,13 @@ class Litters:
     Args:
         litter: roads in each.
         failing: which of them fails, counted from 0.
+        known: whether the roads of a litter name a parent.
     """
 
-    def __init__(self, litter: int, failing: int) -> None:
+    def __init__(self, litter: int, failing: int, *, known: bool = False) -> None:
         self.litter = litter
         self.failing = failing
+        self.known = known
         self.asked = self.place = 0
         self.litters: dict[int, int] = {}
         self.failed: set[int] = set()
@@ -180,7 +189,8 @@ class Litters:
         self.litters[self.asked] = self.place // self.litter
         curvatures = np.full(8, 0.05 if self.place % self.litter == self.failing else 0.0)
         self.place += 1
-        return Candidate(self.asked, curvatures, 10.0, Origin("litter"))
+        parents = (1000 + self.litters[self.asked],) if self.known else ()
+        return Candidate(self.asked, curvatures, 10.0, Origin("litter", parents))
 
     def tell(self, evaluation: Evaluation) -> None:
         if evaluation.outcome is Outcome.FAIL:
@@ -396,6 +406,41 @@ def test_in_order_nothing_is_driven_for_nobody(tmp_path: Path) -> None:
     assert not set(fake.submitted) & set(strategy.of("DROPPED"))
 
 
+def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
+    """The first of each litter fails: driven early, it spares the drives of the others."""
+    submitted: dict[bool, list[int]] = {}
+    for known in (False, True):
+        strategy = Selective(Litters(litter=3, failing=0, known=known))
+        fake = FakeWorkers(2)
+        folder = tmp_path / str(known)
+        budget = Budget(simulations=6)
+        summary = campaign(folder, strategy, budget, fake, ordered=True, lookahead=7).run()
+        assert (summary.failed, summary.simulations) == (6, 6)
+        submitted[known] = fake.submitted
+    # Litters of three begin with 1, 4 and 7; only then is it known that 2 and 3 are dropped.
+    assert submitted[False][:2] == [1, 2]
+    assert submitted[True][:3] == [1, 4, 7]
+    assert len(submitted[False]) > len(submitted[True]) == 6
+    told = [contents(tmp_path / str(known))["test"] for known in (False, True)]
+    assert told[0] == told[1]
+
+
+def test_in_order_doubtful_siblings_are_not_driven_ahead(tmp_path: Path) -> None:
+    """Workers that may have seven candidates get those that keep them busy, and all sure ones."""
+    first: list[int] = []
+
+    def choose(ids: list[int]) -> list[int]:
+        first[:] = first or ids
+        return ids[:1]
+
+    strategy = Selective(Litters(litter=4, failing=3, known=True))
+    fake = FakeWorkers(7, choose, busy=3)
+    budget = Budget(simulations=20)
+    summary = campaign(tmp_path, strategy, budget, fake, ordered=True, lookahead=9).run()
+    assert first == [1, 5, 9]  # each the first of its litter
+    assert summary.simulations == len(fake.submitted) == 20
+
+
 def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) -> None:
     fake = FakeWorkers(4, lambda ids: ids[:1])
     strategy = Noted(Litters(litter=1, failing=0))
@@ -403,6 +448,40 @@ def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) 
         tmp_path, strategy, Budget(failures=3), fake, ordered=True, lookahead=6
     ).run()
     assert (summary.failed, summary.simulations) == (3, 3)
+
+
+# What is reported
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_only_what_is_stored_is_reported(tmp_path: Path, ordered: bool) -> None:
+    """Results that come together are stored together, and before any of them is reported."""
+    fake = FakeWorkers(5, lambda ids: ids)
+    stored: list[int] = []
+
+    def report(progress: Progress) -> None:
+        with CampaignStore.open(tmp_path) as store:
+            stored.append(store.counts().told)
+        assert progress.tests == len(stored)
+
+    campaign(tmp_path, Straight(8), Budget(simulations=15), fake, ordered=ordered).run(report)
+    assert stored == [5] * 5 + [10] * 5 + [15] * 5
+
+
+def test_what_came_before_a_strategy_broke_is_stored_and_reported(tmp_path: Path) -> None:
+    class Breaking(Straight):
+        def tell(self, evaluation: Evaluation) -> None:
+            if evaluation.candidate.id == 4:
+                raise KeyError("four")
+
+    reported: list[int] = []
+    with pytest.raises(CampaignError, match="the strategy raised KeyError: 'four'"):
+        campaign(tmp_path, Breaking(8), Budget(simulations=9), FakeWorkers(5, lambda ids: ids)).run(
+            lambda progress: reported.append(progress.tests)
+        )
+    assert reported == [1, 2, 3]
+    with CampaignStore.open(tmp_path) as store:
+        assert [record.candidate.id for record in store.tests()] == [1, 2, 3, 4]
 
 
 # Real workers

@@ -667,6 +667,45 @@ def test_a_reader_follows_a_writer(store: CampaignStore) -> None:
         assert len(list(tests)) == 4
 
 
+def test_held_results_are_one_transaction(store: CampaignStore) -> None:
+    transactions: list[str] = []
+    with CampaignStore.open(store.folder) as reader:
+        store._connection.set_trace_callback(transactions.append)
+        for id in (1, 2, 3):  # noqa: A001
+            store.asked(make_candidate(id))
+            store.told(make_record(id), hold=True)
+        store.asked(make_candidate(4))
+        assert reader.counts().told == 0
+        store.write()
+        assert (reader.counts().told, reader.counts().asked) == (3, 4)
+        store.write()
+        assert transactions.count("COMMIT") == 1
+        assert_same(reader.test(3), make_record(3))
+        places = [place for _, place in reader.candidates_with_place()]
+        assert places == [0, 1, 2, 3]
+
+
+def test_its_writer_sees_what_it_holds(store: CampaignStore) -> None:
+    for number, see in enumerate(
+        (
+            lambda: store.counts().told,
+            lambda: len(list(store.tests())),
+            lambda: store.test(3).told,
+            lambda: store.elapsed() * 8,
+            lambda: sum(1 for _ in store.rows("SELECT * FROM test")),
+        ),
+        start=1,
+    ):
+        store.asked(make_candidate(number))
+        store.told(make_record(number), hold=True)
+        assert see() == number
+    store.asked(make_candidate(6))
+    store.told(make_record(6), hold=True)
+    store.close()
+    with CampaignStore.open(store.folder) as again:
+        assert again.counts().told == 6
+
+
 def run_python(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-c", code, *map(str, arguments)],
@@ -745,6 +784,22 @@ def test_a_full_disk_loses_nothing_that_was_stored(store: CampaignStore) -> None
     store._connection.execute("PRAGMA max_page_count = 1000000").fetchone()
     store.told(record)  # space was made: the same record goes in, with its candidate
     assert [test.told for test in store.tests()] == list(range(1, stored + 2))
+
+
+def test_on_a_full_disk_what_is_held_waits(store: CampaignStore) -> None:
+    tell(store, 1)
+    (pages,) = store._connection.execute("PRAGMA page_count").fetchone()
+    store._connection.execute(f"PRAGMA max_page_count = {pages}").fetchone()
+    for id in range(2, 40):  # noqa: A001
+        store.asked(make_candidate(id))
+        store.told(make_record(id), hold=True)
+    with pytest.raises(CampaignError, match="the disk is full"):
+        store.write()
+    with CampaignStore.open(store.folder) as reader:
+        assert reader.counts().told == 1
+    store._connection.execute("PRAGMA max_page_count = 1000000").fetchone()
+    store.write()
+    assert [test.told for test in store.tests()] == list(range(1, 40))
 
 
 def test_closing_on_a_full_disk_still_closes(folder: Path) -> None:

@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from multiprocessing import forkserver
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from faulty import (
     Marks,
     NoDrive,
     await_go,
+    fork_and_kill,
     give_go,
     hang,
     hang_in_c,
@@ -50,9 +52,20 @@ from frenetic.campaign.log import LOG, CampaignLog
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.campaign.workers import Attempt, LocalWorkers, ThisProcess, Workers, processes
 from frenetic.drivers import Driver
+from frenetic.campaign.workers.messages import (
+    Finished,
+    Hopeless,
+    Logged,
+    Ready,
+    decode_candidate,
+    decode_message,
+    encode_candidate,
+    encode_message,
+)
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
+from frenetic.search import Candidate, Origin
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -481,6 +494,60 @@ def test_workers_are_imported_where_there_is_no_server_that_forks(tmp_path: Path
     subprocess.run([sys.executable, "-c", LIKE_WINDOWS], check=True, timeout=LIMIT)
 
 
+@linux_only
+def test_a_worker_whose_child_holds_its_connection_is_missed(marks: Marks, tmp_path: Path) -> None:
+    """Where the system tells of ended processes, nobody has to wait for the connection's end."""
+    simulator = FaultySimulator(marks.folder, drive=Fault(fork_and_kill, marks.folder, times=1))
+    with local(simulator, folder=tmp_path) as workers:
+        await_free(workers)
+        workers.submit(straight(1))
+        start = time.monotonic()
+        while not (attempts := workers.wait(LIMIT)):
+            pass
+        assert time.monotonic() - start < 0.5 * LIMIT
+        assert attempts[0].failure == "worker 1 was lost: it was killed by SIGKILL"
+        assert drive_all(workers, [8])[1].failure is None
+
+
+def test_without_sentinels_a_lost_connection_says_it(
+    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows, which waits for few objects at once."""
+    simulator = FaultySimulator(marks.folder, drive=Fault(leave, marks.folder, times=1))
+    monkeypatch.setattr(processes, "_selector", lambda: None)
+    with local(simulator, folder=tmp_path, count=2) as workers:
+        await_free(workers, 2)
+        workers.submit(straight(1))
+        while not (attempts := workers.wait(0.5)):
+            pass
+        assert attempts[0].failure == "worker 1 was lost: it ended with exit code 7"
+        assert len(drive_all(workers, [8, 9, 10, 11])) == 4
+
+
+@pytest.mark.parametrize(
+    ("seconds", "most"), [(0.0001, 8), (0.0015, 8), (0.005, 5), (0.019, 2), (0.021, 1), (3.0, 1)]
+)
+def test_the_quicker_the_tests_the_more_wait_in_a_worker(seconds: float, most: int) -> None:
+    worker = processes._Worker("worker 1")
+    assert worker.room == 0  # it is not there yet
+    worker.turn("idle")
+    assert worker.room == 1  # who knows how long it takes
+    worker.queue.append(straight(1))
+    worker.finish(seconds)
+    assert worker.room == most
+    worker.queue.append(straight(2))
+    assert worker.room == most - 1
+
+
+def test_one_slow_test_stops_the_prefetching_of_a_quick_worker() -> None:
+    worker = processes._Worker("worker 1")
+    worker.turn("idle")
+    for seconds in [0.001] * 5 + [2.0]:
+        worker.queue.append(straight(1))
+        worker.finish(seconds)
+    assert worker.room == 1
+
+
 # How they end
 
 
@@ -732,9 +799,52 @@ class Lacking(DummySimulator):
         raise FreneticError('BeamNG is missing: pip install "frenetic-roads[beamng]"')
 
 
-def test_attempts_travel(tmp_path: Path) -> None:
-    """What workers send can be sent, and curvatures stay read-only on the way."""
-    tested = RoadTester(DummySimulator(), DummyDriver()).test(straight(1)).pack()
-    again = pickle.loads(pickle.dumps(tested))
-    assert again == tested
-    assert np.array_equal(straight(1).curvatures, np.zeros(8))
+@dataclass(frozen=True, eq=False)
+class Named(Candidate):
+    """A candidate with more to it."""
+
+    name: str = ""
+
+    def __reduce__(self):  # type: ignore[no-untyped-def]
+        return Named, (self.id, self.curvatures, self.step, self.origin, self.points, self.name)
+
+
+ORIGIN = Origin("C2", (3, 7), 4)
+POINTS = np.array([[10.0, 20.0], [0.1 + 0.2, 30.0]])
+
+
+@pytest.mark.parametrize(
+    "candidate",
+    [
+        Candidate(12, np.array([0.1 + 0.2, -0.07, 5e-324]), 10.0, ORIGIN),
+        Candidate(13, np.empty(0), 2.5, Origin("random"), POINTS),
+        Named(14, np.zeros(3), 10.0, ORIGIN, name="Fido"),
+    ],
+)
+def test_candidates_travel(candidate: Candidate) -> None:
+    there = decode_candidate(encode_candidate(candidate))
+    assert type(there) is type(candidate)
+    assert (there.id, there.step, there.origin) == (candidate.id, candidate.step, candidate.origin)
+    assert there.curvatures.tolist() == candidate.curvatures.tolist()
+    assert not there.curvatures.flags.writeable
+    assert (there.points is None) == (candidate.points is None)
+    assert there.points is None or there.points.tolist() == POINTS.tolist()
+    assert getattr(there, "name", "") == getattr(candidate, "name", "")
+    assert decode_candidate(encode_candidate(None)) is None
+
+
+def test_messages_travel() -> None:
+    tester = RoadTester(DummySimulator(lambda _: 0.3), DummyDriver())
+    outcomes = set()
+    for candidate in roads([2, 8, 12, 40]):
+        tested = tester.test(candidate).pack()
+        outcomes.add(tested.result.outcome)
+        for message in (
+            Finished(candidate.id, 0.1 + 0.2, tested),
+            Finished(candidate.id, 1.0, replace(tested, simulator_broke=True)),
+        ):
+            assert decode_message(encode_message(message)) == message
+    assert {Outcome.FAIL, Outcome.INVALID} <= outcomes
+    for other in (Ready(), Hopeless("no port"), Logged(20, "frenetic.x", "so it goes")):
+        assert decode_message(encode_message(other)) == other
+        assert type(decode_message(encode_message(other))) is type(other)

@@ -1,26 +1,19 @@
-"""The HTML report as a browser shows it: Chromium without a window, driven by Playwright.
-
-Without a Chromium these tests are skipped, unless ``FRENETIC_REQUIRE_BROWSER`` is set, as in CI.
-``FRENETIC_CHROMIUM`` names one that is not found by itself.
-"""
+"""The HTML report as a browser shows it, see ``browsing``."""
 
 from __future__ import annotations
 
 import math
-import os
 import re
 import shlex
-import shutil
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from html_browser import background
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
-from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from frenetic.campaign import CampaignStore
 from frenetic.cli import cli
@@ -39,30 +32,7 @@ from frenetic.report.html import (
     write_report,
 )
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
-
-
-def find_chromium() -> str | None:
-    named = os.environ.get("FRENETIC_CHROMIUM")
-    return named or next((path for name in NAMES if (path := shutil.which(name))), None)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    path = find_chromium()
-    missing = pytest.fail if os.environ.get("FRENETIC_REQUIRE_BROWSER") else pytest.skip
-    if path is None:
-        missing("there is no Chromium here: install one, or name it in FRENETIC_CHROMIUM")
-    is_root = hasattr(os, "geteuid") and os.geteuid() == 0
-    with sync_playwright() as playwright:
-        try:
-            launched = playwright.chromium.launch(
-                executable_path=path, args=["--no-sandbox"] if is_root else []
-            )
-        except Error as error:
-            missing(f"{path} does not start: {error.message.splitlines()[0]}")
-        yield launched
-        launched.close()
+pytest_plugins = ["browsing"]
 
 
 @pytest.fixture(scope="session")
@@ -70,40 +40,6 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = make_searched(tmp_path_factory.mktemp("html") / "searched")
     write_report(folder)
     return folder
-
-
-@dataclass
-class Trouble:
-    """What went wrong in a page."""
-
-    errors: list[str] = field(default_factory=list)
-    requests: list[str] = field(default_factory=list)
-
-
-@pytest.fixture
-def show(browser: Browser) -> Iterator[Callable[..., Page]]:
-    """Opens a file and, at the end, asserts that nothing was complained about or loaded."""
-    trouble = Trouble()
-    addresses: list[str] = []
-
-    def opened(path: Path, *, fragment: str = "", **context: Any) -> Page:
-        given = {"viewport": {"width": 1280, "height": 900}, **context}
-        page = browser.new_context(**given).new_page()
-        page.on(
-            "console",
-            lambda m: trouble.errors.append(m.text) if m.type in ("error", "warning") else None,
-        )
-        page.on("pageerror", lambda error: trouble.errors.append(str(error)))
-        page.on("request", lambda request: trouble.requests.append(request.url.split("#")[0]))
-        addresses.append(path.resolve().as_uri())
-        page.goto(addresses[-1] + fragment)
-        return page
-
-    yield opened
-    for context in browser.contexts:
-        context.close()
-    assert trouble.errors == []
-    assert set(trouble.requests) == set(addresses)
 
 
 @pytest.fixture
@@ -128,12 +64,6 @@ def car(page: Page) -> tuple[float, float]:
     moved = page.locator("#car").get_attribute("transform") or ""
     x, y = re.findall(r"-?[\d.]+", moved)[:2]
     return float(x), float(y)
-
-
-def background(page: Page) -> int:
-    """How light the page is, 0..765."""
-    found = page.evaluate("getComputedStyle(document.body).backgroundColor")
-    return sum(int(part) for part in re.findall(r"\d+", found)[:3])
 
 
 def test_page_has_all_parts(page: Page) -> None:

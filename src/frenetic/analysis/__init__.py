@@ -17,13 +17,7 @@ if TYPE_CHECKING:
         cluster_failures,
         failures_of,
     )
-    from frenetic.analysis.comparing import (
-        Comparison,
-        compare,
-        find_campaigns,
-        group_campaigns,
-        measure_campaign,
-    )
+    from frenetic.analysis.comparing import Comparison, compare, compare_measured
     from frenetic.analysis.competition import (
         CompetitionFeatures,
         CompetitionSegment,
@@ -31,6 +25,9 @@ if TYPE_CHECKING:
         competition_segment,
     )
     from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
+    from frenetic.analysis.grouping import find_campaigns, group_campaigns
+    from frenetic.analysis.measures import MEASURES, Measure
+    from frenetic.analysis.measuring import CampaignMeasures, measure_campaign
     from frenetic.analysis.replaying import Replay, replay, write_junit
     from frenetic.analysis.rerunning import Rerun, Variation, read_reruns, rerun
     from frenetic.analysis.segments import Segment, segment_of, segment_profile, segments_of
@@ -45,13 +42,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "bends": ("Bend", "find_bends"),
     "clusters": ("Cluster", "Clusters", "Failure", "cluster_failures", "failures_of"),
-    "comparing": (
-        "Comparison",
-        "compare",
-        "find_campaigns",
-        "group_campaigns",
-        "measure_campaign",
-    ),
+    "comparing": ("Comparison", "compare", "compare_measured"),
     "competition": (
         "CompetitionFeatures",
         "CompetitionSegment",
@@ -59,6 +50,9 @@ _HOMES = {
         "competition_segment",
     ),
     "features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
+    "grouping": ("find_campaigns", "group_campaigns"),
+    "measures": ("MEASURES", "Measure"),
+    "measuring": ("CampaignMeasures", "measure_campaign"),
     "replaying": ("Replay", "replay", "write_junit"),
     "rerunning": ("Rerun", "Variation", "read_reruns", "rerun"),
     "segments": ("Segment", "segment_of", "segment_profile", "segments_of"),
@@ -74,7 +68,9 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "FEATURES",
+    "MEASURES",
     "Bend",
+    "CampaignMeasures",
     "Cluster",
     "Clusters",
     "Comparison",
@@ -85,12 +81,14 @@ __all__ = [
     "Failure",
     "Feature",
     "Features",
+    "Measure",
     "Replay",
     "Rerun",
     "Segment",
     "Variation",
     "cluster_failures",
     "compare",
+    "compare_measured",
     "competition_features",
     "competition_segment",
     "competition_sparseness",

@@ -1,28 +1,33 @@
 """Comparing groups of campaigns, such as one per strategy, each with its repeats.
 
 `measure_campaign` says what a campaign came to, `compare` holds groups of them against each other:
-medians and quartiles, the effect size A12 of Vargha and Delaney, and the Mann-Whitney test for each
-pair of groups, corrected by Holm where there are several pairs.
+medians and quartiles, mean ranks, the effect size A12 of Vargha and Delaney, and the Mann-Whitney
+test for each pair of groups, corrected by Holm where there are several pairs.
 """
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
-from frenetic.analysis.clusters import Failure, cluster_failures
-from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.segments import segments_of
+from frenetic.analysis.grouping import differing_parts, parts_of, shared_parts
+from frenetic.analysis.measures import HEADLINE, MEASURES, Measure
+from frenetic.analysis.measuring import (
+    MOST_COMPARED,
+    MOST_PAIRED,
+    CampaignMeasures,
+    Cell,
+    measure_campaign,
+)
 from frenetic.analysis.statistics import (
     LEAST_REPEATS,
     SIGNIFICANT,
@@ -33,102 +38,14 @@ from frenetic.analysis.statistics import (
     kruskal_wallis,
     magnitude,
     mann_whitney,
+    mean_ranks,
+    places,
     quartiles,
 )
-from frenetic.campaign.store import DATABASE, CampaignStore
-from frenetic.errors import CampaignError, FreneticError
-from frenetic.outcome import Outcome
+from frenetic.errors import FreneticError
 
-MAP_AXES: Final = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
-"""Features that span the map of which cells are counted: those of the competition of 2023."""
-PARTS: Final = (
-    "strategy",
-    "driver",
-    "simulator",
-    "rules",
-    "budget",
-    "map_size",
-    "margin",
-    "lane_width",
-    "lookahead",
-)
-"""What repeats have in common, of a campaign's configuration; the strategy's seed differs."""
-
-
-@dataclass(frozen=True, eq=False)
-class CampaignMeasures:
-    """What a campaign came to."""
-
-    folder: Path
-    seed: object
-    """Of its strategy."""
-    simulations: int
-    """Drives, broken ones included."""
-    invalid: int
-    """Roads that were refused."""
-    failures: int
-    distinct_failures: int
-    """See `frenetic.analysis.cluster_failures`."""
-    cells: int
-    """Cells of the feature map over `MAP_AXES` that hold a failure."""
-    simulations_to_failure: float
-    """Drives up to and with the first failure; infinite if there is none."""
-    seconds_to_failure: float
-    """s of the campaign's time up to the first failure; infinite if there is none."""
-    failures_after: npt.NDArray[np.int64]
-    """(simulations + 1,) failures found by each number of drives, from 0 on."""
-    is_finished: bool
-    """Whether its budget was spent."""
-
-    @property
-    def failures_per_100(self) -> float:
-        """Failures per 100 drives."""
-        return 100.0 * self.failures / self.simulations if self.simulations else 0.0
-
-    @property
-    def invalid_share(self) -> float:
-        """Share 0..1 of the proposed roads that were refused."""
-        tests = self.simulations + self.invalid
-        return self.invalid / tests if tests else 0.0
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A number by which campaigns are compared."""
-
-    name: str
-    """Of the attribute of `CampaignMeasures`."""
-    title: str
-    unit: str
-    """Empty if it has none."""
-    more_is_better: bool
-    """For a search."""
-    decimals: int
-
-    def of(self, campaign: CampaignMeasures) -> float:
-        """This measure's value."""
-        return float(getattr(campaign, self.name))
-
-    def text(self, value: float) -> str:
-        """A value for people, without its unit."""
-        return "none" if math.isinf(value) else f"{value:.{self.decimals}f}"
-
-
-MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
-    {
-        measure.name: measure
-        for measure in (
-            Measure("failures", "failures", "", True, 0),
-            Measure("distinct_failures", "distinct failures", "", True, 0),
-            Measure("cells", "cells of the feature map", "", True, 0),
-            Measure("failures_per_100", "failures per 100 simulations", "", True, 1),
-            Measure("simulations_to_failure", "simulations to first failure", "", False, 0),
-            Measure("seconds_to_failure", "time to first failure", "s", False, 2),
-            Measure("invalid_share", "invalid share", "", False, 3),
-        )
-    }
-)
-"""Name -> measure, in the order in which they are shown."""
+_SAY_THE_SAME: Final = frozenset({"failures_per_100", "distinct_failures"})
+"""Measures that say what another says if all campaigns have as many simulations."""
 
 
 class Verdict(StrEnum):
@@ -173,14 +90,29 @@ class PairComparison:
             return Verdict.NOT_SHOWN
         return Verdict.FIRST_IS_BETTER if self.a12 > 0.5 else Verdict.SECOND_IS_BETTER
 
-    def __str__(self) -> str:
+    @property
+    def turned(self) -> PairComparison:
+        """The same with the second group named first."""
+        return PairComparison(
+            self.second, self.first, 1.0 - self.a12, self.p, self.p_corrected, self.repeats[::-1]
+        )
+
+    @property
+    def better(self) -> str | None:
+        """The group that is shown to be better; None if neither is."""
         match self.verdict:
             case Verdict.FIRST_IS_BETTER:
-                return f"{self.first} is better than {self.second}"
+                return self.first
             case Verdict.SECOND_IS_BETTER:
-                return f"{self.second} is better than {self.first}"
-            case verdict:
-                return f"{self.first} and {self.second}: {verdict}"
+                return self.second
+            case _:
+                return None
+
+    def __str__(self) -> str:
+        if self.better is None:
+            return f"{self.first} and {self.second}: {self.verdict}"
+        worse = self.second if self.better == self.first else self.first
+        return f"{self.better} is better than {worse}"
 
 
 @dataclass(frozen=True)
@@ -191,12 +123,72 @@ class MeasureComparison:
     values: Mapping[str, tuple[float, ...]]
     """Name of a group -> value of each of its campaigns."""
     pairs: tuple[PairComparison, ...]
+    """Each two groups; none if neither more nor less of the measure is better."""
     p_overall: float | None
-    """Of the Kruskal-Wallis test over all groups; None for two."""
+    """Of the Kruskal-Wallis test over all groups; None for two, or without pairs."""
 
     def quartiles(self, group: str) -> Quartiles:
         """How the values of a group are distributed."""
         return quartiles(self.values[group])
+
+    def between(self, group: str) -> str:
+        """The quartiles of a group for people; empty if there are none that are numbers."""
+        found = self.quartiles(group)
+        if found.n == 1 or (math.isinf(found.low) and math.isinf(found.high)):
+            return ""
+        return f"{self.measure.text(found.low)} to {self.measure.text(found.high)}"
+
+    def text(self, group: str) -> str:
+        """The median of a group, and its quartiles in brackets, for people."""
+        between, median = self.between(group), self.measure.text(self.quartiles(group).median)
+        return f"{median} ({between})" if between else median
+
+    @cached_property
+    def mean_ranks(self) -> Mapping[str, float]:
+        """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best.
+
+        Equal campaigns share the mean of their ranks. These are the ranks of which the
+        Kruskal-Wallis test is made. Empty if neither more nor less is better.
+        """
+        if self.measure.more_is_better is None:
+            return MappingProxyType({})
+        sign = -1.0 if self.measure.more_is_better else 1.0
+        found = mean_ranks([sign * np.array(values) for values in self.values.values()])
+        return MappingProxyType(dict(zip(self.values, found, strict=True)))
+
+    @cached_property
+    def places(self) -> Mapping[str, int]:
+        """Name of a group -> its place by mean rank, from 1; groups of equal mean rank share it."""
+        found = places([round(rank, 9) for rank in self.mean_ranks.values()])
+        return MappingProxyType(dict(zip(self.mean_ranks, found, strict=True)))
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """The groups by mean rank, the best first."""
+        return tuple(sorted(self.values, key=lambda name: self.places.get(name, 1)))
+
+    def pairs_of(self, group: str) -> tuple[PairComparison, ...]:
+        """The pairs to which a group belongs."""
+        return tuple(pair for pair in self.pairs if group in (pair.first, pair.second))
+
+    def worse_than(self, group: str) -> tuple[str, ...]:
+        """The groups that are shown to be worse than another."""
+        return tuple(
+            pair.second if pair.first == group else pair.first
+            for pair in self.pairs_of(group)
+            if pair.better == group
+        )
+
+
+@dataclass(frozen=True)
+class MapCoverage:
+    """What of a feature map a group of campaigns filled with failures."""
+
+    cells: int
+    """Cells that its campaigns filled together."""
+    share: float
+    """Mean of its campaigns' shares 0..1 of the cells that all campaigns of all groups filled: the
+    relative map coverage of the competition of 2023. 0 if nobody filled any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,74 +198,65 @@ class Comparison:
     groups: Mapping[str, tuple[CampaignMeasures, ...]]
     """Name -> campaigns, which are repeats of each other."""
     measures: tuple[MeasureComparison, ...]
-    """One per measure, in the order of `MEASURES`."""
+    """One per measure that all campaigns have, in the order of `MEASURES`."""
     notes: tuple[str, ...]
     """What limits what the comparison can say, each in a sentence."""
+    shared: Mapping[str, str] = field(default_factory=dict)
+    """Part of a configuration -> what it is in all campaigns, in words."""
+
+    @property
+    def headline(self) -> MeasureComparison:
+        """By distinct failures per 100 simulations, the measure that puts groups in order."""
+        return self.by(HEADLINE)
+
+    @property
+    def simulations(self) -> int | None:
+        """Of every campaign, if all have as many; None otherwise."""
+        spent = {c.simulations for campaigns in self.groups.values() for c in campaigns}
+        return spent.pop() if len(spent) == 1 else None
 
     @property
     def telling(self) -> tuple[MeasureComparison, ...]:
-        """The measures without failures per 100 simulations, if all have as many simulations."""
-        spent = {c.simulations for campaigns in self.groups.values() for c in campaigns}
-        left_out = "failures_per_100" if len(spent) == 1 else ""
-        return tuple(one for one in self.measures if one.measure.name != left_out)
+        """The measures of which more or less is better, without those that say the same.
+
+        If all campaigns have as many simulations, a number of failures and that per 100 simulations
+        do.
+        """
+        left_out = frozenset() if self.simulations is None else _SAY_THE_SAME
+        return tuple(
+            one
+            for one in self.measures
+            if one.measure.more_is_better is not None and one.measure.name not in left_out
+        )
 
     def by(self, name: str) -> MeasureComparison:
         """The comparison by a measure.
 
         Raises:
-            KeyError: there is none of this name.
+            KeyError: there is none of this name, or not all campaigns have it.
         """
         for comparison in self.measures:
             if comparison.measure.name == name:
                 return comparison
-        raise KeyError(f"no measure is called {name!r}: choose from {', '.join(MEASURES)}")
+        known = ", ".join(comparison.measure.name for comparison in self.measures)
+        raise KeyError(f"no measure is called {name!r}: choose from {known}")
 
+    def map_coverage(self, *, as_competition: bool = False) -> dict[str, MapCoverage]:
+        """What each group filled of the feature map, or of the competition's."""
 
-def measure_campaign(folder: Path) -> CampaignMeasures:
-    """What a campaign came to.
+        def filled(campaign: CampaignMeasures) -> frozenset[Cell]:
+            return campaign.competition_filled if as_competition else campaign.filled
 
-    Raises:
-        CampaignError: there is none, or it is damaged.
-    """
-    with CampaignStore.open(folder) as store:
-        counts = [0]
-        first_sims = first_seconds = math.inf
-        invalid = 0
-        spent = 0.0
-        for record in store.tests():
-            # Logs of old versions know only what each test took.
-            spent = spent + record.seconds if record.elapsed is None else record.elapsed
-            if record.outcome is Outcome.INVALID:
-                invalid += 1
-            elif record.outcome is not Outcome.DROPPED:
-                counts.append(counts[-1] + (record.outcome is Outcome.FAIL))
-                if counts[-1] == 1 and math.isinf(first_sims):
-                    first_sims, first_seconds = len(counts) - 1, spent
-        failures, cells = _failures_and_cells(store)
-        facts = store.facts
-        return CampaignMeasures(
-            folder=Path(folder),
-            seed=store.config.get("seed"),
-            simulations=len(counts) - 1,
-            invalid=invalid,
-            failures=counts[-1],
-            distinct_failures=len(cluster_failures(failures)),
-            cells=len(cells),
-            simulations_to_failure=first_sims,
-            seconds_to_failure=first_seconds,
-            failures_after=np.array(counts, dtype=np.int64),
-            is_finished="finished_at" in facts and not facts.get("interrupted"),
-        )
-
-
-def _failures_and_cells(store: CampaignStore) -> tuple[list[Failure], set[tuple[int, ...]]]:
-    failures: list[Failure] = []
-    cells: set[tuple[int, ...]] = set()
-    for record, segment in segments_of(store, Outcome.FAIL):
-        failures.append(Failure.of(segment, id=record.candidate.id, moobd=record.moobd or 0.0))
-        features = features_of(segment)
-        cells.add(tuple(FEATURES[name].bin_of(features) for name in MAP_AXES))
-    return failures, cells
+        maps = {name: [filled(one) for one in group] for name, group in self.groups.items()}
+        together = {name: frozenset[Cell]().union(*found) for name, found in maps.items()}
+        union = len(frozenset[Cell]().union(*together.values()))
+        return {
+            name: MapCoverage(
+                cells=len(together[name]),
+                share=float(np.mean([len(cells) for cells in found])) / union if union else 0.0,
+            )
+            for name, found in maps.items()
+        }
 
 
 def compare(groups: Mapping[str, Sequence[Path]]) -> Comparison:
@@ -304,24 +287,43 @@ def compare(groups: Mapping[str, Sequence[Path]]) -> Comparison:
         name: tuple(measure_campaign(folder) for folder in folders)
         for name, folders in groups.items()
     }
-    return compare_measured(measured, notes=_notes(groups, measured))
+    parts = {name: [parts_of(folder) for folder in folders] for name, folders in groups.items()}
+    return compare_measured(
+        measured,
+        notes=_notes(parts, measured),
+        shared=shared_parts([one for found in parts.values() for one in found]),
+    )
 
 
 def compare_measured(
-    groups: Mapping[str, tuple[CampaignMeasures, ...]], *, notes: Iterable[str] = ()
+    groups: Mapping[str, tuple[CampaignMeasures, ...]],
+    *,
+    notes: Iterable[str] = (),
+    shared: Mapping[str, str] = MappingProxyType({}),
 ) -> Comparison:
     """Compares groups of campaigns that were measured already; otherwise as `compare`."""
-    measures = tuple(_compare_by(measure, groups) for measure in MEASURES.values())
-    return Comparison(MappingProxyType(dict(groups)), measures, tuple(notes))
+    compared = (_compare_by(measure, groups) for measure in MEASURES.values())
+    return Comparison(
+        groups=MappingProxyType(dict(groups)),
+        measures=tuple(one for one in compared if one is not None),
+        notes=(*notes, *_weakness(groups)),
+        shared=MappingProxyType(dict(shared)),
+    )
 
 
 def _compare_by(
     measure: Measure, groups: Mapping[str, tuple[CampaignMeasures, ...]]
-) -> MeasureComparison:
-    values = {
-        name: tuple(measure.of(campaign) for campaign in campaigns)
-        for name, campaigns in groups.items()
-    }
+) -> MeasureComparison | None:
+    """None if a campaign does not have the measure."""
+    values: dict[str, tuple[float, ...]] = {}
+    for name, campaigns in groups.items():
+        found = [measure.of(campaign) for campaign in campaigns]
+        values[name] = tuple(value for value in found if value is not None)
+        if len(values[name]) < len(found):
+            return None
+    held = MappingProxyType(values)
+    if measure.more_is_better is None:
+        return MeasureComparison(measure, held, (), None)
     sign = 1.0 if measure.more_is_better else -1.0
     names = list(combinations(groups, 2))
     p_values = [mann_whitney(values[one], values[other]) for one, other in names]
@@ -337,124 +339,35 @@ def _compare_by(
         for (one, other), p, corrected in zip(names, p_values, holm(p_values), strict=True)
     )
     overall = kruskal_wallis(list(values.values())) if len(groups) > 2 else None
-    return MeasureComparison(measure, MappingProxyType(values), pairs, overall)
+    return MeasureComparison(measure, held, pairs, overall)
 
 
-# Which campaigns are repeats of each other
-
-
-def find_campaigns(place: Path) -> list[Path]:
-    """The campaigns in a place: the folder of one, or a folder that holds those of several.
-
-    Raises:
-        CampaignError: there is none.
-    """
-    if (place / DATABASE).is_file():
-        return [place]
-    if not place.is_dir():
-        raise CampaignError(f"{place} is no folder: that of a campaign, or of several, is needed")
-    try:
-        found = sorted(child for child in place.iterdir() if (child / DATABASE).is_file())
-    except OSError as error:
-        raise CampaignError(f"cannot look into {place}: {error.strerror or error}") from None
-    if not found:
-        raise CampaignError(
-            f"{place} holds no campaign: the folder of one, or a folder of several, is needed"
+def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
+    """That no difference can be shown, however large, if so."""
+    pairs = list(combinations(map(len, groups.values()), 2))
+    # The two-sided p if all of the one group do better than all of the other, and ties are none.
+    least = len(pairs) * min(2.0 / math.comb(n + m, n) for n, m in pairs)
+    if least >= SIGNIFICANT and min(map(len, groups.values())) >= LEAST_REPEATS:
+        yield (
+            f"with so few campaigns and {len(groups)} groups no two can be shown to differ: p after"
+            f" correction is {least:.2g} at least; make more repeats, or compare fewer groups"
         )
-    return found
-
-
-def group_campaigns(folders: Iterable[Path]) -> dict[str, list[Path]]:
-    """Campaigns put together that differ in nothing but the seed, under names that tell them apart.
-
-    A name is made of what the groups differ in: the strategy, most often.
-
-    Raises:
-        CampaignError: a campaign is not there or damaged.
-    """
-    configurations: dict[str, dict[str, Any]] = {}
-    members: dict[str, list[Path]] = {}
-    for folder in folders:
-        parts = _parts(folder)
-        key = json.dumps(parts, sort_keys=True)
-        configurations[key] = parts
-        members.setdefault(key, []).append(folder)
-    names = _names(list(configurations.values()))
-    return dict(zip(names, members.values(), strict=True))
-
-
-def _parts(folder: Path) -> dict[str, Any]:
-    """What a campaign has in common with its repeats."""
-    with CampaignStore.open(folder) as store:
-        config, facts = store.config, store.facts
-    parts: dict[str, Any] = {name: config.get(name) for name in PARTS}
-    parts["budget"] = facts.get("budget", parts["budget"])
-    strategy = parts["strategy"]
-    if isinstance(strategy, dict) and isinstance(strategy.get("options"), dict):
-        options = {k: v for k, v in strategy["options"].items() if k != "seed"}
-        parts["strategy"] = {**strategy, "options": options}
-    return parts
-
-
-def _names(configurations: list[dict[str, Any]]) -> list[str]:
-    """A name for each of several different configurations: what they differ in, in short."""
-    names = [""] * len(configurations)
-    for part in PARTS:
-        values = [configuration[part] for configuration in configurations]
-        if len(set(names)) < len(names) and any(value != values[0] for value in values):
-            names = [
-                f"{name} {_word(part, value, values)}".strip()
-                for name, value in zip(names, values, strict=True)
-            ]
-    # Whatever cannot be told in short is numbered.
-    return [
-        f"{name} {names[: i + 1].count(name)}".strip() if names.count(name) > 1 else name or "all"
-        for i, name in enumerate(names)
-    ]
-
-
-def _word(part: str, value: Any, others: Sequence[Any]) -> str:
-    """What a part is, as opposed to what it is in other configurations."""
-    if not isinstance(value, dict):
-        return f"{part}={value}"
-    if "class" not in value:
-        return _settings(value, others)
-    alike = [o for o in others if isinstance(o, dict) and o.get("class") == value["class"]]
-    own, inner = value.get("options"), value.get("driver")
-    settings = _settings(own, [o.get("options") for o in alike]) if isinstance(own, dict) else ""
-    word = str(value["class"]).rpartition(":")[2] + (f"({settings})" if settings else "")
-    if isinstance(inner, dict):
-        word += f" over {_word(part, inner, [o.get('driver') for o in alike])}"
-    return word
-
-
-def _settings(value: Mapping[str, Any], others: Sequence[Any]) -> str:
-    """Those of several settings that differ from others'."""
-    told = []
-    for name, setting in value.items():
-        theirs = [other.get(name) if isinstance(other, dict) else None for other in others]
-        if any(setting != one for one in theirs):
-            if isinstance(setting, dict):
-                told.append(_settings(setting, theirs))
-            else:
-                told.append(f"{name}={setting}")
-    return ", ".join(told)
 
 
 def _notes(
-    groups: Mapping[str, Sequence[Path]], measured: Mapping[str, tuple[CampaignMeasures, ...]]
+    parts: Mapping[str, Sequence[Mapping[str, Any]]],
+    measured: Mapping[str, tuple[CampaignMeasures, ...]],
 ) -> list[str]:
     """What limits what a comparison can say."""
     notes = []
-    parts = {name: [_parts(folder) for folder in folders] for name, folders in groups.items()}
     for name, configurations in parts.items():
-        mixed = _differing(configurations)
+        mixed = differing_parts(configurations)
         if mixed:
             notes.append(f"the campaigns of {name} are no repeats: they differ in {mixed}")
         seeds = [str(campaign.seed) for campaign in measured[name] if campaign.seed is not None]
         if len(set(seeds)) < len(seeds) and not mixed:
             notes.append(f"campaigns of {name} have the same seed: they are no repeats")
-    differing = _differing([configurations[0] for configurations in parts.values()])
+    differing = differing_parts([configurations[0] for configurations in parts.values()])
     if "," in differing:
         notes.append(f"the groups differ in more than one thing: {differing}")
     for name, campaigns in measured.items():
@@ -465,16 +378,15 @@ def _notes(
     if max(spent) > 1.1 * min(spent):
         notes.append(
             f"the campaigns have from {min(spent)} to {max(spent)} simulations: compare failures"
-            " per 100 simulations"
+            " per 100 simulations; distinct failures per 100 simulations fall with their number, as"
+            " what is new becomes rare, so look at the curves"
         )
+    most = max(campaign.failures for campaigns in measured.values() for campaign in campaigns)
+    if most > MOST_PAIRED:
+        sampled = f"the diversity of more than {MOST_PAIRED} failures is that of {MOST_PAIRED}"
+        if most > MOST_COMPARED:
+            sampled += (
+                f", the competition's sparseness of more than {MOST_COMPARED} that of so many"
+            )
+        notes.append(f"{sampled}, evenly spaced")
     return notes
-
-
-def _differing(configurations: Sequence[Mapping[str, Any]]) -> str:
-    """The parts in which configurations differ, for people."""
-    first = configurations[0]
-    return ", ".join(
-        part.replace("_", " ")
-        for part in PARTS
-        if any(configuration[part] != first[part] for configuration in configurations)
-    )

@@ -140,11 +140,17 @@ def direction_coverage(points: npt.ArrayLike) -> float:
 
 def first_record(segment: CompetitionSegment, positions: FloatArray) -> int:
     """Index of the first of (n, 2) positions in m at a segment's start; 0 if none is."""
-    away = _foot(segment.line, positions)[:, None] - segment.line
+    # A position whose nearest point of the line is near the start is hardly further from the start
+    # than from any node: only such positions have to be looked at.
+    x, y = positions[:, :1] - segment.line[:, 0], positions[:, 1:] - segment.line[:, 1]
+    nearest = np.sqrt((x * x + y * y).min(axis=1))
+    to_start = np.hypot(*(positions - segment.points[0]).T)
+    likely = np.flatnonzero(to_start <= nearest + _NEAR + 2.0 * _AT_NODE)
+    away = _foot(segment.line, positions[likely])[:, None] - segment.line
     near = np.hypot(away[:, :, 0], away[:, :, 1]) < _NEAR
     nodes = np.where(near.any(axis=1, keepdims=True), segment.line[near.argmax(axis=1)], np.inf)
-    at_start = np.hypot(*(nodes - segment.points[0]).T) < _AT_NODE
-    return int(at_start.argmax())
+    at_start = likely[np.hypot(*(nodes - segment.points[0]).T) < _AT_NODE]
+    return int(at_start[0]) if len(at_start) else 0
 
 
 def _interpolated(points: FloatArray) -> FloatArray | None:

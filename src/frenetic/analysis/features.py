@@ -74,10 +74,14 @@ class Feature:
         """This feature's value."""
         return float(getattr(features, self.name))
 
+    def bin(self, value: float) -> int:
+        """The bin, from 0, into which a value falls."""
+        found = int(np.searchsorted(self.edges, value, side="right")) - 1
+        return min(max(found, 0), self.bins - 1)
+
     def bin_of(self, features: Features) -> int:
         """The bin, from 0, into which a stretch's value falls."""
-        found = int(np.searchsorted(self.edges, self.of(features), side="right")) - 1
-        return min(max(found, 0), self.bins - 1)
+        return self.bin(self.of(features))
 
 
 FEATURES: Final[Mapping[str, Feature]] = MappingProxyType(

@@ -78,7 +78,7 @@ def competition_sparseness(segments: Sequence[npt.ArrayLike]) -> CompetitionSpar
     """
     if len(segments) < 2:
         return CompetitionSparseness(None, None, ())
-    largest = _summaries(*_words(segments))[:-1, _LARGEST_LATER]
+    largest = _largest_later(*_words(segments))
     return CompetitionSparseness(
         float(largest.mean()), float(largest.std()), tuple(largest.tolist())
     )
@@ -103,7 +103,7 @@ def diversity(segments: Sequence[npt.ArrayLike]) -> Diversity:
 
 
 # Columns of `_summaries`.
-_LARGEST_LATER, _NEAREST, _SHARES = range(3)
+_NEAREST, _SHARES = range(2)
 
 
 def _words(
@@ -125,6 +125,32 @@ def _words(
 
 
 @njit(cache=True)
+def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> float:
+    """Cost 0..1 of replacing the letter p of ``angles`` and ``lengths`` by their letter q."""
+    angle = abs(angles[p] - angles[q])
+    angle = min(angle, 360.0 - angle)
+    length = abs(lengths[p] - lengths[q])
+    if angle < SAME_ANGLE and length < SAME_LENGTH:
+        return 0.0
+    # The mean of angle / (1 + angle) and length / (1 + length), with one division.
+    u, v = 1.0 + angle, 1.0 + length
+    cost: float = 0.5 * (angle * v + length * u) / (u * v)
+    return cost
+
+
+@njit(cache=True)
+def _at_most(
+    angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
+) -> float:
+    """What the edits cost letter by letter, without a shift: never less than `_distance`."""
+    both = min(i_end - i, j_end - j)
+    cost = 0.0
+    for p in range(both):
+        cost += _replacement(angles, lengths, i + p, j + p)
+    return cost + max(i_end - i, j_end - j) - both
+
+
+@njit(cache=True)
 def _distance(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
@@ -136,14 +162,7 @@ def _distance(
         diagonal = row[0]
         row[0] += 1.0
         for q in range(m):
-            angle = abs(angles[p] - angles[j + q])
-            angle = min(angle, 360.0 - angle)
-            length = abs(lengths[p] - lengths[j + q])
-            cost = diagonal
-            if angle >= SAME_ANGLE or length >= SAME_LENGTH:
-                # The mean of angle / (1 + angle) and length / (1 + length), with one division.
-                u, v = 1.0 + angle, 1.0 + length
-                cost += 0.5 * (angle * v + length * u) / (u * v)
+            cost = diagonal + _replacement(angles, lengths, p, j + q)
             diagonal = row[q + 1]
             row[q + 1] = min(cost, min(row[q], diagonal) + 1.0)
     distance: float = row[m]
@@ -151,18 +170,43 @@ def _distance(
 
 
 @njit(cache=True)
+def _largest_later(
+    angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
+) -> FloatArray:
+    """(k - 1,) the largest distance of each segment but the last to a later one.
+
+    Those that may be furthest are looked at first, until no other can be further: some tenth of
+    all pairs.
+    """
+    k = len(starts) - 1
+    largest = np.zeros(k - 1)
+    for i in range(k - 1):
+        bounds = np.empty(k - 1 - i)
+        for j in range(i + 1, k):
+            bounds[j - i - 1] = _at_most(
+                angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1]
+            )
+        for place in np.argsort(-bounds):
+            if bounds[place] <= largest[i]:
+                break
+            j = i + 1 + place
+            edits = _distance(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1])
+            largest[i] = max(largest[i], edits)
+    return largest
+
+
+@njit(cache=True)
 def _summaries(
     angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
 ) -> FloatArray:
-    """(k, 3) per segment: largest distance to a later one, nearest share, sum of the shares."""
+    """(k, 2) per segment: the nearest share, and the sum of the shares."""
     k = len(starts) - 1
-    rows = np.zeros((k, 3))
+    rows = np.zeros((k, 2))
     rows[:, _NEAREST] = np.inf
     for i in range(k):
         for j in range(i + 1, k):
             edits = _distance(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1])
             share = edits / max(starts[i + 1] - starts[i], starts[j + 1] - starts[j])
-            rows[i, _LARGEST_LATER] = max(rows[i, _LARGEST_LATER], edits)
             rows[i, _NEAREST] = min(rows[i, _NEAREST], share)
             rows[j, _NEAREST] = min(rows[j, _NEAREST], share)
             rows[i, _SHARES] += share

@@ -51,7 +51,7 @@ def quartiles(values: npt.ArrayLike) -> Quartiles:
     """The quartiles of one or more values.
 
     Interpolated between values; next to an infinite value there is nothing between, and the
-    quartile is the larger one.
+    quartile is infinite, too.
 
     Raises:
         ValueError: no values, or one that is not a number.
@@ -66,6 +66,8 @@ def _quantile(ordered: FloatArray, share: float) -> float:
     below, above = float(ordered[math.floor(place)]), float(ordered[math.ceil(place)])
     if math.isinf(above) or below == above:
         return above
+    if math.isinf(below):
+        return below
     return below + (place - math.floor(place)) * (above - below)
 
 
@@ -177,6 +179,28 @@ def kruskal_wallis(groups: Sequence[npt.ArrayLike]) -> float:
     spread = sum(len(part) * (part.mean() - 0.5 * (total + 1)) ** 2 for part in parts)
     statistic = 12.0 / (total * (total + 1)) * spread / correction
     return float(chi2.sf(statistic, len(samples) - 1))
+
+
+def mean_ranks(groups: Sequence[npt.ArrayLike]) -> list[float]:
+    """Each group's mean rank among the values of all, as the Kruskal-Wallis test ranks them.
+
+    The smallest of all values has rank 1, equal ones share the mean of their ranks. If all groups
+    came from one distribution, each could expect (values + 1) / 2.
+
+    Raises:
+        ValueError: no group, an empty one, or a value that is not a number.
+    """
+    samples = [_values(group) for group in groups]
+    if not samples:
+        raise ValueError("0 groups: at least one is needed")
+    ranks = _ranks(np.concatenate(samples))
+    parts = np.split(ranks, np.cumsum([len(sample) for sample in samples])[:-1])
+    return [float(part.mean()) for part in parts]
+
+
+def places(scores: Sequence[float]) -> list[int]:
+    """Places from 1 by score, the lowest first; equal scores share the better place: 1, 1, 3."""
+    return [1 + sum(other < score for other in scores) for score in scores]
 
 
 def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]:

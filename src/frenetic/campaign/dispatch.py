@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -17,7 +17,7 @@ from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.campaign.tester import Tested, untested
 from frenetic.campaign.workers.workers import Attempt, Workers
-from frenetic.errors import CampaignError, describe_error
+from frenetic.errors import CampaignError, StrategyError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
@@ -29,6 +29,7 @@ MAX_ERRORS_IN_A_ROW: Final = 10
 MAX_INVALID_IN_A_ROW: Final = 5_000
 """Refused roads one after the other after which a campaign gives up."""
 
+_SURE, _DOUBTFUL, _DOOMED = range(3)  # what is to be expected of a candidate that waits
 _HEARTBEAT: Final = 1.0  # s after which the log is looked after while nothing comes back
 
 
@@ -72,10 +73,11 @@ class Dispatcher:
         self._interrupt = interrupt
         self._tally = tally
         self._outstanding = outstanding  # asked and not told, in the order of asking
-        self._waiting = deque(outstanding)  # ids of those that wait for a worker
+        self._waiting = set(outstanding)  # ids of those that wait for a worker
         self._running: set[int] = set()  # ids
         self._tries: Counter[int] = Counter()
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
+        self._unreported: list[tuple[TestRecord, Progress]] = []  # told, perhaps not written
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
         self._next_look = 0.0
@@ -89,17 +91,38 @@ class Dispatcher:
         """
         self._start = time.perf_counter() - self._tally.seconds
         self._log_progress(force=True)
+        try:
+            yield from self._rounds()
+        except CampaignError:
+            yield from self._report()  # what was told before
+            raise
+
+    def _rounds(self) -> Iterator[Progress]:
         while True:
             self._ask()
-            yield from self._hand_out()
+            self._hand_out()
+            yield from self._report()
             if self._is_over():
                 return
             if self._may_ask():
                 continue  # what waited was dropped
             for attempt in self._workers.wait(_HEARTBEAT):
                 self._take(attempt)
-            yield from self._tell_in_order() if self._lookahead else self._tell_at_once()
+            if self._lookahead:
+                self._tell_in_order()
+            else:
+                self._tell_at_once()
+            yield from self._report()
             self._log_progress()
+
+    def _report(self) -> Iterator[Progress]:
+        """Has what was told written, in one transaction, and only then says so."""
+        if self._unreported:
+            self._store.write()
+            written, self._unreported = self._unreported, []
+            for record, progress in written:
+                self._log_result(record)
+                yield progress
 
     @property
     def _is_spent(self) -> bool:
@@ -122,7 +145,7 @@ class Dispatcher:
                 return
             self._store.asked(candidate)
             self._outstanding[candidate.id] = candidate
-            self._waiting.append(candidate.id)
+            self._waiting.add(candidate.id)
 
     def _may_ask(self) -> bool:
         if self._is_spent or self._tally.ended:
@@ -135,20 +158,50 @@ class Dispatcher:
             return len(self._outstanding) < self._lookahead
         return not self._interrupt.requested and len(self._waiting) < self._workers.free
 
-    def _hand_out(self) -> Iterator[Progress]:
+    def _hand_out(self) -> None:
         """Hands what waits to free workers; what is not wanted any more is dropped."""
         if self._is_spent or self._interrupt.requested:
             return
         while self._waiting and self._workers.free:
-            candidate = self._outstanding.get(self._waiting.popleft())
+            candidate = self._next()
             if candidate is None:
-                continue  # told as DROPPED when its turn came
+                return
+            self._waiting.remove(candidate.id)
             if self._is_wanted(candidate):
                 self._running.add(candidate.id)
                 self._tries[candidate.id] += 1
                 self._workers.submit(candidate)
-            elif not self._lookahead:
-                yield from self._drop(candidate)
+            elif not self._lookahead:  # else when its turn comes
+                self._drop(candidate)
+
+    def _next(self) -> Candidate | None:
+        """Whom of those that wait to hand out; None if they had better wait for what runs.
+
+        The oldest, unless it may be dropped: a selective strategy is likely to lose interest in a
+        candidate when an older one of the same parents fails. It makes no difference to what is
+        asked and told, only to what is driven in vain, so siblings come last.
+        """
+        if self._selective is None or not self._lookahead:
+            return self._outstanding[min(self._waiting)]
+        chosen, least = None, _DOOMED + 1
+        doubts: dict[tuple[int, ...], int] = {}  # by parents: about the children to come
+        for candidate in self._outstanding.values():
+            parents = candidate.origin.parents
+            doubt = doubts.get(parents, _SURE)
+            if candidate.id in self._waiting and doubt < least:
+                chosen, least = candidate, doubt
+                if doubt == _SURE:
+                    return chosen
+            if parents:
+                doubts[parents] = max(doubt, self._doubt_after(candidate.id))
+        return chosen if self._workers.needed else None
+
+    def _doubt_after(self, candidate_id: int) -> int:
+        """How doubtful it is whether the younger siblings of a candidate will be wanted."""
+        if candidate_id not in self._ended:
+            return _DOUBTFUL
+        tested = self._ended[candidate_id].tested
+        return _DOOMED if tested and tested.result.outcome is Outcome.FAIL else _SURE
 
     def _take(self, attempt: Attempt) -> None:
         """Takes note of an attempt; a lost one leads to another, if it was not the last."""
@@ -160,7 +213,7 @@ class Dispatcher:
         if attempt.failure is None or tries >= MAX_ATTEMPTS:
             self._ended[candidate_id] = attempt
             return
-        self._waiting.appendleft(candidate_id)
+        self._waiting.add(candidate_id)
         self._log.write(
             Event.TEST_RETRIED,
             f"test {candidate_id} is tried again: {attempt.failure}",
@@ -171,40 +224,41 @@ class Dispatcher:
             reason=attempt.failure,
         )
 
-    def _tell_at_once(self) -> Iterator[Progress]:
+    def _tell_at_once(self) -> None:
         """Tells what has ended, in the order in which it did."""
         for candidate_id in list(self._ended):
-            yield from self._finish(self._outstanding[candidate_id])
+            self._finish(self._outstanding[candidate_id])
 
-    def _tell_in_order(self) -> Iterator[Progress]:
+    def _tell_in_order(self) -> None:
         """Tells the oldest candidates while their fate is known, and asks for others in between."""
         while self._outstanding and not self._is_spent:
             oldest = next(iter(self._outstanding.values()))
             if not self._is_wanted(oldest):
-                yield from self._drop(oldest)
+                self._drop(oldest)
             elif oldest.id in self._ended:
-                yield from self._finish(oldest)
+                self._finish(oldest)
             else:
                 return
             self._ask()
 
-    def _finish(self, candidate: Candidate) -> Iterator[Progress]:
+    def _finish(self, candidate: Candidate) -> None:
         """Stores and tells the result of a candidate whose last attempt has ended."""
         attempt = self._ended.pop(candidate.id)
         tested = attempt.tested or untested(Outcome.ERROR, attempt.loss)
-        return self._tell(candidate, tested, attempt.seconds, attempt.worker)
+        self._tell(candidate, tested, attempt.seconds, attempt.worker)
 
-    def _drop(self, candidate: Candidate) -> Iterator[Progress]:
+    def _drop(self, candidate: Candidate) -> None:
         """Stores and tells that a candidate is not driven any more."""
         self._ended.pop(candidate.id, None)
+        self._waiting.discard(candidate.id)
         # Whether it was tried meanwhile depends on the workers.
         self._tries.pop(candidate.id, None)
         dropped = untested(Outcome.DROPPED, "not wanted any more when its turn came")
-        return self._tell(candidate, dropped, 0.0, None)
+        self._tell(candidate, dropped, 0.0, None)
 
     def _tell(
         self, candidate: Candidate, tested: Tested, seconds: float, worker: str | None
-    ) -> Iterator[Progress]:
+    ) -> None:
         tally, result = self._tally, tested.result
         tally.count(result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
@@ -218,12 +272,11 @@ class Dispatcher:
             worker=worker,
             elapsed=elapsed,
         )
-        self._store.told(record, tested.packed)
+        self._store.told(record, tested.packed, hold=True)
         del self._outstanding[candidate.id]
         evaluation = Evaluation(candidate, result.outcome, result.moobd, tally.budget_spent)
         tell(self._strategy, evaluation, tally)
-        self._log_result(candidate.id, record)
-        yield tally.progress(time.perf_counter() - self._start)
+        self._unreported.append((record, tally.progress(time.perf_counter() - self._start)))
         self._give_up_if_hopeless(record)
 
     def _is_wanted(self, candidate: Candidate) -> bool:
@@ -247,25 +300,26 @@ class Dispatcher:
                 f"the last {self._broken} drives broke, so the campaign gives up: {record.reason}"
             )
         if self._refused >= MAX_INVALID_IN_A_ROW:
-            raise CampaignError(
+            raise StrategyError(
                 f"the last {self._refused} roads were refused, so the campaign gives up:"
                 f" {record.reason}; is the map too small?"
             )
 
-    def _log_result(self, candidate_id: int, record: TestRecord) -> None:
+    def _log_result(self, record: TestRecord) -> None:
+        number = record.candidate.id
         if record.outcome is Outcome.FAIL:
             self._log.write(
                 Event.TEST_FAILED,
-                f"test {candidate_id} failed: {record.reason}",
-                test=candidate_id,
+                f"test {number} failed: {record.reason}",
+                test=number,
                 moobd=record.moobd,
             )
         elif record.outcome is Outcome.ERROR:
             self._log.write(
                 Event.TEST_ERROR,
-                f"test {candidate_id} broke: {record.reason}",
+                f"test {number} broke: {record.reason}",
                 level="error",
-                test=candidate_id,
+                test=number,
                 attempts=record.attempts,
                 reason=record.reason,
             )
@@ -297,11 +351,11 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
     finally:
         tally.strategy_seconds += time.perf_counter() - start
     if not isinstance(candidate, Candidate):
-        raise CampaignError(
+        raise StrategyError(
             f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
         )
     if not (np.isfinite(candidate.curvatures).all() and np.isfinite(candidate.step)):
-        raise CampaignError(
+        raise StrategyError(
             f"the strategy proposed candidate {candidate.id} with values that are not finite"
         )
     return candidate
@@ -322,5 +376,5 @@ def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
         tally.strategy_seconds += time.perf_counter() - start
 
 
-def _raised(error: Exception) -> CampaignError:
-    return CampaignError(f"the strategy raised {describe_error(error)}")
+def _raised(error: Exception) -> StrategyError:
+    return StrategyError(f"the strategy raised {describe_error(error)}")

@@ -13,9 +13,10 @@ anyone with SQLite, while the campaign runs and long afterwards:
 and the view `overview` shows a test in one readable line.
 
 What survives: when `CampaignStore.told` has returned, the result, its trajectory and all candidates
-asked before are in the database, even if the process is killed in any way right then. If the
-machine itself goes down, the last results before it may be missing, but the database is whole.
-Candidates that were asked since the last result are lost with the process.
+asked before are in the database, even if the process is killed in any way right then; of results
+that it holds back, this is so when `CampaignStore.write` has returned. If the machine itself goes
+down, the last results before it may be missing, but the database is whole. Candidates that were
+asked since the last result are lost with the process.
 """
 
 from __future__ import annotations
@@ -261,7 +262,10 @@ class CampaignStore:
         self._path = folder / DATABASE
         self._connection = connection
         self._lock = lock
-        self._asked: dict[int, tuple[object, ...]] = {}  # rows that the next `told` writes
+        # Rows that the next transaction writes.
+        self._held_candidates: list[tuple[object, ...]] = []
+        self._held_tests: list[tuple[object, ...]] = []
+        self._held_trajectories: list[tuple[int, bytes]] = []
         self._last_asked = 0
         self._told = 0
         with translated(self._path):
@@ -425,13 +429,16 @@ class CampaignStore:
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a "
                 f"higher id, not {candidate.id}"
             )
-        self._asked[candidate.id] = _candidate_row(candidate, self._told)
+        self._held_candidates.append(_candidate_row(candidate, self._told))
         self._last_asked = candidate.id
 
-    def told(self, record: TestRecord, trajectory: bytes | None = None) -> None:
+    def told(
+        self, record: TestRecord, trajectory: bytes | None = None, *, hold: bool = False
+    ) -> None:
         """Store a result with its trajectory, durably (see this module's text): one transaction.
 
-        A `trajectory` that another process has encoded already goes in place of the record's.
+        A `trajectory` that another process has encoded already goes in place of the record's. With
+        `hold` the result only waits for `write`, so that several become one transaction.
 
         Raises a `CampaignError` if it cannot be written, if the candidate was not asked before or
         has a result already, or if another result has the same `told`; a `ValueError` if a number
@@ -442,11 +449,30 @@ class CampaignStore:
         data = trajectory
         if data is None and record.trajectory is not None:
             data = encode(record.trajectory)
-        with self._transaction() as connection:
-            connection.execute(_INSERT_TEST, row)
-            if data is not None:
-                connection.execute(_INSERT_TRAJECTORY, (record.candidate.id, data))
+        self._held_tests.append(row)
+        if data is not None:
+            self._held_trajectories.append((record.candidate.id, data))
         self._told += 1
+        if hold:
+            return
+        try:
+            self.write()
+        except BaseException:
+            if self._held_tests:  # else it was Ctrl-C, noticed when all was written
+                self._held_tests.pop()
+                if data is not None:
+                    self._held_trajectories.pop()
+                self._told -= 1
+            raise
+
+    def write(self) -> None:
+        """Store what was held back, durably: results, and the candidates that were asked.
+
+        Raises a `CampaignError` as `told` does; what was held back then still is.
+        """
+        if self._held_candidates or self._held_tests:
+            with self._transaction():
+                pass
 
     def finish(self, **facts: JSONValue) -> None:
         """Add facts about the whole campaign, such as its ``seconds``.
@@ -503,6 +529,7 @@ class CampaignStore:
         # open while the caller thinks.
         only = None if outcome is None else str(outcome)
         wanted = (only, only, -1 if limit is None else limit)
+        self._write_tests()
         with translated(self._path):
             ids = self._connection.execute(_SELECT_IDS[order_by], wanted).fetchall()
         return (self._read_test(candidate_id, with_trajectory) for (candidate_id,) in ids)
@@ -512,6 +539,7 @@ class CampaignStore:
 
         Raises a `CampaignError` if there is none (naming the ids there are) or if it is damaged.
         """
+        self._write_tests()
         return self._read_test(id, with_trajectory)
 
     def candidate(self, id: int) -> Candidate:  # noqa: A002
@@ -519,7 +547,7 @@ class CampaignStore:
 
         Raises a `CampaignError` if there is none (naming the ids there are) or if it is damaged.
         """
-        self._write_asked()
+        self.write()
         with translated(self._path):
             row = self._fetch(_SELECT_CANDIDATE, id)
             if row is None:
@@ -532,7 +560,7 @@ class CampaignStore:
 
     def candidates_with_place(self) -> Iterator[tuple[Candidate, int]]:
         """Return what `candidates` does, each with how many results were told before it."""
-        self._write_asked()
+        self.write()
         with translated(self._path):
             rows = self._connection.execute(
                 "SELECT id, asked_after FROM candidate ORDER BY id"
@@ -541,6 +569,7 @@ class CampaignStore:
 
     def counts(self) -> Counts:
         """Return how many tests there are of which outcome, and the lowest MOOBD."""
+        self._write_tests()
         with translated(self._path):
             rows = self._connection.execute(
                 "SELECT outcome, count(*), min(moobd) FROM test GROUP BY outcome"
@@ -550,7 +579,7 @@ class CampaignStore:
         by_outcome |= {self._outcome(outcome, "a test"): count for outcome, count, _ in rows}
         moobds = [self._real(moobd, "moobd of a test") for *_, moobd in rows if moobd is not None]
         return Counts(
-            asked=asked + len(self._asked),
+            asked=asked + len(self._held_candidates),
             told=sum(by_outcome.values()),
             by_outcome=MappingProxyType(by_outcome),
             lowest_moobd=min(moobds, default=None),
@@ -558,6 +587,7 @@ class CampaignStore:
 
     def elapsed(self) -> float:
         """Return the s of the campaign's time that were spent when the last result was told."""
+        self._write_tests()
         with translated(self._path):
             rows = self._connection.execute("SELECT seconds, elapsed FROM test ORDER BY told")
             total = 0.0
@@ -576,16 +606,16 @@ class CampaignStore:
 
         Nothing of it is checked. What is told while the iterator is used may show up in it.
         """
-        self._write_asked()
+        self.write()
         with translated(self._path):
             yield from self._connection.execute(select, tuple(parameters))
 
     def close(self) -> None:
         """Write what is left to write and let go of the database; closing twice does no harm."""
         try:
-            self._write_asked()
+            self.write()
         finally:
-            self._asked.clear()
+            self._forget_held()
             try:
                 with translated(self._path):
                     self._connection.close()
@@ -597,28 +627,37 @@ class CampaignStore:
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """Give the connection within a transaction that begins with the candidates asked so far.
+        """Give the connection within a transaction that begins with what was held back.
 
-        They are kept when it fails, so that it can be tried again.
+        That is kept when it fails, so that it can be tried again.
         """
+        connection = self._connection
+        has_begun = False
         with translated(self._path):
             try:
-                self._connection.execute("BEGIN IMMEDIATE")
-                self._connection.executemany(_INSERT_CANDIDATE, self._asked.values())
-                yield self._connection
-                self._connection.execute("COMMIT")
+                connection.execute("BEGIN IMMEDIATE")
+                has_begun = True
+                connection.executemany(_INSERT_CANDIDATE, self._held_candidates)
+                connection.executemany(_INSERT_TEST, self._held_tests)
+                connection.executemany(_INSERT_TRAJECTORY, self._held_trajectories)
+                yield connection
+                connection.execute("COMMIT")
+                self._forget_held()
             except BaseException as error:
-                if self._connection.in_transaction:  # SQLite ends some by itself
-                    self._connection.execute("ROLLBACK")
-                elif not isinstance(error, sqlite3.Error):
-                    self._asked.clear()  # Ctrl-C, noticed when all was written
+                if connection.in_transaction:  # SQLite ends some by itself
+                    connection.execute("ROLLBACK")
+                elif has_begun and not isinstance(error, sqlite3.Error):
+                    self._forget_held()  # Ctrl-C, noticed when all was written
                 raise
-        self._asked.clear()
 
-    def _write_asked(self) -> None:
-        if self._asked:
-            with self._transaction():
-                pass
+    def _write_tests(self) -> None:
+        if self._held_tests:
+            self.write()
+
+    def _forget_held(self) -> None:
+        self._held_candidates.clear()
+        self._held_tests.clear()
+        self._held_trajectories.clear()
 
     def _require_writer(self) -> None:
         if self._lock is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -124,7 +125,7 @@ class RoadTester:
             verdict = check_validity(points, self.map_size)
             if not verdict.valid:
                 return self._refused(verdict.message, None)
-            road = Road.from_points(points, lane_width=self.lane_width)
+            road = road_through(points, self.lane_width)
         except RoadError as error:
             return self._refused(str(error), None)
         return self._driven(road)
@@ -158,6 +159,20 @@ class RoadTester:
     @staticmethod
     def _refused(reason: str, pose: Pose | None) -> Tested:
         return Tested(_undriven(Outcome.INVALID, reason), pose, None)
+
+
+def road_through(points: FloatArray, lane_width: float) -> Road:
+    """The road through (N, 2) points in m, found once for a candidate that is proposed and tested.
+
+    Raises:
+        RoadError: there is none.
+    """
+    return _road_through(points.tobytes(), lane_width)
+
+
+@lru_cache(maxsize=4)
+def _road_through(points: bytes, lane_width: float) -> Road:
+    return Road.from_points(np.frombuffer(points).reshape(-1, 2), lane_width=lane_width)
 
 
 def untested(outcome: Outcome, reason: str) -> Tested:

@@ -9,6 +9,7 @@ from typing import NoReturn
 
 import click
 
+from frenetic.cli.benching import bench
 from frenetic.cli.checking import check
 from frenetic.cli.comparing import compare
 from frenetic.cli.confirming import confirm
@@ -80,6 +81,7 @@ cli.add_command(minimise)
 cli.add_command(rerun)
 cli.add_command(replay)
 cli.add_command(compare)
+cli.add_command(bench)
 cli.add_command(check)
 cli.add_command(export)
 cli.add_command(report)

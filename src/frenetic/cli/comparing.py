@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -19,6 +21,10 @@ if TYPE_CHECKING:
     from frenetic.analysis.comparing import Comparison, MeasureComparison, PairComparison
 
 _WILD: Final = "*?["
+_MOST_COLUMNS: Final = 3
+"""Groups that stand side by side; more stand one below the other."""
+_MOST_MEASURES: Final = 4
+"""Measures that stand side by side."""
 
 
 @click.command(short_help="Hold campaigns against each other, with their repeats.")
@@ -29,8 +35,28 @@ _WILD: Final = "*?["
     metavar="FILE",
     help="Draw failures over simulations, and all measures, into this PNG, SVG or PDF file.",
 )
+@click.option(
+    "--html",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write a page with tables, curves, ranks and all pairs into this file.",
+)
+@click.option(
+    "--table",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write medians and quartiles into this CSV or Markdown (.md) file.",
+)
+@click.option("--all", "with_all", is_flag=True, help="Print all measures, and all pairs by each.")
 @json_option
-def compare(places: tuple[str, ...], plot: Path | None, as_json: bool) -> None:
+def compare(
+    places: tuple[str, ...],
+    plot: Path | None,
+    html: Path | None,
+    table: Path | None,
+    with_all: bool,
+    as_json: bool,
+) -> None:
     """Hold groups of campaigns against each other.
 
     A FOLDER is that of a campaign, or one that holds the folders of several. Campaigns that differ
@@ -38,10 +64,14 @@ def compare(places: tuple[str, ...], plot: Path | None, as_json: bool) -> None:
     you say: NAME=FOLDER[,FOLDER...], in which * and ? stand for parts of a name.
 
     Said are medians and quartiles of each group; for each pair the chance that a campaign of the
-    one does better than one of the other (A12), and p of the Mann-Whitney test.
+    one does better than one of the other (A12), and p of the Mann-Whitney test; and the order of
+    the groups by distinct failures per 100 simulations.
     """
     from frenetic.analysis.comparing import compare as compare_groups
+    from frenetic.analysis.tables import table_form, write_table
 
+    if table is not None:
+        table_form(table)
     log = Log()
     with log.status("Reading the campaigns"):
         comparison = compare_groups(grouped(places))
@@ -51,12 +81,23 @@ def compare(places: tuple[str, ...], plot: Path | None, as_json: bool) -> None:
         from frenetic.report.comparison import draw_comparison
 
         draw_comparison(comparison, plot)
+    if html is not None:
+        from frenetic.report.html.comparing import write_comparison_page
+
+        write_comparison_page(comparison, html, command=_command(places, html))
+    if table is not None:
+        write_table(comparison, table)
     if as_json:
-        click.echo(json.dumps(_document(comparison)))
+        click.echo(json.dumps(comparison_document(comparison)))
         return
-    _print(comparison)
-    if plot is not None:
-        click.echo(f"Picture: {plot}")
+    print_comparison(comparison, with_all=with_all)
+    for what, path in (("Picture", plot), ("Page", html), ("Table", table)):
+        if path is not None:
+            click.echo(f"{what + ':':<8} {path}")
+
+
+def _command(places: tuple[str, ...], html: Path) -> str:
+    return shlex.join(["frenetic", "compare", *places, "--html", str(html)])
 
 
 def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
@@ -65,7 +106,7 @@ def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
     Raises:
         FreneticError: a place holds no campaign, or two groups have one name.
     """
-    from frenetic.analysis.comparing import find_campaigns, group_campaigns
+    from frenetic.analysis.grouping import find_campaigns, group_campaigns
 
     named: dict[str, list[Path]] = {}
     nameless: list[Path] = []
@@ -98,8 +139,8 @@ def _expanded(place: str) -> list[Path]:
     return found
 
 
-def _document(comparison: Comparison) -> dict[str, Any]:
-    """The comparison as a JSON object; what never happened is null."""
+def comparison_document(comparison: Comparison) -> dict[str, Any]:
+    """A comparison as a JSON object; what never happened is null."""
 
     def number(value: float) -> float | None:
         return value if math.isfinite(value) else None
@@ -114,6 +155,7 @@ def _document(comparison: Comparison) -> dict[str, Any]:
     def measure_document(measured: MeasureComparison) -> dict[str, Any]:
         return {
             **asdict(measured.measure),
+            "mean_ranks": dict(measured.mean_ranks),
             "groups": {
                 name: {
                     "values": [number(value) for value in values],
@@ -139,53 +181,86 @@ def _document(comparison: Comparison) -> dict[str, Any]:
             for name, campaigns in comparison.groups.items()
         },
         "measures": [measure_document(measured) for measured in comparison.measures],
+        "order": list(comparison.headline.order),
         "notes": list(comparison.notes),
     }
 
 
-def _print(comparison: Comparison) -> None:
-    from frenetic.analysis.statistics import LEAST_REPEATS
+def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
+    """Prints who is better, medians with quartiles, and what can be said of each pair.
+
+    Args:
+        comparison: of two or more groups.
+        with_all: whether to print all measures, and by each of them all pairs.
+    """
+    from frenetic.analysis.findings import verdict
 
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
     click.echo(f"Campaigns: {sizes}")
-    table = Table(box=None, pad_edge=False, title="Median (quartiles)", title_justify="left")
-    table.add_column("")
+    shown = [one for one in comparison.measures if with_all or one.measure.is_main]
+    if len(comparison.groups) <= _MOST_COLUMNS:
+        _print_by_measure(comparison, shown)
+    else:
+        _print_by_group(comparison, shown)
+    telling = [one for one in comparison.telling if with_all or one.measure.is_main]
+    if len(comparison.groups) > _MOST_COLUMNS and not with_all:
+        telling = [comparison.headline]
+    _print_pairs(telling, several=len(comparison.groups) > 2)
+    by = comparison.headline
+    order = ", ".join(f"{by.places[n]}. {n} ({by.mean_ranks[n]:.1f})" for n in by.order)
+    click.echo(f"Order by {by.measure.title} (mean rank): {order}")
+    click.echo(verdict(comparison))
+
+
+def _print_by_measure(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
+    """A row per measure."""
+    from frenetic.analysis.statistics import LEAST_REPEATS
+
+    table = _table("Median (quartiles)", "")
     for name in comparison.groups:
         table.add_column(name, justify="right", overflow="fold")
     several = len(comparison.groups) > 2
     enough = min(map(len, comparison.groups.values())) >= LEAST_REPEATS
     if several and enough:
-        table.add_column("Kruskal-Wallis p", justify="right")
-    for measured in comparison.telling:
-        unit = f" ({measured.measure.unit})" if measured.measure.unit else ""
-        cells = [_spread(measured, name) for name in comparison.groups]
-        if measured.p_overall is not None and enough:
-            cells.append(f"{measured.p_overall:.2g}")
-        table.add_row(f"{measured.measure.title}{unit}", *cells)
+        table.add_column("K.-Wallis p", justify="right")
+    for by in shown:
+        cells = [by.text(name) for name in comparison.groups]
+        if several and enough:
+            cells.append("" if by.p_overall is None else f"{by.p_overall:.2g}")
+        table.add_row(by.measure.heading, *cells)
     Results().print(table)
-    _print_pairs(comparison)
 
 
-def _spread(measured: MeasureComparison, name: str) -> str:
-    found = measured.quartiles(name)
-    low, median, high = (measured.measure.text(v) for v in (found.low, found.median, found.high))
-    return median if found.n == 1 else f"{median} ({low} to {high})"
+def _print_by_group(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
+    """A row per group, and as many measures side by side as can be read."""
+    for start in range(0, len(shown), _MOST_MEASURES):
+        table = _table("Median (quartiles)" if start == 0 else None, "")
+        for by in shown[start : start + _MOST_MEASURES]:
+            table.add_column(by.measure.heading, justify="right", overflow="fold")
+        for name in comparison.headline.order:
+            cells = [by.text(name) for by in shown[start : start + _MOST_MEASURES]]
+            table.add_row(name, *cells)
+        Results().print(table)
 
 
-def _print_pairs(comparison: Comparison) -> None:
+def _table(title: str | None, *columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def _print_pairs(telling: Sequence[MeasureComparison], *, several: bool) -> None:
     from frenetic.analysis.comparing import Verdict
 
-    several = len(comparison.groups) > 2
-    table = Table(box=None, pad_edge=False, title="Differences", title_justify="left")
-    for column in ("", "what can be said"):
-        table.add_column(column, overflow="fold")
+    table = _table("Differences", "", "what can be said")
     for column in ("A12", "effect", "p (Holm)" if several else "p"):
         table.add_column(column, justify="right")
-    for measured in comparison.telling:
-        for i, pair in enumerate(measured.pairs):
+    for by in telling:
+        for i, pair in enumerate(by.pairs):
             is_told = pair.verdict is not Verdict.TOO_FEW
             table.add_row(
-                "" if i else measured.measure.title,
+                "" if i else by.measure.title,
                 str(pair),
                 f"{pair.a12:.2f}",
                 str(pair.magnitude) if is_told else "-",

@@ -97,7 +97,14 @@ def progress_text(progress: Progress) -> str:
 
 @contextmanager
 def live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
-    """Shows progress: a bar on a terminal, now and then a plain line elsewhere."""
+    """Shows how a search goes."""
+    with live_line(log) as show:
+        yield lambda progress: show(progress.budget_spent, lambda: progress_text(progress))
+
+
+@contextmanager
+def live_line(log: Console) -> Iterator[Callable[[float, Callable[[], str]], None]]:
+    """Shows a share 0..1 and a text: a bar on a terminal, now and then a plain line elsewhere."""
     if log.is_terminal:
         from rich.live import Live
         from rich.progress_bar import ProgressBar
@@ -105,25 +112,25 @@ def live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
         bar = ProgressBar(total=1.0, width=40)
         with Live(console=log, refresh_per_second=8, transient=True) as live:
 
-            def update(progress: Progress) -> None:
-                bar.update(progress.budget_spent)
+            def update(share: float, text: Callable[[], str]) -> None:
+                bar.update(share)
                 lines = Table.grid()
                 lines.add_row(bar)
-                lines.add_row(progress_text(progress))
+                lines.add_row(text())
                 live.update(lines)
 
             yield update
         return
     last: float | None = None
 
-    def line(progress: Progress) -> None:
+    def line(_: float, text: Callable[[], str]) -> None:
         nonlocal last
         now = time.monotonic()
         if last is None:
             last = now  # the first test: nothing to tell yet
         elif now - last >= PLAIN_INTERVAL:
             last = now
-            log.print(progress_text(progress))
+            log.print(text())
 
     yield line
 

@@ -205,6 +205,11 @@ def resume(
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
         spent = store.elapsed()
+    if "entrant" in config:
+        raise click.UsageError(
+            f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
+            " 'frenetic bench --resume --out BENCH'"
+        )
     command = recorded_command(config, campaign / DATABASE)
     if command is None:
         raise click.UsageError(

@@ -160,7 +160,9 @@ def _experiment(store: CampaignStore) -> dict[str, object]:
     config = store.config
     rules = _mapping(config.get("rules"))
     module, _, name = str(_mapping(config.get("strategy")).get("class", "")).rpartition(":")
-    budget = _mapping(store.facts.get("budget", config.get("budget")))
+    # In a bench, time is virtual.
+    in_bench = _mapping(_mapping(config.get("entrant")).get("budget"))
+    budget = in_bench or _mapping(store.facts.get("budget", config.get("budget")))
     return {
         "executor": str(_mapping(config.get("simulator")).get("class", "")).rpartition(":")[2],
         "time_budget": budget.get("time"),

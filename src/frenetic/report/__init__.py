@@ -9,17 +9,18 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from frenetic.report.html import write_report
+    from frenetic.report.html import write_comparison_page, write_report
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
 
 _HOME = {
     "draw_drive": "frenetic.report.picture",
     "draw_gallery": "frenetic.report.picture",
     "draw_road": "frenetic.report.picture",
+    "write_comparison_page": "frenetic.report.html",
     "write_report": "frenetic.report.html",
 }
 
-__all__ = ["draw_drive", "draw_gallery", "draw_road", "write_report"]
+__all__ = ["draw_drive", "draw_gallery", "draw_road", "write_comparison_page", "write_report"]
 
 
 def __getattr__(name: str) -> object:

@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from frenetic.analysis.comparing import CampaignMeasures, Comparison, MeasureComparison
+from frenetic.analysis.comparing import Comparison, MeasureComparison
+from frenetic.analysis.measuring import curves
 from frenetic.analysis.statistics import LEAST_REPEATS
-from frenetic.arrays import FloatArray
 from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, form_of, write_figure
 
 # Told apart with any kind of colour vision, and in grey by their order.
@@ -71,9 +71,9 @@ def _page(comparison: Comparison) -> Figure:
         weight="bold",
         color=INK,
     )
-    curves = axes(_LEFT, top, _WIDTH - _LEFT - _RIGHT, _CURVES)
-    _draw_curves(curves, comparison)
-    curves.legend(
+    main = axes(_LEFT, top, _WIDTH - _LEFT - _RIGHT, _CURVES)
+    _draw_curves(main, comparison)
+    main.legend(
         loc="upper left",
         bbox_to_anchor=(0.0, -0.14),
         ncols=2,
@@ -95,14 +95,14 @@ def _page(comparison: Comparison) -> Figure:
 def _draw_curves(axes: Any, comparison: Comparison) -> None:
     longest = 0
     for (name, campaigns), colour in zip(comparison.groups.items(), cycle(_COLOURS)):
-        curves = failure_curves(campaigns)
-        simulations = np.arange(curves.shape[1])
-        longest = max(longest, curves.shape[1] - 1)
-        low, median, high = np.quantile(curves, (0.25, 0.5, 0.75), axis=0)
+        found = curves(campaigns, "failures_after")
+        simulations = np.arange(found.shape[1])
+        longest = max(longest, found.shape[1] - 1)
+        low, median, high = np.quantile(found, (0.25, 0.5, 0.75), axis=0)
         if len(campaigns) >= LEAST_REPEATS:
             axes.fill_between(simulations, low, high, color=colour, alpha=0.16, linewidth=0)
         else:
-            for curve in curves:
+            for curve in found:
                 axes.plot(simulations, curve, color=colour, alpha=0.3, linewidth=0.8)
         number = "1 campaign" if len(campaigns) == 1 else f"{len(campaigns)} campaigns"
         label = f"{_short(name)}, {number}"
@@ -120,28 +120,26 @@ def _draw_curves(axes: Any, comparison: Comparison) -> None:
         axes.spines[side].set_visible(False)
 
 
-def failure_curves(campaigns: tuple[CampaignMeasures, ...]) -> FloatArray:
-    """(campaigns, n) failures found by each number of simulations that all of them reached."""
-    reached = min(len(campaign.failures_after) for campaign in campaigns)
-    return np.array([campaign.failures_after[:reached] for campaign in campaigns], dtype=np.float64)
-
-
 def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
     measure = measured.measure
     everything = [value for values in measured.values.values() for value in values]
     finite = [value for value in everything if math.isfinite(value)]
     low, high = min(finite, default=0.0), max(finite, default=1.0)
     room = 0.06 * (high - low) or 0.5
-    # Campaigns that found nothing have a place of their own, right of a line.
-    nowhere = high + 3.0 * room
+    # Campaigns that found nothing have a place of their own behind a line, on the worse side.
+    worse = -1.0 if measure.more_is_better else 1.0
+    edge = low if measure.more_is_better else high
+    nowhere = edge + 3.0 * worse * room
     has_none = len(finite) < len(everything)
     groups = len(measured.values)
     for row, ((name, values), colour) in enumerate(zip(measured.values.items(), cycle(_COLOURS))):
         y = groups - 1 - row
-        places = [min(value, nowhere) for value in values]
+        places = [value if math.isfinite(value) else nowhere for value in values]
         if len(values) >= LEAST_REPEATS:
             q = measured.quartiles(name)
-            first, median, third = (min(value, nowhere) for value in (q.low, q.median, q.high))
+            first, median, third = (
+                value if math.isfinite(value) else nowhere for value in (q.low, q.median, q.high)
+            )
             box = Rectangle(
                 (first, y - 0.3), third - first, 0.6, facecolor=colour, alpha=0.16, linewidth=0
             )
@@ -160,20 +158,20 @@ def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
             markeredgewidth=0.4,
             alpha=0.85,
         )
-    axes.set_xlim(low - room, (nowhere if has_none else high) + room)
+    ends = [low, high, nowhere] if has_none else [low, high]
+    axes.set_xlim(min(ends) - room, max(ends) + room)
     axes.set_ylim(-0.55, groups - 0.45)
     axes.set_yticks([])
     locator = MaxNLocator(4, steps=_STEPS, integer=measure.decimals == 0)
     ticks = [tick for tick in locator.tick_values(low, high) if low - room <= tick <= high + room]
     axes.set_xticks(ticks)
     if has_none:
-        axes.axvline(high + 1.5 * room, color=FAINT, linewidth=0.8, linestyle=(0, (3, 3)))
+        axes.axvline(edge + 1.5 * worse * room, color=FAINT, linewidth=0.8, linestyle=(0, (3, 3)))
         axes.set_xticks([*ticks, nowhere], [*(f"{tick:g}" for tick in ticks), "none"])
     for side in ("top", "right", "left"):
         axes.spines[side].set_visible(False)
-    unit = f" ({measure.unit})" if measure.unit else ""
     better = "more is better" if measure.more_is_better else "less is better"
-    _above(axes, 21.0, f"{measure.title}{unit}", INK, 9.5, "bold")
+    _above(axes, 21.0, measure.heading, INK, 9.5, "bold")
     _above(axes, 8.0, f"{better}; {_finding(measured)}", QUIET, 8.0, "normal")
 
 

@@ -100,6 +100,11 @@ class ClusterWorkers:
         """How many candidates can be submitted now."""
         return 0 if self._disconnected else sum(1 for _ in self._idle_seats())
 
+    @property
+    def needed(self) -> int:
+        """As many: none waits in a worker."""
+        return self.free
+
     def states(self) -> Mapping[str, WorkerState]:
         """What each seat does at the moment, by the name of its worker and its number."""
         now = time.monotonic()

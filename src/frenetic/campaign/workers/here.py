@@ -41,6 +41,11 @@ class ThisProcess:
         """1 unless a candidate has been submitted and not been waited for."""
         return 0 if self._candidate else 1
 
+    @property
+    def needed(self) -> int:
+        """As many: none waits in a worker."""
+        return self.free
+
     def states(self) -> Mapping[str, WorkerState]:
         """What it does, seen between two tests."""
         state: WorkerStatus = "driving" if self._candidate else "idle"

@@ -7,6 +7,7 @@ import math
 import multiprocessing
 import pickle
 import platform
+import selectors
 import signal
 import sys
 import time
@@ -21,15 +22,16 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester
-from frenetic.campaign.workers.serving import (
+from frenetic.campaign.workers.messages import (
     Finished,
     Hopeless,
     Logged,
     Message,
     Ready,
-    kill_group,
-    serve,
+    decode_message,
+    encode_candidate,
 )
+from frenetic.campaign.workers.serving import kill_group, serve
 from frenetic.campaign.workers.workers import Attempt
 from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import user_files
@@ -44,11 +46,13 @@ START_LIMIT: Final = 600.0
 """s that a worker may take to start its simulator."""
 CLOSING_LIMIT: Final = 30.0
 """s that workers have to finish what they are at and to end their simulators."""
-PREFETCH_BELOW: Final = 0.02
-"""s: a worker whose tests take less gets further candidates before it has finished one, since
-falling asleep and waking up costs it more than the test of a road that is better chosen gains."""
-PREFETCH: Final = 4
-"""Candidates that such a worker has at most, the one that it drives included."""
+PREFETCH: Final = 8
+"""Candidates that a worker of quick tests has at most, the one that it drives included: falling
+asleep and waking up costs it more than the test of a road that is better chosen gains."""
+PREFETCHED_TIME: Final = 0.02
+"""s that testing those which wait in a worker may take; where one takes longer, none waits."""
+NEEDED: Final = 2
+"""Candidates that keep such a worker busy until the campaign hears that one is done."""
 MOST_ON_WINDOWS: Final = 60
 """Workers: its kernel waits for so many objects at once."""
 
@@ -96,6 +100,7 @@ class LocalWorkers:
         self._drive_limit = drive_limit
         self._log = log
         self._context = _context()
+        self._selector = _selector()
         self._workers = [_Worker(f"worker {number}") for number in range(1, count + 1)]
         self._backlog: deque[Candidate] = deque()  # of workers that were lost before they began
 
@@ -103,6 +108,12 @@ class LocalWorkers:
     def free(self) -> int:
         """How many candidates can be submitted now."""
         return max(0, sum(worker.room for worker in self._workers) - len(self._backlog))
+
+    @property
+    def needed(self) -> int:
+        """How many of these it takes to keep all workers busy: others only wait in them."""
+        short = sum(min(one.room, max(0, NEEDED - len(one.queue))) for one in self._workers)
+        return max(0, short - len(self._backlog))
 
     def states(self) -> Mapping[str, WorkerState]:
         """What each worker does at the moment, by its name."""
@@ -120,8 +131,9 @@ class LocalWorkers:
         worker.queue.append(candidate)
         if worker.state == "idle":
             worker.turn("driving", self._drive_limit)
+        data = encode_candidate(candidate)
         with suppress(OSError):  # it has died: `wait` will find out
-            worker.connection.send(candidate)
+            worker.connection.send_bytes(data)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns what has come back.
@@ -131,23 +143,17 @@ class LocalWorkers:
         """
         while self._backlog and any(worker.room for worker in self._workers):
             self.submit(self._backlog.popleft())
-        watched: dict[object, _Worker] = {}
-        deadline = time.monotonic() + timeout
-        for worker in self._workers:
-            if worker.state == "lost":
-                continue
-            deadline = min(deadline, worker.limit)
-            watched[worker.connection] = worker
-            if sys.platform != "win32":  # where few can be watched; a lost connection says it, too
-                watched[worker.process.sentinel] = worker
-        if not watched:
+        there = [worker for worker in self._workers if worker.state != "lost"]
+        if not there:
             reasons = "; ".join(sorted({worker.loss for worker in self._workers}))
             raise CampaignError(f"no worker could be started: {reasons}")
-        objects: list[Any] = list(watched)
-        heard = wait(objects, max(0.0, deadline - time.monotonic()))
+        deadline = min([time.monotonic() + timeout, *(worker.limit for worker in there)])
+        timeout = max(0.0, deadline - time.monotonic())
         attempts: list[Attempt] = []
-        for worker in dict.fromkeys(watched[one] for one in heard):
-            attempts += self._heard(worker)
+        while heard := self._hear(timeout):
+            for worker, has_sent in heard.items():
+                attempts += self._read(worker) if has_sent else self._departed(worker)
+            timeout = 0.0
         now = time.monotonic()
         for worker in self._workers:
             if worker.state != "lost" and worker.limit <= now:
@@ -185,6 +191,8 @@ class LocalWorkers:
                 for worker in started:
                     worker.await_end(deadline)
         finally:  # also if Ctrl-C is pressed meanwhile
+            if self._selector is not None:
+                self._selector.close()
             for worker in there:
                 worker.kill()
             for worker in there:
@@ -228,19 +236,37 @@ class LocalWorkers:
         finally:
             theirs.close()
         worker.begin(process, ours)
+        if self._selector is not None:
+            self._selector.register(ours, selectors.EVENT_READ, worker)
+            self._selector.register(process.sentinel, selectors.EVENT_READ, worker)
 
-    def _heard(self, worker: _Worker) -> list[Attempt]:
-        """Reads what a worker has sent, and sees whether it has ended."""
+    def _hear(self, timeout: float) -> Mapping[_Worker, bool]:
+        """Waits for workers that have sent something (True) or just ended (False)."""
+        if self._selector is None:
+            senders: dict[Any, _Worker] = {
+                one.connection: one for one in self._workers if one.state != "lost"
+            }
+            return {senders[connection]: True for connection in wait(list(senders), timeout)}
+        heard: dict[_Worker, bool] = {}
+        for key, _ in self._selector.select(timeout):
+            worker: _Worker = key.data
+            heard[worker] = heard.get(worker, False) or key.fileobj is worker.connection
+        return heard
+
+    def _read(self, worker: _Worker) -> list[Attempt]:
+        """Reads a message that a worker has sent, or that its connection has ended."""
+        try:
+            message = decode_message(worker.connection.recv_bytes())
+        except Exception:  # its end, or nonsense that a driver has written there
+            worker.process.join(1.0)
+            return self._lost(worker, _ending(worker.process.exitcode))
+        return self._received(worker, message)
+
+    def _departed(self, worker: _Worker) -> list[Attempt]:
+        """Reads what a worker has sent before it ended, while another may hold its connection."""
         attempts: list[Attempt] = []
-        while worker.state != "lost":
-            try:
-                message = worker.connection.recv() if worker.connection.poll() else None
-            except Exception:  # its end, or nonsense that a driver has written there
-                worker.process.join(1.0)
-                return attempts + self._lost(worker, _ending(worker.process.exitcode))
-            if message is None:
-                break
-            attempts += self._received(worker, message)
+        while worker.state != "lost" and worker.connection.poll():
+            attempts += self._read(worker)
         if worker.state != "lost" and not worker.process.is_alive():
             attempts += self._lost(worker, _ending(worker.process.exitcode))
         return attempts
@@ -285,6 +311,9 @@ class LocalWorkers:
         else:
             self._note_loss(worker, reason)
             worker.failed_starts += 1
+        if self._selector is not None:
+            self._selector.unregister(worker.connection)
+            self._selector.unregister(worker.process.sentinel)
         worker.end()
         self._backlog.extend(worker.queue)
         worker.queue.clear()
@@ -317,6 +346,8 @@ class _Worker:
         self.queue: deque[Candidate] = deque()
         """What it drives, and what it drives next."""
         self.tests = 0
+        self.capacity = 1
+        """How many candidates it may have."""
         self.pace = math.inf
         """s that its tests take: the longest of late, forgotten slowly."""
         self.has_started = False
@@ -331,13 +362,14 @@ class _Worker:
         """How many candidates it can take now."""
         if self.state not in ("idle", "driving"):
             return 0
-        return max(0, (PREFETCH if self.pace < PREFETCH_BELOW else 1) - len(self.queue))
+        return max(0, self.capacity - len(self.queue))
 
     def finish(self, seconds: float) -> None:
         """Takes note that a test is done."""
         self.queue.popleft()
         self.tests += 1
         self.pace = max(seconds, 0.9 * self.pace) if self.tests > 1 else seconds
+        self.capacity = min(PREFETCH, 1 + int(PREFETCHED_TIME / max(self.pace, 1e-4)))
 
     def begin(self, process: BaseProcess, connection: Connection) -> None:
         self.process, self.connection = process, connection
@@ -351,13 +383,13 @@ class _Worker:
     def dismiss(self) -> None:
         """Lets it end its simulator when it has finished what it is at."""
         with suppress(OSError):  # it has died
-            self.connection.send(None)
+            self.connection.send_bytes(encode_candidate(None))
 
     def await_end(self, deadline: float) -> None:
         """Waits until its simulator has ended; what it sends meanwhile comes too late."""
         with suppress(Exception):  # the connection's end is what is waited for
             while self.connection.poll(max(0.0, deadline - time.monotonic())):
-                self.connection.recv()
+                self.connection.recv_bytes()
         # Not for threads and processes of a driver, which may never end.
         self.process.join(max(0.0, min(_LEAVING_LIMIT, deadline - time.monotonic())))
 
@@ -374,6 +406,14 @@ class _Worker:
         self.turn("lost")
         self.process.close()
         self.connection.close()
+
+
+def _selector() -> selectors.BaseSelector | None:
+    """What waits for connections and ends of processes; None on Windows, where it cannot.
+
+    There few objects can be waited for, and a connection that is lost says it, too.
+    """
+    return None if sys.platform == "win32" else selectors.DefaultSelector()
 
 
 def _context() -> ForkServerContext | SpawnContext:

@@ -21,7 +21,8 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeVar
 from distributed import get_worker
 
 from frenetic.campaign.tester import RoadTester, Tested
-from frenetic.campaign.workers.serving import Logged, reason_of
+from frenetic.campaign.workers.messages import Logged
+from frenetic.campaign.workers.serving import reason_of
 from frenetic.compilation import compile_kernels
 from frenetic.errors import FreneticError
 from frenetic.search.records import Candidate

@@ -13,9 +13,18 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final
 
-from frenetic.campaign.tester import RoadTester, Tested
+from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers.messages import (
+    Finished,
+    Hopeless,
+    Logged,
+    Message,
+    Ready,
+    decode_candidate,
+    encode_message,
+)
 from frenetic.errors import FreneticError, describe_error
 from frenetic.registry import load_user_file
 from frenetic.search.records import Candidate
@@ -23,34 +32,6 @@ from frenetic.search.records import Candidate
 if sys.platform == "linux":
     import fcntl
 
-
-class Ready(NamedTuple):
-    """The simulator has started; a candidate may be sent."""
-
-
-class Finished(NamedTuple):
-    """A candidate was tested; the next one may be sent, unless the simulator broke."""
-
-    candidate_id: int
-    seconds: float
-    tested: Tested
-
-
-class Hopeless(NamedTuple):
-    """This process cannot go on: its simulator does not start, or a drive broke it, too."""
-
-    reason: str
-
-
-class Logged(NamedTuple):
-    """Something for the campaign's log."""
-
-    level: int
-    name: str
-    message: str
-
-
-Message: TypeAlias = Ready | Finished | Hopeless | Logged
 
 LOST_PARENT: Final = 1
 """Exit code of a worker whose campaign is gone."""
@@ -64,8 +45,7 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
         user_files: the user's own modules, which have to be loaded first.
         tester: a pickled `RoadTester`, from the process that started this one.
     """
-    _stand_alone()
-    threading.Thread(target=_die_with_parent, name="die-with-parent", daemon=True).start()
+    stand_alone()
     campaign = _Campaign(connection)
     logger = logging.getLogger("frenetic")
     logger.addHandler(_Sending(campaign.send))
@@ -124,27 +104,31 @@ class _Campaign:
         Raises:
             _GoneError: nobody is there. A simulator's own connection errors are no such thing.
         """
+        data = encode_message(message)
         with self._lock:
             try:
-                self._connection.send(message)
+                self._connection.send_bytes(data)
             except OSError as error:
                 raise _GoneError from error
 
     def receive(self) -> Candidate | None:
         """The next candidate; None if none will come."""
         try:
-            candidate: Candidate | None = self._connection.recv()
+            return decode_candidate(self._connection.recv_bytes())
         except (EOFError, OSError):
             return None
-        return candidate
 
 
-def _stand_alone() -> None:
-    """Leaves Ctrl-C to the campaign; becomes head of a group, which can be ended as a whole."""
+def stand_alone() -> None:
+    """Makes a process of this one that leaves Ctrl-C to its parent and ends with it.
+
+    It becomes the head of a group, which can be ended as a whole.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "setsid"):
         with suppress(OSError):  # it is the head of one already
             os.setsid()
+    threading.Thread(target=_die_with_parent, name="die-with-parent", daemon=True).start()
 
 
 def _die_with_parent() -> None:

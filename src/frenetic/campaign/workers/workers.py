@@ -47,6 +47,10 @@ class Workers(Protocol):
     def free(self) -> int:
         """How many candidates can be submitted now; 0 while workers are being started."""
 
+    @property
+    def needed(self) -> int:
+        """How many of these it takes to keep all workers busy: others only wait in them."""
+
     def states(self) -> Mapping[str, WorkerState]:
         """What each worker does at the moment, by its name."""
 

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         Series,
         Table,
     )
+    from frenetic.report.html.comparing import comparison_report, write_comparison_page
     from frenetic.report.html.page import Report, render
     from frenetic.report.html.writing import REPORT, campaign_report, write_page, write_report
 
@@ -59,6 +60,7 @@ _HOMES = {
         "Series",
         "Table",
     ),
+    "comparing": ("comparison_report", "write_comparison_page"),
     "page": ("Report", "render"),
     "writing": ("REPORT", "campaign_report", "write_page", "write_report"),
 }
@@ -80,7 +82,9 @@ __all__ = [
     "Series",
     "Table",
     "campaign_report",
+    "comparison_report",
     "render",
+    "write_comparison_page",
     "write_page",
     "write_report",
 ]

@@ -13,6 +13,10 @@ const kinds = {
   featureMap: drawFeatureMap,
   family: drawFamily,
   headline: drawHeadline,
+  groupTable: drawGroupTable,
+  curves: drawCurves,
+  spreads: drawSpreads,
+  pairs: drawPairs,
 };
 
 function factList(facts) {
@@ -28,10 +32,11 @@ function drawFacts(element, block) {
 function drawTable(element, block) {
   const style = (i) => (block.columns[i].is_number ? "number" : "");
   const head = el("tr", {}, block.columns.map((column, i) => el("th", { scope: "col", class: style(i), title: column.text || null }, column.title)));
-  const rows = block.rows.map((row) =>
-    el("tr", {}, row.map((text, i) => (i === 0 ? el("th", { scope: "row", class: style(i) }, text) : el("td", { class: style(i) }, text)))),
+  const linked = (text, address) => (address ? el("a", { href: address }, text) : text);
+  const rows = block.rows.map((row, place) =>
+    el("tr", {}, row.map((text, i) => (i === 0 ? el("th", { scope: "row", class: style(i) }, linked(text, block.links[place])) : el("td", { class: style(i) }, text)))),
   );
-  element.append(el("div", { class: "table", tabindex: 0, role: "region", "aria-label": block.columns.map((column) => column.title).join(", ") }, el("table", {}, el("thead", {}, head), el("tbody", {}, rows))));
+  element.append(el("div", { class: block.tall ? "table tall" : "table", tabindex: 0, role: "region", "aria-label": block.columns.map((column) => column.title).join(", ") }, el("table", {}, el("thead", {}, head), el("tbody", {}, rows))));
   captioned(element, block.caption);
 }
 

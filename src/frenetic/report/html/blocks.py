@@ -76,6 +76,10 @@ class Table:
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
+    links: tuple[str | None, ...] = ()
+    """Relative address to which the first text of each row leads, as many as rows, or none."""
+    tall: bool = False
+    """Whether it is scrolled rather than shown in full."""
 
 
 @dataclass(frozen=True)

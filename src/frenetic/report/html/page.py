@@ -28,6 +28,7 @@ SCRIPTS: Final = (
     "gallery.js",
     "map.js",
     "charts.js",
+    "groups.js",
     "blocks.js",
     "main.js",
 )

@@ -50,11 +50,14 @@ def repeat_command(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
     budget: Any = facts.get("budget", config.get("budget"))
     if command is None or BUDGET(budget):
         return None
+    if (entrant := _generator(config)) is not None:
+        return shlex.join(_bench_words(entrant, command, config))
     words = ["frenetic", "run"]
     for name in ("simulations", "time", "failures"):
         if budget[name] is not None:
             words += [f"--{name}", _number(budget[name])]
-    words += [*_part_words(command, "strategy"), *_drive_words(command, config)]
+    words += _part_words(command, "strategy")
+    words += drive_words(command, config.get("map_size"))
     lookahead = config.get("lookahead")
     words += ["--unordered"] if lookahead is None else ["--ordered", "--lookahead", str(lookahead)]
     if isinstance(config.get("cluster"), str):
@@ -72,7 +75,7 @@ def drive_options(config: Mapping[str, JSONValue]) -> str | None:
     None if the campaign was started from Python, or does not say how.
     """
     command = _command(config)
-    return None if command is None else shlex.join(_drive_words(command, config))
+    return None if command is None else shlex.join(drive_words(command, config.get("map_size")))
 
 
 def _command(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
@@ -80,12 +83,34 @@ def _command(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
     return command if isinstance(command, Mapping) and not command_faults(config) else None
 
 
-def _drive_words(command: Mapping[str, Any], config: Mapping[str, JSONValue]) -> list[str]:
+def _generator(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
+    """The generator whose run in a bench a campaign is; None if it is none."""
+    entrant: Any = config.get("entrant")
+    if not isinstance(entrant, Mapping) or entrant.get("is_strategy") is not False:
+        return None
+    is_whole = isinstance(entrant.get("spec"), str) and isinstance(entrant.get("budget"), Mapping)
+    return entrant if is_whole else None
+
+
+def _bench_words(
+    entrant: Mapping[str, Any], command: Mapping[str, Any], config: Mapping[str, JSONValue]
+) -> list[str]:
+    words = ["frenetic", "bench", "--generator", entrant["spec"]]
+    for name in ("path", "python"):
+        words += [f"--{name}", str(entrant[name])] if entrant.get(name) else []
+    for name, value in entrant["budget"].items():
+        words += [f"--{name.replace('_', '-')}", _number(value)]
+    words += ["--repeats", "1", "--seed", str(config.get("seed"))]
+    return words + drive_words(command, config.get("map_size"))
+
+
+def drive_words(command: Mapping[str, Any], map_size: object) -> list[str]:
+    """The options of a command line by which driver, simulator, rules and map are chosen."""
     words = [*_part_words(command, "driver"), *_part_words(command, "simulator")]
     for name in _NUMBERS:
         if command.get(name) is not None:
             words += [f"--{name.replace('_', '-')}", _number(command[name])]
-    return [*words, "--map-size", _number(config.get("map_size"))]
+    return [*words, "--map-size", _number(map_size)]
 
 
 def _part_words(command: Mapping[str, Any], part: str) -> list[str]:
@@ -118,6 +143,11 @@ def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue
         )
     else:
         sentences.append("One worker drove, so the same seed gives the same campaign.")
+    if _generator(config) is not None:
+        sentences.append(
+            "The seed reaches the generator through Python's random and numpy's global generator:"
+            " one that draws from elsewhere proposes other roads."
+        )
     if config.get("seed") is None:
         sentences.append("No seed is recorded, so its random numbers cannot be drawn again.")
     budget = facts.get("budget", config.get("budget"))

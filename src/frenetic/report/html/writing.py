@@ -83,8 +83,7 @@ def write_page(report: Report, path: Path | str) -> Path:
         partial.replace(path)
     except OSError as error:
         raise FreneticError(
-            f"the report {path} cannot be written: {error.strerror or error}; choose another place"
-            " with --out"
+            f"the page {path} cannot be written: {error.strerror or error}; choose another place"
         ) from None
     finally:
         with suppress(OSError):
@@ -139,7 +138,7 @@ def campaign_report(
         ),
         campaign=_shell(store.folder),
         drive_options=drive_options(config),
-        made_by=f"frenetic {_version()}",
+        made_by=made_by(),
         lane_width=_lane_width(config.get("lane_width")),
         tests=table,
         drives=tuple(drives),
@@ -204,8 +203,9 @@ def _lane_width(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else 4.0
 
 
-def _version() -> str:
+def made_by() -> str:
+    """The program and its version, for the foot of a page."""
     try:
-        return version("frenetic-roads")
+        return f"frenetic {version('frenetic-roads')}"
     except PackageNotFoundError:
-        return "unknown"
+        return "frenetic, version unknown"

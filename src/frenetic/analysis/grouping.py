@@ -1,0 +1,155 @@
+"""Which campaigns are repeats of each other, and names for the groups that they make."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.errors import CampaignError
+
+PARTS: Final = (
+    "strategy",
+    "driver",
+    "simulator",
+    "rules",
+    "budget",
+    "map_size",
+    "margin",
+    "lane_width",
+    "lookahead",
+)
+"""What repeats have in common, of a campaign's configuration; the strategy's seed differs."""
+
+
+def find_campaigns(place: Path) -> list[Path]:
+    """The campaigns in a place: the folder of one, or a folder that holds those of several.
+
+    Raises:
+        CampaignError: there is none.
+    """
+    if (place / DATABASE).is_file():
+        return [place]
+    if not place.is_dir():
+        raise CampaignError(f"{place} is no folder: that of a campaign, or of several, is needed")
+    try:
+        found = sorted(child for child in place.iterdir() if (child / DATABASE).is_file())
+    except OSError as error:
+        raise CampaignError(f"cannot look into {place}: {error.strerror or error}") from None
+    if not found:
+        raise CampaignError(
+            f"{place} holds no campaign: the folder of one, or a folder of several, is needed"
+        )
+    return found
+
+
+def group_campaigns(folders: Iterable[Path]) -> dict[str, list[Path]]:
+    """Campaigns put together that differ in nothing but the seed, under names that tell them apart.
+
+    A name is made of what the groups differ in: the strategy, most often.
+
+    Raises:
+        CampaignError: a campaign is not there or damaged.
+    """
+    configurations: dict[str, dict[str, Any]] = {}
+    members: dict[str, list[Path]] = {}
+    for folder in folders:
+        parts = parts_of(folder)
+        key = json.dumps(parts, sort_keys=True)
+        configurations[key] = parts
+        members.setdefault(key, []).append(folder)
+    names = _names(list(configurations.values()))
+    return dict(zip(names, members.values(), strict=True))
+
+
+def parts_of(folder: Path) -> dict[str, Any]:
+    """What a campaign has in common with its repeats: the value of each of `PARTS`.
+
+    Raises:
+        CampaignError: it is not there or damaged.
+    """
+    with CampaignStore.open(folder) as store:
+        config, facts = store.config, store.facts
+    parts: dict[str, Any] = {name: config.get(name) for name in PARTS}
+    parts["budget"] = facts.get("budget", parts["budget"])
+    strategy = parts["strategy"]
+    if isinstance(strategy, dict) and isinstance(strategy.get("options"), dict):
+        options = {k: v for k, v in strategy["options"].items() if k != "seed"}
+        parts["strategy"] = {**strategy, "options": options}
+    return parts
+
+
+def _names(configurations: list[dict[str, Any]]) -> list[str]:
+    """A name for each of several different configurations: what they differ in, in short."""
+    names = [""] * len(configurations)
+    for part in PARTS:
+        values = [configuration[part] for configuration in configurations]
+        if len(set(names)) < len(names) and any(value != values[0] for value in values):
+            names = [
+                f"{name} {_word(part, value, values)}".strip()
+                for name, value in zip(names, values, strict=True)
+            ]
+    # Whatever cannot be told in short is numbered.
+    return [
+        f"{name} {names[: i + 1].count(name)}".strip() if names.count(name) > 1 else name or "all"
+        for i, name in enumerate(names)
+    ]
+
+
+def _word(part: str, value: Any, others: Sequence[Any]) -> str:
+    """What a part is, as opposed to what it is in other configurations."""
+    if not isinstance(value, dict):
+        return f"{part}={value}"
+    if "class" not in value:
+        return _settings(value, others)
+    alike = [o for o in others if isinstance(o, dict) and o.get("class") == value["class"]]
+    own, inner = value.get("options"), value.get("driver")
+    settings = _settings(own, [o.get("options") for o in alike]) if isinstance(own, dict) else ""
+    word = str(value["class"]).rpartition(":")[2] + (f"({settings})" if settings else "")
+    if isinstance(inner, dict):
+        word += f" over {_word(part, inner, [o.get('driver') for o in alike])}"
+    return word
+
+
+def _settings(value: Mapping[str, Any], others: Sequence[Any]) -> str:
+    """Those of several settings that differ from others'."""
+    told = []
+    for name, setting in value.items():
+        theirs = [other.get(name) if isinstance(other, dict) else None for other in others]
+        if any(setting != one for one in theirs):
+            if isinstance(setting, dict):
+                told.append(_settings(setting, theirs))
+            else:
+                told.append(f"{name}={setting}")
+    return ", ".join(told)
+
+
+def differing_parts(configurations: Sequence[Mapping[str, Any]]) -> str:
+    """The parts in which configurations differ, for people."""
+    first = configurations[0]
+    return ", ".join(
+        part.replace("_", " ")
+        for part in PARTS
+        if any(configuration[part] != first[part] for configuration in configurations)
+    )
+
+
+def shared_parts(configurations: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """The parts that are set and alike in all configurations, in words."""
+    first = configurations[0]
+    return {
+        part.replace("_", " "): _in_words(first[part])
+        for part in PARTS
+        if first[part] is not None
+        and all(configuration[part] == first[part] for configuration in configurations)
+    }
+
+
+def _in_words(value: Any) -> str:
+    if not isinstance(value, Mapping):
+        return str(value)
+    if "class" in value:
+        return _word("", value, [])
+    return ", ".join(f"{name} {_in_words(one)}" for name, one in value.items() if one is not None)

@@ -1,0 +1,298 @@
+"""What a campaign came to, in the numbers by which campaigns are compared.
+
+The competition's measures are computed as its published code does it, mistakes included, and named
+so; beside them stand forms with published bounds. What each means is in
+`frenetic.analysis.measures`, and why in docs/measures.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic.analysis.clusters import Failure, cluster_failures
+from frenetic.analysis.competition import (
+    CompetitionFeatures,
+    competition_features,
+    competition_segment,
+)
+from frenetic.analysis.features import FEATURES, Feature, features_of
+from frenetic.analysis.segments import Segment, segments_of
+from frenetic.analysis.sparseness import competition_sparseness, diversity
+from frenetic.arrays import FloatArray
+from frenetic.campaign.store import CampaignStore, TestRecord
+from frenetic.outcome import Outcome
+
+Cell: TypeAlias = tuple[int, ...]
+"""Of a feature map: a bin of each of its features."""
+Counts: TypeAlias = npt.NDArray[np.int64]
+Curve: TypeAlias = Literal["distinct_after", "failures_after", "cells_after"]
+"""Name of a curve of `CampaignMeasures`."""
+
+MAP_AXES: Final = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
+"""Features that span the map of which cells are counted: those of the competition of 2023."""
+COMPETITION_AXES: Final = (
+    Feature("dir_cov", "DIR_COV", "", 0.0, 0.5, 10),
+    Feature("std_sa", "STD_SA", "degrees of the front wheels", 0.0, 20.0, 10),
+    Feature("max_curv", "MAX_CURV", "1/m", 0.0, 0.07, 10),
+    Feature("mean_lp", "MEAN_LP", "m", 0.0, 2.0, 10),
+)
+"""The competition's own form of these features, see `CompetitionFeatures`.
+
+Its code has no ranges, and its tables none that were published: these are ours.
+"""
+MOST_PAIRED: Final = 200
+"""Failures of which the pairwise diversity is computed; of more, so many, evenly spaced."""
+MOST_COMPARED: Final = 2000
+"""Failures up to which the competition's sparseness is computed of all; time grows with the
+square. Of more, so many, evenly spaced."""
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignMeasures:
+    """What a campaign came to.
+
+    Curves have a value for each number of simulations, from 0 on.
+    """
+
+    folder: Path
+    seed: object
+    """Of its strategy."""
+    invalid: int
+    """Roads that were refused."""
+    failures_after: Counts
+    """(simulations + 1,) failures found by each number of simulations."""
+    distinct_after: Counts
+    """(simulations + 1,) distinct failures, each counted from the first of those alike."""
+    cells_after: Counts
+    """(simulations + 1,) cells of the feature map over `MAP_AXES` that hold a failure."""
+    seconds_to_failure: float
+    """s of the campaign's time up to the first failure; infinite if there is none."""
+    is_finished: bool
+    """Whether its budget was spent."""
+    errors: int = 0
+    """Simulations that broke."""
+    filled: frozenset[Cell] = frozenset()
+    """Cells of the feature map over `MAP_AXES` that hold a failure."""
+    competition_filled: frozenset[Cell] = frozenset()
+    """Likewise over `COMPETITION_AXES`; without the failures that the competition leaves out."""
+    pairwise_diversity: float = -math.inf
+    """0..1, see `Diversity.pairwise`; minus infinity for fewer than two failures."""
+    competition_sparseness: float = -math.inf
+    """Edits, see `CompetitionSparseness.mean`; minus infinity for fewer than two failures."""
+    generator_seconds: float | None = None
+    """s of wall time that the strategy itself took; None if the campaign does not say."""
+    seconds_per_test: float | None = None
+    """Virtual s that a simulation costs on a bench; None elsewhere."""
+
+    @property
+    def simulations(self) -> int:
+        """Drives, broken ones included."""
+        return len(self.failures_after) - 1
+
+    @property
+    def tests(self) -> int:
+        """Roads that were tested: driven or refused."""
+        return self.simulations + self.invalid
+
+    @property
+    def failures(self) -> int:
+        """FAIL outcomes."""
+        return int(self.failures_after[-1])
+
+    @property
+    def distinct_failures(self) -> int:
+        """See `frenetic.analysis.cluster_failures`."""
+        return int(self.distinct_after[-1])
+
+    @property
+    def cells(self) -> int:
+        """Cells of the feature map over `MAP_AXES` that hold a failure."""
+        return int(self.cells_after[-1])
+
+    @property
+    def competition_cells(self) -> int:
+        """Likewise over `COMPETITION_AXES`."""
+        return len(self.competition_filled)
+
+    @property
+    def failures_per_100(self) -> float:
+        """Failures per 100 simulations."""
+        return self._per_100(self.failures)
+
+    @property
+    def distinct_per_100(self) -> float:
+        """Distinct failures per 100 simulations."""
+        return self._per_100(self.distinct_failures)
+
+    @property
+    def simulations_to_failure(self) -> float:
+        """Simulations up to and with the first failure; infinite if there is none."""
+        return float(np.argmax(self.failures_after > 0)) if self.failures else math.inf
+
+    @property
+    def virtual_seconds_to_failure(self) -> float | None:
+        """Virtual s of the simulations up to and with the first failure; infinite without one.
+
+        None where simulations have no virtual cost.
+        """
+        if self.seconds_per_test is None:
+            return None
+        return self.simulations_to_failure * self.seconds_per_test
+
+    @property
+    def invalid_share(self) -> float:
+        """Share 0..1 of the tests that were refused."""
+        return self.invalid / self.tests if self.tests else 0.0
+
+    def _per_100(self, number: int) -> float:
+        return 100.0 * number / self.simulations if self.simulations else 0.0
+
+
+def measure_campaign(folder: Path) -> CampaignMeasures:
+    """What a campaign came to.
+
+    Raises:
+        CampaignError: there is none, or it is damaged.
+    """
+    with CampaignStore.open(folder) as store:
+        found = [0]
+        found_at: dict[int, int] = {}  # id of a failure -> simulations up to and with it
+        seconds_to_failure = math.inf
+        invalid = errors = 0
+        spent = 0.0
+        for record in store.tests():
+            # Logs of old versions know only what each test took.
+            spent = spent + record.seconds if record.elapsed is None else record.elapsed
+            outcome = record.outcome
+            if outcome is Outcome.INVALID:
+                invalid += 1
+            elif outcome is not Outcome.DROPPED:
+                found.append(found[-1] + (outcome is Outcome.FAIL))
+                errors += outcome is Outcome.ERROR
+                if outcome is Outcome.FAIL:
+                    found_at[record.candidate.id] = len(found) - 1
+                    if len(found_at) == 1:
+                        seconds_to_failure = spent
+        failures = _read_failures(store, found_at)
+        facts, seed = store.facts, store.config.get("seed")
+    clusters = cluster_failures(failure.compared for failure in failures)
+    # The first failure in a cell, or in a cluster, makes the curve rise.
+    cells = {failure.cell: found_at[failure.id] for failure in reversed(failures)}
+    return CampaignMeasures(
+        folder=Path(folder),
+        seed=seed,
+        invalid=invalid,
+        failures_after=np.array(found, dtype=np.int64),
+        distinct_after=_curve(
+            (min(map(found_at.__getitem__, c.ids)) for c in clusters), len(found)
+        ),
+        cells_after=_curve(cells.values(), len(found)),
+        seconds_to_failure=seconds_to_failure,
+        is_finished="finished_at" in facts and not facts.get("interrupted"),
+        errors=errors,
+        filled=frozenset(cells),
+        competition_filled=frozenset(
+            failure.competition_cell for failure in failures if failure.competition_cell is not None
+        ),
+        pairwise_diversity=_diversity([failure.points for failure in failures]),
+        competition_sparseness=_sparseness(
+            [failure.cut for failure in failures if failure.cut is not None]
+        ),
+        generator_seconds=_seconds(facts.get("strategy_seconds")),
+        seconds_per_test=_seconds(facts.get("seconds_per_test")),
+    )
+
+
+def curves(campaigns: Sequence[CampaignMeasures], what: Curve) -> Counts:
+    """(campaigns, n) what was found by each number of simulations that all campaigns reached.
+
+    Args:
+        campaigns: one or more.
+        what: which of their curves.
+    """
+    found: list[Counts] = [getattr(campaign, what) for campaign in campaigns]
+    reached = min(map(len, found))
+    return np.array([curve[:reached] for curve in found], dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Failure:
+    """What is measured of a failure."""
+
+    id: int
+    compared: Failure
+    cell: Cell
+    competition_cell: Cell | None
+    """None if the competition leaves the failure out."""
+    points: FloatArray
+    """(n, 2) m, the segment."""
+    cut: FloatArray | None
+    """(n, 2) m, the segment as the competition cuts it; None if it leaves the failure out."""
+
+
+def _read_failures(store: CampaignStore, ids: Container[int]) -> list[_Failure]:
+    """The failures with these ids that were kept with their drive, in the order of the tests."""
+    return [
+        _measure_failure(record, segment)
+        for record, segment in segments_of(store, Outcome.FAIL)
+        if record.candidate.id in ids  # a campaign that goes on may have more by now
+    ]
+
+
+def _measure_failure(record: TestRecord, segment: Segment) -> _Failure:
+    points = record.candidate.points
+    submitted = segment.road.road_points if points is None else points
+    left = record.departure
+    cut = None if left is None else competition_segment(submitted, (left.x, left.y))
+    features = features_of(segment)
+    return _Failure(
+        id=record.candidate.id,
+        compared=Failure.of(segment, id=record.candidate.id, moobd=record.moobd or 0.0),
+        cell=tuple(FEATURES[name].bin_of(features) for name in MAP_AXES),
+        competition_cell=_competition_cell(competition_features(segment, submitted)),
+        points=segment.points(),
+        cut=None if cut is None else cut.points,
+    )
+
+
+def _competition_cell(features: CompetitionFeatures | None) -> Cell | None:
+    if features is None:
+        return None
+    return tuple(axis.bin(float(getattr(features, axis.name))) for axis in COMPETITION_AXES)
+
+
+def _curve(rises: Iterable[int], length: int) -> Counts:
+    """(length,) how many of some numbers of simulations were reached by each."""
+    counts = np.bincount(np.fromiter(rises, dtype=np.int64), minlength=length)
+    return np.cumsum(counts, dtype=np.int64)
+
+
+def _diversity(segments: Sequence[FloatArray]) -> float:
+    pairwise = diversity(_thinned(segments, MOST_PAIRED)).pairwise
+    return -math.inf if pairwise is None else pairwise
+
+
+def _sparseness(cuts: Sequence[FloatArray]) -> float:
+    mean = competition_sparseness(_thinned(cuts, MOST_COMPARED)).mean
+    return -math.inf if mean is None else mean
+
+
+def _thinned(segments: Sequence[FloatArray], most: int) -> Sequence[FloatArray]:
+    """As many segments, evenly spaced, the first and the last among them."""
+    if len(segments) <= most:
+        return segments
+    return [segments[i] for i in np.linspace(0, len(segments) - 1, most).round().astype(int)]
+
+
+def _seconds(value: object) -> float | None:
+    """A fact that is a time; None if it is none."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    return float(value) if math.isfinite(value) and value >= 0.0 else None

@@ -1,0 +1,109 @@
+"""A comparison as a table of text: CSV for programs, Markdown for documents."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+from frenetic.analysis.comparing import Comparison
+from frenetic.errors import FreneticError
+
+
+def comparison_table_csv(comparison: Comparison) -> str:
+    """A row per group, the best by the headline measure first, as CSV with a header.
+
+    Columns: ``group``, ``campaigns``, then for each measure its name (the median), the same with
+    ``_low`` and ``_high`` (the quartiles) and with ``_mean_rank``, which is left out where neither
+    more nor less is better. A cell is empty where something never happened.
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    header = ["group", "campaigns"]
+    for by in comparison.measures:
+        name = by.measure.name
+        header += [name, f"{name}_low", f"{name}_high"]
+        header += [f"{name}_mean_rank"] if by.mean_ranks else []
+    writer.writerow(header)
+    for group in comparison.headline.order:
+        row = [group, str(len(comparison.groups[group]))]
+        for by in comparison.measures:
+            found = by.quartiles(group)
+            row += [_number(value) for value in (found.median, found.low, found.high)]
+            row += [_number(by.mean_ranks[group])] if by.mean_ranks else []
+        writer.writerow(row)
+    return text.getvalue()
+
+
+def comparison_table_markdown(comparison: Comparison) -> str:
+    """A row per group, the best by the headline measure first, as a Markdown table.
+
+    Cells hold medians with quartiles. Columns are the measures that fit a page: see
+    `Measure.is_main`.
+    """
+    shown = [by for by in comparison.measures if by.measure.is_main]
+    titles = ["group", "campaigns", *(by.measure.heading for by in shown)]
+    lines = [titles, ["---", *["---:"] * (len(titles) - 1)]]
+    for group in comparison.headline.order:
+        cells = [by.text(group) for by in shown]
+        lines.append([_escaped(group), str(len(comparison.groups[group])), *cells])
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+FORMS: Final[Mapping[str, Callable[[Comparison], str]]] = MappingProxyType(
+    {".csv": comparison_table_csv, ".md": comparison_table_markdown}
+)
+"""Suffix of a file -> what is written there."""
+
+
+def write_table(comparison: Comparison, path: Path | str) -> Path:
+    """Writes a comparison as a table: CSV or Markdown by the file's suffix.
+
+    Returns:
+        The file. What was there is replaced.
+
+    Raises:
+        FreneticError: another suffix, or a file that cannot be written.
+    """
+    path = Path(path)
+    form = table_form(path)
+    partial = path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
+    try:
+        partial.write_text(form(comparison), encoding="utf-8", newline="")
+        partial.replace(path)
+    except OSError as error:
+        raise FreneticError(
+            f"the table {path} cannot be written: {error.strerror or error}; choose another place"
+        ) from None
+    finally:
+        with suppress(OSError):
+            partial.unlink(missing_ok=True)
+    return path
+
+
+def table_form(path: Path) -> Callable[[Comparison], str]:
+    """What makes the text of a table, by the suffix of its file.
+
+    Raises:
+        FreneticError: another suffix.
+    """
+    form = FORMS.get(path.suffix.lower())
+    if form is None:
+        raise FreneticError(f"a table is written to {path}: the name must end with .csv or .md")
+    return form
+
+
+def _number(value: float) -> str:
+    return f"{value:.10g}" if math.isfinite(value) else ""
+
+
+def _escaped(text: str) -> str:
+    """A text that ends no cell, whatever it says."""
+    plain = " ".join(text.split())
+    return "".join(f"\\{sign}" if sign in "\\|`*_[]<>" else sign for sign in plain)

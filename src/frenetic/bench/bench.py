@@ -1,0 +1,357 @@
+"""Generators and strategies held against each other, with repeats, on the same terms."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from datetime import datetime
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from frenetic.analysis.comparing import Comparison, compare
+from frenetic.bench.entrants import Entrant, folder_names
+from frenetic.bench.generator import GeneratorProcess
+from frenetic.bench.processes import Run, RunEnd, run_all
+from frenetic.bench.proposing import Ending, GeneratorStrategy, VirtualTime
+from frenetic.bench.running import COMPETITION, Terms, assignment, ending_of
+from frenetic.campaign.campaign import describe, prepare
+from frenetic.campaign.lock import FileLock
+from frenetic.campaign.progress import Progress
+from frenetic.campaign.versions import package_versions
+from frenetic.compilation import compile_kernels
+from frenetic.errors import FreneticError
+from frenetic.registry import STRATEGIES
+
+BENCHES: Final = Path("benches")
+"""Where benches go that are given no folder."""
+BENCH: Final = "bench.json"
+"""Name of the file in a bench's folder that says what it consists of."""
+LOCK: Final = "bench.lock"
+VERSION: Final = 1
+"""Of the file's form."""
+
+
+@dataclass(frozen=True)
+class BenchProgress:
+    """How far a bench has come."""
+
+    runs: int
+    """Complete ones."""
+    runs_in_all: int
+    simulations: int
+    """Of this session's runs."""
+    failures: int
+    share: float
+    """0..1 of all runs' budgets."""
+
+
+@dataclass(frozen=True)
+class RunState:
+    """A run and what has become of it."""
+
+    run: Run
+    ending: Ending | None
+    """None if it is not complete."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """A bench: who takes part, on which terms, how often, and where it is kept.
+
+    Run k of an entrant has the seed ``seed + k - 1``; so the runs with one number share it.
+    """
+
+    entrants: tuple[Entrant, ...]
+    terms: Terms
+    repeats: int = 10
+    seed: int = 1
+    folder: Path = field(default_factory=lambda: new_folder())
+
+    def __post_init__(self) -> None:
+        for name, least in (("repeats", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or value != int(value) or value < least:
+                raise FreneticError(
+                    f"{name} is {value}: a whole number of at least {least} is needed"
+                )
+        if not self.entrants:
+            raise FreneticError("nobody takes part: name a generator or a strategy")
+        folder_names(self.entrants)
+        for entrant in self.entrants:
+            if entrant.is_strategy:
+                available = {"seed": self.seed, "map_size": self.terms.map_size}
+                STRATEGIES.make_from(entrant.spec, entrant.options, available)
+
+    @property
+    def runs(self) -> list[Run]:
+        """All runs; the first of every entrant come first, so that there is soon much to see."""
+        names = folder_names(self.entrants)
+        return [
+            Run(
+                entrant,
+                repeat,
+                self.seed + repeat - 1,
+                self.folder / names[entrant.name] / f"{repeat:02d}",
+            )
+            for repeat in range(1, self.repeats + 1)
+            for entrant in self.entrants
+        ]
+
+    def states(self) -> list[RunState]:
+        """All runs, and what has become of each.
+
+        Raises:
+            CampaignError: one is damaged.
+        """
+        return [RunState(run, ending_of(run.folder)) for run in self.runs]
+
+    def run(
+        self,
+        *,
+        resume: bool = False,
+        workers: int = 1,
+        on_start: Callable[[], None] | None = None,
+        on_progress: Callable[[BenchProgress], None] | None = None,
+        on_end: Callable[[RunEnd], None] | None = None,
+        on_interrupt: Callable[[], None] | None = None,
+    ) -> list[RunEnd]:
+        """Runs all that is not complete yet; returns what came of it.
+
+        Each generator is built once beforehand, so that one that cannot be is noticed at once.
+
+        Args:
+            resume: whether the folder holds this bench already, to be completed.
+            workers: runs at once.
+            on_start: called before the first run.
+            on_progress: called now and then.
+            on_end: called after each run.
+            on_interrupt: called at the first Ctrl-C, after which no run is begun any more.
+
+        Raises:
+            FreneticError: the folder holds something else, another process uses it, a generator
+                cannot be built, or the simulator does not start.
+        """
+        with ExitStack() as stack:
+            prepare(self.terms.simulator)
+            compile_kernels()
+            if not resume:
+                self._require_new_folder()
+                for entrant in self.entrants:
+                    self._try_out(entrant)
+            stack.enter_context(_locked(self.folder))
+            if resume:
+                self._require_same()
+            else:
+                self._write()
+            if on_start is not None:
+                on_start()
+            return self._run(workers, on_progress, on_end, on_interrupt)
+
+    def _run(
+        self,
+        workers: int,
+        on_progress: Callable[[BenchProgress], None] | None,
+        on_end: Callable[[RunEnd], None] | None,
+        on_interrupt: Callable[[], None] | None,
+    ) -> list[RunEnd]:
+        states = self.states()
+        to_do = [state.run for state in states if state.ending is None]
+        done = len(states) - len(to_do)
+        so_far: dict[Path, Progress] = {}
+        ends: list[RunEnd] = []
+
+        def note() -> None:
+            if on_progress is None:
+                return
+            ended = {end.run.folder for end in ends}
+            under_way = sum(
+                progress.budget_spent for folder, progress in so_far.items() if folder not in ended
+            )
+            on_progress(
+                BenchProgress(
+                    runs=done + len(ends),
+                    runs_in_all=len(states),
+                    simulations=sum(one.simulations for one in so_far.values()),
+                    failures=sum(one.failed for one in so_far.values()),
+                    share=(done + len(ends) + under_way) / len(states),
+                )
+            )
+
+        def moved(run: Run, progress: Progress) -> None:
+            so_far[run.folder] = progress
+            note()
+
+        def ended(end: RunEnd) -> None:
+            ends.append(end)
+            if on_end is not None:
+                on_end(end)
+            note()
+
+        run_all(
+            to_do,
+            self.terms,
+            workers=workers,
+            on_progress=moved,
+            on_end=ended,
+            on_interrupt=on_interrupt,
+        )
+        return ends
+
+    def comparison(self) -> Comparison:
+        """The entrants held against each other by their complete runs.
+
+        Raises:
+            FreneticError: fewer than two entrants have a complete run.
+        """
+        groups: dict[str, list[Path]] = {}
+        for state in self.states():
+            if state.ending is not None:
+                groups.setdefault(state.run.entrant.name, []).append(state.run.folder)
+        ordered = {e.name: groups[e.name] for e in self.entrants if e.name in groups}
+        return compare(ordered)
+
+    def as_json(self) -> dict[str, Any]:
+        """What is kept in the bench's folder."""
+        terms = self.terms
+        return {
+            "version": VERSION,
+            "entrants": [entrant.as_json() for entrant in self.entrants],
+            "repeats": self.repeats,
+            "seed": self.seed,
+            "budget": terms.budget,
+            "seconds_per_test": terms.seconds_per_test,
+            "counts_computing": terms.counts_computing,
+            "patience": terms.patience,
+            "map_size": terms.map_size,
+            "records": terms.records,
+            "simulator": describe(terms.simulator),
+            "driver": describe(terms.driver),
+            "rules": asdict(terms.simulator.rules),
+            "command": dict(terms.command),
+        }
+
+    def _require_new_folder(self) -> None:
+        if os.path.lexists(self.folder) and (
+            not self.folder.is_dir() or any(child.name != LOCK for child in self.folder.iterdir())
+        ):
+            raise FreneticError(
+                f"{self.folder} is not empty: choose another folder with --out, or go on with the"
+                " bench in it with --resume"
+            )
+
+    def _require_same(self) -> None:
+        theirs, ours = read_bench(self.folder), json.loads(json.dumps(self.as_json()))
+        for name, value in ours.items():
+            if theirs.get(name) != value:
+                raise FreneticError(
+                    f"{self.folder} holds a bench with another {name.replace('_', ' ')}:"
+                    f" {json.dumps(theirs.get(name))[:200]}, not {json.dumps(value)[:200]}"
+                )
+
+    def _write(self) -> None:
+        document = self.as_json() | {
+            "created_at": datetime.now().astimezone().isoformat(timespec="seconds"),
+            "versions": package_versions(),
+        }
+        path = self.folder / BENCH
+        partial = path.with_suffix(".json.part")
+        try:
+            partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+            partial.replace(path)
+        except OSError as error:
+            raise FreneticError(
+                f"{path} cannot be written: {error.strerror or error}; choose another folder with"
+                " --out"
+            ) from None
+
+    def _try_out(self, entrant: Entrant) -> None:
+        """Builds a generator once.
+
+        Raises:
+            FreneticError: it cannot be built.
+        """
+        if entrant.is_strategy:
+            return
+        terms = self.terms
+        with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
+            folder = Path(place)
+            process = GeneratorProcess(
+                assignment(entrant, terms, self.seed, folder / COMPETITION),
+                folder=folder / "work",
+                log=folder / "log",
+                python=entrant.python,
+            )
+            clock = VirtualTime(terms.budget, terms.seconds_per_test, counts_computing=False)
+            try:
+                with process:
+                    strategy = GeneratorStrategy(
+                        process, terms.tester(), clock, patience=terms.patience, seed=self.seed
+                    )
+                    ending = strategy.start()
+            except OSError as error:
+                raise FreneticError(
+                    f"{entrant.name} cannot be started: {error.strerror or error}"
+                ) from None
+            if ending is not None:
+                printed = (folder / "log").read_text(encoding="utf-8", errors="replace")
+                last = printed.strip().splitlines()[-1:] if not ending.detail else []
+                raise FreneticError(
+                    f"{entrant.name} cannot be built: {ending.detail or ending.end}"
+                    + "".join(f" ({line[:200]})" for line in last)
+                )
+
+
+def new_folder() -> Path:
+    """A folder for a bench that does not exist yet, named after the date and time."""
+    from frenetic.campaign.campaign import new_folder as new_campaign_folder
+
+    return new_campaign_folder(BENCHES)
+
+
+def read_bench(folder: Path) -> Mapping[str, Any]:
+    """What a bench's folder says of it.
+
+    Raises:
+        FreneticError: there is none, or it is damaged or of a newer version.
+    """
+    path = folder / BENCH
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FreneticError(f"{folder} holds no bench: give the folder of one with --out") from None
+    except OSError as error:
+        raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
+    except (ValueError, RecursionError):
+        document = None
+    if not isinstance(document, dict) or not isinstance(document.get("version"), int):
+        raise FreneticError(f"{path} is damaged: restore it from a copy, or begin a new bench")
+    if document["version"] > VERSION:
+        raise FreneticError(f"{path} was written by a newer version of frenetic: upgrade frenetic")
+    return document
+
+
+def entrants_of(document: Mapping[str, Any], path: object) -> tuple[Entrant, ...]:
+    """Who takes part, as a bench's folder says.
+
+    Raises:
+        FreneticError: it is damaged, or an entrant is not there any more.
+    """
+    found = document.get("entrants")
+    if not isinstance(found, Sequence) or isinstance(found, str):
+        raise FreneticError(f"{path} is damaged: it does not say who takes part")
+    return tuple(Entrant.from_json(one) for one in found)
+
+
+def _locked(folder: Path) -> FileLock:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FreneticError(
+            f"cannot make the folder {folder}: {error.strerror or error}; choose another folder"
+            " with --out"
+        ) from error
+    return FileLock(folder / LOCK)

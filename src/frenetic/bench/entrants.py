@@ -1,0 +1,118 @@
+"""Who takes part in a bench: generators of the official pipeline, and strategies of ours."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from frenetic.errors import FreneticError
+
+LONGEST_NAME = 60
+"""Letters of an entrant's name."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entrant:
+    """One that takes part in a bench."""
+
+    name: str
+    """Its own, by which tables and folders call it."""
+    spec: str
+    """``package.module:Class`` or ``file.py:Class`` of a generator; a strategy also by its name."""
+    is_strategy: bool = False
+    """Whether it is a search strategy of ours rather than a generator of the pipeline."""
+    path: Path | None = None
+    """Folder of a generator that is put on its module path, as with ``--module-path``."""
+    python: Path | None = None
+    """The interpreter that runs a generator; by default the one that runs this."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Of a strategy."""
+
+    def __post_init__(self) -> None:
+        if not self.name.strip() or len(self.name) > LONGEST_NAME or not self.name.isprintable():
+            raise FreneticError(
+                f"the name {self.name!r} cannot be used: 1 to {LONGEST_NAME} printable characters"
+                " are needed"
+            )
+        module, colon, kind = self.spec.rpartition(":")
+        if not self.is_strategy and not (module and colon and kind.isidentifier()):
+            raise FreneticError(
+                f"the generator {self.spec!r} is not package.module:Class or path/to/file.py:Class"
+            )
+        if self.is_strategy and (self.path is not None or self.python is not None):
+            raise FreneticError(f"{self.name} is a strategy: it takes no path and no interpreter")
+        if not self.is_strategy and self.options:
+            raise FreneticError(f"{self.name} is a generator: only strategies have options")
+        if self.path is not None and not self.path.is_dir():
+            raise FreneticError(f"{self.name}: there is no folder {str(self.path)!r}")
+        if self.python is not None and not self.python.is_file():
+            raise FreneticError(f"{self.name}: there is no interpreter {str(self.python)!r}")
+
+    @property
+    def module(self) -> str:
+        """Module or file of a generator; a file as an absolute path."""
+        module = self.spec.rpartition(":")[0]
+        if not module.endswith(".py"):
+            return module
+        folder = Path.cwd() if self.path is None else self.path
+        file = Path(module).expanduser()
+        return str(file.resolve() if file.is_file() else (folder / file).resolve())
+
+    @property
+    def class_name(self) -> str:
+        """Name of a generator's class."""
+        return self.spec.rpartition(":")[2]
+
+    def as_json(self) -> dict[str, Any]:
+        """The entrant as a JSON object."""
+        return {
+            "name": self.name,
+            "spec": self.spec,
+            "is_strategy": self.is_strategy,
+            "path": None if self.path is None else str(self.path),
+            "python": None if self.python is None else str(self.python),
+            "options": dict(self.options),
+        }
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Entrant:
+        """The entrant of a JSON object that `as_json` made.
+
+        Raises:
+            FreneticError: it is none.
+        """
+        try:
+            path, python = value["path"], value["python"]
+            return cls(
+                name=value["name"],
+                spec=value["spec"],
+                is_strategy=bool(value["is_strategy"]),
+                path=None if path is None else Path(path),
+                python=None if python is None else Path(python),
+                options=dict(value["options"]),
+            )
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            raise FreneticError(f"{value!r} is no entrant ({error})"[:300]) from None
+
+
+def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
+    """Name of each entrant -> that of its folder, which any file system takes.
+
+    Raises:
+        FreneticError: two have the same name.
+    """
+    found: dict[str, str] = {}
+    for entrant in entrants:
+        if entrant.name in found:
+            raise FreneticError(
+                f"two take part as {entrant.name!r}: give one of them another --name"
+            )
+        plain = re.sub(r"[^A-Za-z0-9._-]+", "-", entrant.name).strip("-. ").lower() or "entrant"
+        folder, number = plain, 2
+        while folder in found.values():
+            folder, number = f"{plain}-{number}", number + 1
+        found[entrant.name] = folder
+    return found

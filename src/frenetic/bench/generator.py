@@ -1,0 +1,189 @@
+"""A generator of the official pipeline in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Final, Self
+
+import frenetic
+from frenetic.campaign.store import JSONValue
+from frenetic.competition.settings import SEED
+
+HOST: Final = Path(frenetic.__file__).parent / "competition" / "hosting" / "main.py"
+"""What the process runs."""
+MOST_LOGGED: Final = 10 * 1024 * 1024
+"""Bytes of what a generator prints that are kept."""
+LONGEST_MESSAGE: Final = 32 * 1024 * 1024
+"""Bytes of a message."""
+
+_LEAVING_LIMIT: Final = 10.0  # s
+
+
+class GeneratorLostError(Exception):
+    """The process has ended without a word, or talks nonsense."""
+
+
+class GeneratorProcess:
+    """A process that runs a generator; a context manager that ends it and all that it started.
+
+    It is sent and sends JSON objects, a line each. What the generator prints goes into a file.
+
+    Args:
+        assignment: what to run; the first object that the process is sent.
+        folder: the working directory of the generator, made if need be.
+        log: file for what it prints.
+        python: the interpreter; by default the one that runs this.
+    """
+
+    def __init__(
+        self,
+        assignment: Mapping[str, JSONValue],
+        *,
+        folder: Path,
+        log: Path,
+        python: Path | None = None,
+    ) -> None:
+        self._assignment = assignment
+        self._folder = folder
+        self._log = log
+        self._python = python
+        self._received: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+
+    def __enter__(self) -> Self:
+        """Starts the process.
+
+        Raises:
+            OSError: it cannot be started.
+        """
+        self._folder.mkdir(parents=True, exist_ok=True)
+        seed = str(self._assignment.get("seed", 0))
+        python = sys.executable if self._python is None else str(self._python)
+        own_group: dict[str, Any] = {"start_new_session": True}
+        if sys.platform == "win32":
+            own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+        self._process = subprocess.Popen(  # noqa: S603 - the user's own interpreter, no shell
+            [python, "-u", str(HOST)],
+            cwd=self._folder,
+            env=os.environ | {"PYTHONHASHSEED": seed, SEED: seed},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            **own_group,
+        )
+        assert self._process.stdout is not None
+        assert self._process.stderr is not None
+        self._threads = [
+            threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True),
+            threading.Thread(target=self._keep, args=(self._process.stderr,), daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+        with suppress(GeneratorLostError):  # `receive` will find out
+            self.send(self._assignment)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends the process and what is left of its group."""
+        self._kill_group()
+        self._process.wait()
+        for thread in self._threads:
+            thread.join(_LEAVING_LIMIT)
+        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
+            if stream is not None:
+                with suppress(OSError):
+                    stream.close()
+
+    def send(self, message: Mapping[str, JSONValue]) -> None:
+        """Sends an object.
+
+        Raises:
+            GeneratorLostError: nobody is there.
+        """
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(message).encode() + b"\n")
+            self._process.stdin.flush()
+        except (OSError, ValueError) as error:
+            raise GeneratorLostError(self._ending()) from error
+
+    def receive(self, timeout: float) -> dict[str, Any] | None:
+        """The next object; None if none comes within so many s.
+
+        Raises:
+            GeneratorLostError: none will come, or what came is none.
+        """
+        try:
+            line = self._received.get(timeout=timeout)
+        except queue.Empty:
+            return None
+        if not line:
+            self._received.put(line)
+            raise GeneratorLostError(self._ending())
+        try:
+            message = json.loads(line)
+        except (ValueError, RecursionError):
+            message = None
+        if not isinstance(message, dict):
+            raise GeneratorLostError("its process sent what is no message")
+        return message
+
+    def _read(self, stream: IO[bytes]) -> None:
+        """Passes lines on; an empty one says that there are no more."""
+        with suppress(OSError, ValueError):
+            while line := stream.readline(LONGEST_MESSAGE):
+                self._received.put(line)
+        self._received.put(b"")
+
+    def _keep(self, stream: IO[bytes]) -> None:
+        """Writes what the generator prints into its file, up to a limit."""
+        room = MOST_LOGGED
+        with suppress(OSError, ValueError), self._log.open("wb") as file:
+            while data := stream.read1(65536):  # type: ignore[attr-defined]
+                if 0 < room <= len(data):
+                    data = data[:room] + b"\n[the rest is left out]\n"
+                    room = 0
+                    file.write(data)
+                elif room:
+                    room -= len(data)
+                    file.write(data)
+                file.flush()
+
+    def _ending(self) -> str:
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LEAVING_LIMIT)
+        code = self._process.returncode
+        if code is None:
+            return "its process closed its connection"
+        if code < 0:
+            with suppress(ValueError):
+                return f"its process was killed by {signal.Signals(-code).name}"
+        return f"its process ended with exit code {code}"
+
+    def _kill_group(self) -> None:
+        number = self._process.pid
+        if sys.platform == "win32":
+            tool = Path(os.environ.get("SYSTEMROOT", r"C:\Windows"), "System32", "taskkill.exe")
+            with suppress(OSError):
+                subprocess.run(  # noqa: S603
+                    [str(tool), "/F", "/T", "/PID", str(number)], capture_output=True, check=False
+                )
+            self._process.kill()
+        else:
+            # Its number stays taken until it is waited for, so the group is its own.
+            with suppress(ProcessLookupError, PermissionError):
+                os.killpg(number, signal.SIGKILL)

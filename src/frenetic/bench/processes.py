@@ -1,0 +1,176 @@
+"""Runs of a bench side by side, each in a process of its own."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import platform
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from threadpoolctl import threadpool_limits
+
+from frenetic.bench.entrants import Entrant
+from frenetic.bench.proposing import Ending
+from frenetic.bench.running import Terms, run_entrant
+from frenetic.campaign.interrupt import catch_interrupt
+from frenetic.campaign.progress import Progress
+from frenetic.campaign.workers.serving import stand_alone
+from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.registry import load_user_file, user_files
+
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
+
+_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
+_REPORT: Final = 0.2  # s between two words on the progress of a run
+
+
+@dataclass(frozen=True)
+class Run:
+    """One entrant with one seed."""
+
+    entrant: Entrant
+    repeat: int
+    """From 1."""
+    seed: int
+    folder: Path
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """What came of a run."""
+
+    run: Run
+    ending: Ending | None
+    """None if the run could not be completed."""
+    trouble: str = ""
+    """Why it could not, in one line."""
+
+
+def run_all(
+    runs: Iterable[Run],
+    terms: Terms,
+    *,
+    workers: int,
+    on_progress: Callable[[Run, Progress], None],
+    on_end: Callable[[RunEnd], None],
+    on_interrupt: Callable[[], None] | None = None,
+) -> bool:
+    """Runs all, so many at once; returns whether that was interrupted.
+
+    At the first Ctrl-C no run is begun any more and those at work are finished; the second ends
+    them at once.
+
+    Raises:
+        FreneticError: driver or simulator cannot be copied into another process.
+    """
+    try:
+        packed = pickle.dumps(terms)
+    except Exception as error:
+        raise CampaignError(
+            "the driver or simulator cannot be copied to another process"
+            f" ({describe_error(error)}): define it in a module of its own"
+        ) from error
+    context = _context()
+    waiting = deque(runs)
+    at_work: dict[Any, tuple[Run, BaseProcess]] = {}
+    with catch_interrupt(on_interrupt) as interrupt:
+        try:
+            while at_work or (waiting and not interrupt.requested):
+                while waiting and len(at_work) < workers and not interrupt.requested:
+                    run = waiting.popleft()
+                    ours, theirs = context.Pipe(duplex=False)
+                    process = context.Process(
+                        target=_serve,
+                        args=(theirs, user_files(), packed, run),
+                        name=str(run.folder),
+                    )
+                    process.start()
+                    theirs.close()
+                    at_work[ours] = (run, process)
+                for heard in wait(list(at_work), _POLL):
+                    its_run, its_process = at_work[heard]
+                    end = _heard(heard, its_run, its_process, on_progress)  # type: ignore[arg-type]
+                    if end is not None:
+                        del at_work[heard]
+                        on_end(end)
+        finally:
+            for connection, (_, left) in at_work.items():
+                left.kill()
+                left.join()
+                connection.close()
+        return interrupt.requested and bool(waiting)
+
+
+def _context() -> ForkServerContext | SpawnContext:
+    """How processes are made: where that is safe, from a server that has loaded everything."""
+    if platform.system() == "Linux":
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["frenetic.bench.preloading"])
+        return context
+    return multiprocessing.get_context("spawn")
+
+
+def _heard(
+    connection: Connection,
+    run: Run,
+    process: BaseProcess,
+    on_progress: Callable[[Run, Progress], None],
+) -> RunEnd | None:
+    """Takes what a run says; returns its end if that is it."""
+    try:
+        message = connection.recv()
+    except Exception:  # its end without a word
+        process.join()
+        message = RunEnd(run, None, f"its process ended with exit code {process.exitcode}")
+    if isinstance(message, Progress):
+        on_progress(run, message)
+        return None
+    process.join()
+    connection.close()
+    assert isinstance(message, RunEnd)
+    return message
+
+
+def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, run: Run) -> None:
+    """What a run's process does."""
+    stand_alone()
+    said = 0.0
+
+    def say(progress: Progress) -> None:
+        nonlocal said
+        now = time.monotonic()
+        if now - said >= _REPORT:
+            said = now
+            with suppress(OSError):  # nobody listens any more: what is found still counts
+                connection.send(progress)
+
+    try:
+        for file in files:
+            load_user_file(file)
+        # Made by our own parent a moment ago and given to us alone, so it may be unpickled.
+        terms: Terms = pickle.loads(packed_terms)  # noqa: S301
+        with threadpool_limits(1):  # the cores are busy with other runs
+            ending = run_entrant(
+                run.entrant, terms, seed=run.seed, folder=run.folder, on_progress=say
+            )
+        end = RunEnd(run, ending)
+    except FreneticError as error:
+        end = RunEnd(run, None, str(error))
+    except Exception as error:
+        traceback.print_exc()  # a mistake of ours, or of a simulator
+        end = RunEnd(run, None, describe_error(error))
+    with suppress(OSError):
+        connection.send(end)
+    connection.close()
+    os._exit(0)  # a driver's threads may be left, which nobody waits for

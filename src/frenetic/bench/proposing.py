@@ -1,0 +1,268 @@
+"""A generator of the official pipeline as a search strategy of a campaign."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Final
+
+import numpy as np
+
+from frenetic.arrays import FloatArray
+from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
+from frenetic.campaign.store import JSONValue
+from frenetic.campaign.tester import RoadTester, Tested, road_through
+from frenetic.errors import RoadError
+from frenetic.export.competition import simulation_rows
+from frenetic.road import Road
+from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
+from frenetic.search.strategy import Ledger
+from frenetic.simulators.drive import Drive
+
+OPERATOR: Final = "generator"
+"""What the origin of a generator's roads says."""
+
+CLOSING_LIMIT: Final = 60.0
+"""s that a generator has to end when its budget is spent."""
+MOST_DISMISSALS: Final = 100
+"""Tests that a generator may ask for when its budget is spent, before it is ended."""
+
+
+class End(StrEnum):
+    """How a generator ended."""
+
+    OVER = "over"
+    """The budget was spent, as it should be."""
+    RETURNED = "returned"
+    """Its ``start`` returned before that."""
+    EXIT = "exit"
+    """It ended its process by itself."""
+    CRASHED = "crashed"
+    """It raised, or its process died."""
+    HUNG = "hung"
+    """It asked for no test for too long and was ended."""
+    GAVE_UP = "gave up"
+    """The bench ended it, as its roads or their drives were none for too long."""
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a generator ended, and why."""
+
+    end: End
+    detail: str = ""
+    """One line."""
+    threads: int = 0
+    """That it left running."""
+
+    def __str__(self) -> str:
+        return f"{self.end}: {self.detail}" if self.detail else str(self.end)
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The ending as a JSON object."""
+        return {"end": str(self.end), "detail": self.detail, "threads": self.threads}
+
+
+class VirtualTime:
+    """What of a bench's budget is spent: every executed test costs a fixed time.
+
+    Args:
+        budget: virtual s.
+        seconds_per_test: virtual s that each executed test costs.
+        counts_computing: whether the time that a generator itself takes counts.
+    """
+
+    def __init__(self, budget: float, seconds_per_test: float, *, counts_computing: bool) -> None:
+        self.budget = budget
+        self.seconds_per_test = seconds_per_test
+        self.counts_computing = counts_computing
+        self.executed = 0
+        self.computing = 0.0
+        """s of wall time that the generator took."""
+
+    @property
+    def spent(self) -> float:
+        """Virtual s."""
+        computing = self.computing if self.counts_computing else 0.0
+        return self.executed * self.seconds_per_test + computing
+
+    @property
+    def is_over(self) -> bool:
+        """Whether another test would run over the budget, so that it does not count."""
+        return self.spent + self.seconds_per_test > self.budget * (1.0 + 1e-12)
+
+
+@dataclass(frozen=True)
+class RecordingTester(RoadTester):
+    """A tester that remembers what it tested last."""
+
+    last: list[Tested] = field(default_factory=list, compare=False)
+    """One at most."""
+
+    def test(self, candidate: Candidate) -> Tested:
+        """Tests a candidate as any tester does."""
+        self.last[:] = []
+        tested = super().test(candidate)
+        self.last[:] = [tested]
+        return tested
+
+
+class GeneratorStrategy:
+    """Passes on what a generator proposes, and to it what became of that.
+
+    The generator sees the pipeline's interface; it has no seam for being asked twice, so it is for
+    one worker, and its campaign cannot be resumed.
+
+    Args:
+        process: runs the generator; entered already.
+        tester: tests its roads.
+        clock: of the budget.
+        patience: s of wall time that the generator may take from one test to the next.
+        seed: of the generator, for the campaign's record.
+    """
+
+    def __init__(
+        self,
+        process: GeneratorProcess,
+        tester: RecordingTester,
+        clock: VirtualTime,
+        *,
+        patience: float,
+        seed: int,
+    ) -> None:
+        self.options = {"seed": seed}
+        self.ending: Ending | None = None
+        """How the generator ended; None while it runs."""
+        self._process = process
+        self._tester = tester
+        self._clock = clock
+        self._patience = patience
+        self._ledger = Ledger()
+        self._since = time.monotonic()
+
+    def start(self) -> Ending | None:
+        """Waits until the generator is built; returns how it ended if it ended at that."""
+        message = self._receive()
+        if self.ending is None and (message is None or message.get("kind") != "ready"):
+            self.ending = Ending(End.CRASHED, "its process sent what is no message")
+        self._since = time.monotonic()
+        return self.ending
+
+    def ask(self) -> Candidate:
+        """The road of the next test that the generator wants executed.
+
+        Raises:
+            SearchEnded: it has ended.
+        """
+        if self.ending is None:
+            message = self._receive()
+            if message is not None and not self._clock.is_over:
+                return self._candidate(message.get("road_points"))
+            if message is not None:
+                self.dismiss()
+        assert self.ending is not None
+        raise SearchEnded(f"the generator ended ({self.ending})")
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Answers the test."""
+        self._ledger.settle(evaluation)
+        tested = self._tester.last[0] if self._tester.last else None
+        self._clock.executed += evaluation.outcome.is_simulated
+        answer: dict[str, JSONValue] = {
+            "outcome": str(evaluation.outcome),
+            "description": tested.result.reason if tested else "The simulator broke",
+            "records": self._records(evaluation, tested),
+            "simulated": tested.result.duration if tested else 0.0,
+            "spent": self._clock.spent,
+        }
+        with suppress(GeneratorLostError):  # its last words may still wait to be received
+            self._process.send(answer)
+        self._since = time.monotonic()
+
+    def dismiss(self) -> Ending:
+        """Says that the budget is spent, and waits until the generator has ended."""
+        deadline = time.monotonic() + min(self._patience, CLOSING_LIMIT)
+        for _ in range(MOST_DISMISSALS):
+            if self.ending is not None:
+                return self.ending
+            with suppress(GeneratorLostError):
+                self._process.send({"over": True})
+            # A test that does not count any more, or its end.
+            self._receive(max(0.0, deadline - time.monotonic()))
+        if self.ending is None or self.ending.end is End.HUNG:
+            self.ending = Ending(End.HUNG, "it went on when the budget was spent")
+        return self.ending
+
+    def _receive(self, patience: float | None = None) -> dict[str, Any] | None:
+        """The generator's next message, None if it has ended; its time is counted."""
+        limit = self._patience if patience is None else patience
+        try:
+            message = self._process.receive(limit)
+        except GeneratorLostError as error:
+            self.ending = Ending(End.CRASHED, str(error))
+            return None
+        finally:
+            now = time.monotonic()
+            self._clock.computing += now - self._since
+            self._since = now
+        if message is None:
+            self.ending = Ending(End.HUNG, f"it asked for no test for {limit:.3g} s")
+        elif message.get("kind") == "end":
+            self.ending = self._ending_of(message)
+            message = None
+        return message
+
+    def _ending_of(self, message: Mapping[str, Any]) -> Ending:
+        """How the generator says that it has ended."""
+        try:
+            end = End(str(message.get("how")))
+        except ValueError:
+            end = End.CRASHED
+        if end is End.RETURNED and self._clock.is_over:
+            end = End.OVER
+        threads = message.get("threads")
+        detail = " ".join(str(message.get("detail", "")).split())[:450]
+        return Ending(end, detail, threads if isinstance(threads, int) else 0)
+
+    def _candidate(self, points: object) -> Candidate:
+        array = _points(points)
+        curvatures, step = np.empty(0), 1.0
+        if array is not None:
+            try:
+                road = road_through(array, self._tester.lane_width)
+            except RoadError:
+                pass  # the tester says why
+            else:
+                curvatures, step = road.curvatures, road.step
+        return self._ledger.issue(curvatures, step, Origin(OPERATOR), array)
+
+    def _records(self, evaluation: Evaluation, tested: Tested | None) -> Sequence[JSONValue]:
+        """What the simulator recorded, as the pipeline's records."""
+        candidate = evaluation.candidate
+        if tested is None or tested.trajectory is None or tested.pose is None:
+            return []
+        simulator, width = self._tester.simulator, self._tester.lane_width
+        road = Road(candidate.curvatures, candidate.step, tested.pose, lane_width=width)
+        return simulation_rows(road, Drive(tested.trajectory, simulator.car, simulator.rules))
+
+
+def _points(value: object) -> FloatArray | None:
+    """Road points as (N, 2) m; None if they are no finite numbers."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        return None
+    if array.shape == (0,):
+        return np.empty((0, 2))
+    if array.ndim != 2 or array.shape[1] != 2 or not np.isfinite(array).all():
+        return None
+    return array
+
+
+def most_simulations(budget: float, seconds_per_test: float) -> int:
+    """How many tests fit into a virtual budget."""
+    return math.floor(budget / seconds_per_test * (1.0 + 1e-12))

@@ -1,0 +1,317 @@
+"""One run of a bench: one entrant, one seed, one campaign."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from frenetic.bench.entrants import Entrant
+from frenetic.bench.generator import GeneratorProcess
+from frenetic.bench.proposing import (
+    End,
+    Ending,
+    GeneratorStrategy,
+    RecordingTester,
+    VirtualTime,
+    most_simulations,
+)
+from frenetic.campaign.budget import Budget
+from frenetic.campaign.campaign import Campaign, describe
+from frenetic.campaign.dispatch import ask, tell
+from frenetic.campaign.progress import Progress, Tally
+from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.drivers import Driver
+from frenetic.errors import FreneticError, StrategyError
+from frenetic.export import export_campaign
+from frenetic.export.tables import Which
+from frenetic.registry import STRATEGIES
+from frenetic.road import MAP_SIZE
+from frenetic.search import Candidate, Evaluation, SearchEnded, Strategy
+from frenetic.simulators.simulator import Simulator
+
+COMPETITION: Final = "competition"
+"""Folder of a run that holds its tests as the competition's tools read them."""
+WORK: Final = "work"
+"""Folder of a run that is its generator's working directory."""
+GENERATOR_LOG: Final = "generator.log"
+"""What a run's generator has printed."""
+FACT: Final = "bench"
+"""Name of the fact of a campaign that says how its run in a bench ended."""
+
+OnProgress = Callable[[Progress], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terms:
+    """What is the same in all runs of a bench."""
+
+    simulator: Simulator
+    driver: Driver
+    budget: float = 7200.0
+    """Virtual s."""
+    seconds_per_test: float = 36.0
+    """Virtual s that each executed test costs."""
+    counts_computing: bool = False
+    """Whether the time that an entrant itself takes counts against the budget."""
+    patience: float = 600.0
+    """s of wall time that a generator may take from one test to the next."""
+    map_size: float = MAP_SIZE
+    """m."""
+    records: Which = "failures"
+    """Which tests in the competition's results folders hold what was recorded of their drives."""
+    command: Mapping[str, JSONValue] = field(default_factory=dict)
+    """How simulator and driver are named on a command line, as far as they are."""
+
+    def __post_init__(self) -> None:
+        for name in ("seconds_per_test", "budget", "patience"):
+            value = getattr(self, name)
+            if not 0.0 < value < float("inf"):
+                raise FreneticError(f"{name} is {value}: a positive number of seconds is needed")
+        if self.simulations < 1:
+            raise FreneticError(
+                f"a budget of {self.budget:g} s is too small for one test of"
+                f" {self.seconds_per_test:g} s"
+            )
+
+    @property
+    def simulations(self) -> int:
+        """How many tests the budget allows."""
+        return most_simulations(self.budget, self.seconds_per_test)
+
+    def tester(self) -> RecordingTester:
+        """Tests roads on these terms."""
+        return RecordingTester(self.simulator, self.driver, self.map_size)
+
+
+def run_entrant(
+    entrant: Entrant,
+    terms: Terms,
+    *,
+    seed: int,
+    folder: Path,
+    on_progress: OnProgress | None = None,
+) -> Ending:
+    """Runs an entrant until its budget is spent, or until it ends otherwise.
+
+    The folder becomes a campaign's, with the competition's results folder in it. A run that was
+    broken off is begun again.
+
+    Args:
+        entrant: a generator or strategy.
+        terms: those of the bench.
+        seed: of the entrant; a generator's process seeds `random` and numpy with it.
+        folder: of this run alone.
+        on_progress: called after every test.
+
+    Raises:
+        FreneticError: the simulator does not start, or the folder cannot be written.
+    """
+    _clear(folder)
+    clock = VirtualTime(
+        terms.budget, terms.seconds_per_test, counts_computing=terms.counts_computing
+    )
+    run = _run_strategy if entrant.is_strategy else _run_generator
+    ending = run(entrant, terms, clock, seed, folder, on_progress)
+    own_time = {} if entrant.is_strategy else {"strategy_seconds": round(clock.computing, 4)}
+    with CampaignStore.open(folder, readonly=False) as store:
+        store.finish(
+            finished_at=store.facts["finished_at"],
+            seconds_per_test=terms.seconds_per_test,
+            **own_time,
+        )
+    export_campaign(folder, "competition", folder / COMPETITION, trajectories=terms.records)
+    with CampaignStore.open(folder, readonly=False) as store:
+        # Last, as it says that the run is complete.
+        store.finish(finished_at=store.facts["finished_at"], **{FACT: ending.as_json()})
+    return ending
+
+
+def ending_of(folder: Path) -> Ending | None:
+    """How the run in a folder ended; None if it is not complete.
+
+    Raises:
+        CampaignError: its campaign is damaged.
+    """
+    if not (folder / DATABASE).is_file():
+        return None
+    with CampaignStore.open(folder) as store:
+        fact = store.facts.get(FACT)
+    if not isinstance(fact, Mapping):
+        return None
+    try:
+        threads = fact.get("threads")
+        return Ending(
+            End(str(fact.get("end"))),
+            str(fact.get("detail", "")),
+            threads if isinstance(threads, int) else 0,
+        )
+    except ValueError:
+        return None
+
+
+def _clear(folder: Path) -> None:
+    """Removes what a run that was broken off has left."""
+    if not folder.is_dir():
+        return
+    try:
+        shutil.rmtree(folder)
+    except OSError as error:
+        raise FreneticError(
+            f"{folder} cannot be cleared for a new run: {error.strerror or error}"
+        ) from None
+
+
+def _run_strategy(
+    entrant: Entrant,
+    terms: Terms,
+    clock: VirtualTime,
+    seed: int,
+    folder: Path,
+    on_progress: OnProgress | None,
+) -> Ending:
+    strategy: Strategy = STRATEGIES.make_from(
+        entrant.spec, entrant.options, {"seed": seed, "map_size": terms.map_size}
+    )
+    campaign = _campaign(entrant, terms, strategy, seed, folder)
+    if clock.counts_computing:
+        campaign.description["strategy"] = describe(strategy)
+        campaign.strategy = _Clocked(strategy, clock)
+    ending = _searched(campaign, on_progress)
+    if ending is None or clock.is_over:
+        return Ending(End.OVER)
+    return ending
+
+
+def _run_generator(
+    entrant: Entrant,
+    terms: Terms,
+    clock: VirtualTime,
+    seed: int,
+    folder: Path,
+    on_progress: OnProgress | None,
+) -> Ending:
+    folder.mkdir(parents=True, exist_ok=True)
+    process = GeneratorProcess(
+        assignment(entrant, terms, seed, folder.absolute() / COMPETITION),
+        folder=folder / WORK,
+        log=folder / GENERATOR_LOG,
+        python=entrant.python,
+    )
+    tester = terms.tester()
+    with process:
+        strategy = GeneratorStrategy(
+            process,
+            tester,
+            clock,
+            patience=terms.patience,
+            seed=seed,
+        )
+        strategy.start()
+        campaign = _campaign(entrant, terms, strategy, seed, folder)
+        campaign.tester = tester
+        campaign.description["strategy"] = _described(entrant, seed)
+        ending = _searched(campaign, on_progress)
+        if ending is not None and ending.end is End.GAVE_UP:
+            return ending
+        return strategy.dismiss()
+
+
+def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:
+    """A generator as a campaign records its strategy."""
+    module = Path(entrant.module).name if entrant.module.endswith(".py") else entrant.module
+    path: dict[str, JSONValue] = {} if entrant.path is None else {"path": str(entrant.path)}
+    return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": seed}}
+
+
+def assignment(
+    entrant: Entrant, terms: Terms, seed: int, result_folder: Path
+) -> dict[str, JSONValue]:
+    """What a generator's process is told to run."""
+    rules = terms.simulator.rules
+    return {
+        "module": entrant.module,
+        "class": entrant.class_name,
+        "path": None if entrant.path is None else str(entrant.path.resolve()),
+        "map_size": int(terms.map_size)
+        if terms.map_size == int(terms.map_size)
+        else terms.map_size,
+        "seed": seed,
+        "time_budget": terms.budget,
+        "seconds_per_test": terms.seconds_per_test,
+        "counts_computing": terms.counts_computing,
+        "oob_tolerance": rules.oob_tolerance,
+        "speed_limit": rules.speed_limit,
+        "lane_width": 4.0,
+        "result_folder": str(result_folder),
+    }
+
+
+def _campaign(
+    entrant: Entrant,
+    terms: Terms,
+    strategy: Strategy,
+    seed: int,
+    folder: Path,
+) -> Campaign:
+    described: dict[str, JSONValue] = {
+        "seed": seed,
+        "entrant": {
+            **entrant.as_json(),
+            "budget": {"time": terms.budget, "seconds_per_test": terms.seconds_per_test},
+        },
+    }
+    if terms.command:
+        named: dict[str, JSONValue] = {
+            "strategy": entrant.spec,
+            "strategy_options": dict(entrant.options),
+        }
+        described["command"] = {**terms.command, **named}
+    return Campaign(
+        strategy=strategy,
+        simulator=terms.simulator,
+        driver=terms.driver,
+        budget=Budget(simulations=terms.simulations),
+        folder=folder,
+        map_size=terms.map_size,
+        description=described,
+    )
+
+
+def _searched(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:
+    """Runs a campaign; returns how it ended, None if its budget was spent."""
+    try:
+        summary = campaign.run(on_progress)
+    except StrategyError as error:
+        _finish(campaign, str(error))
+        return Ending(End.GAVE_UP, str(error))
+    return Ending(End.RETURNED, summary.ended) if summary.ended else None
+
+
+def _finish(campaign: Campaign, reason: str) -> None:
+    """Marks a campaign that gave up as finished: nobody will go on with it."""
+    with CampaignStore.open(campaign.folder, readonly=False) as store:
+        store.finish(seconds=round(store.elapsed(), 3), interrupted=False, ended=reason)
+
+
+class _Clocked:
+    """A strategy whose own time counts against a virtual budget."""
+
+    def __init__(self, strategy: Strategy, clock: VirtualTime) -> None:
+        self._strategy = strategy
+        self._clock = clock
+        self._tally = Tally()
+
+    def ask(self) -> Candidate:
+        if self._clock.is_over:
+            raise SearchEnded("its own time has used up the budget")
+        candidate = ask(self._strategy, self._tally)
+        self._clock.computing = self._tally.strategy_seconds
+        return candidate
+
+    def tell(self, evaluation: Evaluation) -> None:
+        tell(self._strategy, evaluation, self._tally)
+        self._clock.executed += evaluation.outcome.is_simulated
+        self._clock.computing = self._tally.strategy_seconds

@@ -1,0 +1,52 @@
+"""Campaigns for the tests of measuring and comparing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign.store import JSONValue
+from frenetic.drivers import Planner
+from frenetic.outcome import Outcome
+from frenetic.search import Candidate, Origin, Strategy
+from frenetic.simulators import EmbeddedSimulator
+
+
+def search(folder: Path, strategy: Strategy, simulations: int) -> Path:
+    """A campaign that was really run."""
+    Campaign(
+        strategy=strategy,
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=simulations),
+        folder=folder,
+    ).run()
+    return folder
+
+
+def store_of(
+    folder: Path, outcomes: Sequence[Outcome], elapsed: float | None = None, **facts: JSONValue
+) -> Path:
+    """A campaign with these outcomes, one after the other, without trajectories."""
+    config: dict[str, JSONValue] = {"seed": 1, "lane_width": 4.0, "rules": {}, "car": {}}
+    with CampaignStore.create(folder, config) as store:
+        for told, outcome in enumerate(outcomes, start=1):
+            candidate = Candidate(told, np.zeros(5), 10.0, Origin("random"))
+            store.asked(candidate)
+            store.told(
+                TestRecord(
+                    candidate=candidate,
+                    told=told,
+                    outcome=outcome,
+                    reason="",
+                    budget_spent=0.0,
+                    seconds=2.0,
+                    elapsed=None if elapsed is None else told * elapsed,
+                )
+            )
+        if facts:
+            store.finish(**facts)
+    return folder

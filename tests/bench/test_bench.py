@@ -1,0 +1,477 @@
+"""Benches of generators that behave in every way that they should not."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pids
+import pytest
+from pids import descendants, until_gone
+
+from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
+from frenetic.bench.results import unusual_endings, write_results
+from frenetic.campaign import CampaignStore
+from frenetic.campaign.checking import check_campaign
+from frenetic.drivers import Driver, Planner
+from frenetic.errors import FreneticError
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search import Candidate, Frenetic
+from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.testing import DummyDriver, DummySimulator
+
+GENERATORS = Path(__file__).parent / "generators"
+SIMULATIONS = 10
+SECONDS_PER_TEST = 36.0
+
+
+def generator(spec: str, name: str = "") -> Entrant:
+    """An entrant of the folder ``generators``."""
+    return Entrant(name=name or spec.rpartition(":")[2], spec=spec, path=GENERATORS)
+
+
+def bench_of(folder: Path, *entrants: Entrant, repeats: int = 1, **terms: object) -> Bench:
+    options: dict[str, object] = {
+        "simulator": EmbeddedSimulator(),
+        "driver": Planner(),
+        "budget": SIMULATIONS * SECONDS_PER_TEST,
+        "seconds_per_test": SECONDS_PER_TEST,
+    }
+    return Bench(
+        entrants=entrants,
+        terms=Terms(**{**options, **terms}),  # type: ignore[arg-type]
+        repeats=repeats,
+        folder=folder,
+    )
+
+
+def ran(bench: Bench, workers: int = 2) -> dict[str, RunEnd]:
+    """What came of the first run of each entrant."""
+    ends = bench.run(workers=workers)
+    return {end.run.entrant.name: end for end in ends if end.run.repeat == 1}
+
+
+def results_of(folder: Path) -> list[tuple[Outcome, bytes]]:
+    with CampaignStore.open(folder) as store:
+        return [(test.outcome, test.candidate.curvatures.tobytes()) for test in store.tests()]
+
+
+# Each of them ends in its own way, and only it is concerned
+
+
+@pytest.fixture(scope="module")
+def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str, RunEnd]]:
+    bench = bench_of(
+        tmp_path_factory.mktemp("everybody") / "bench",
+        generator("random_roads:RandomRoads"),
+        generator("stats_reader:StatsReader"),
+        generator("polygon_user:PolygonUser"),
+        generator("bookkeeper:Bookkeeper"),
+        generator("bookkeeper:StatsBreaker"),
+        generator("crashing:Crashing"),
+        generator("exiting:Exiting"),
+        generator("never_returning:NeverReturning"),
+        generator("never_returning:Stubborn"),
+        generator("threads:Threads"),
+        generator("old_2021:Old2021"),
+        generator("phases:Phases"),
+        generator("odd_tests:OddTests"),
+        Entrant(name="a copy", spec="helped:Helped", path=GENERATORS / "own_pipeline"),
+        Entrant(name="random", spec="random", is_strategy=True),
+        patience=8.0,
+    )
+    return bench, ran(bench)
+
+
+@pytest.mark.parametrize(
+    ("name", "end", "detail", "simulations"),
+    [
+        ("RandomRoads", End.OVER, "", SIMULATIONS),
+        ("StatsReader", End.OVER, "", SIMULATIONS),
+        ("PolygonUser", End.OVER, "", SIMULATIONS),
+        ("Bookkeeper", End.OVER, "", SIMULATIONS),
+        ("StatsBreaker", End.OVER, "", SIMULATIONS),
+        ("Crashing", End.CRASHED, "", 3),
+        ("Exiting", End.EXIT, "exit code 7", None),
+        ("NeverReturning", End.HUNG, "no test for 8 s", 2),
+        ("Stubborn", End.OVER, "", SIMULATIONS),
+        ("Threads", End.RETURNED, "", 4),
+        ("Old2021", End.RETURNED, "", SIMULATIONS // 2),
+        ("Phases", End.OVER, "", SIMULATIONS),
+        ("OddTests", None, "", None),
+        ("a copy", None, "", None),
+        ("random", End.OVER, "", SIMULATIONS),
+    ],
+)
+def test_how_each_of_them_ends(
+    everybody: tuple[Bench, dict[str, RunEnd]],
+    name: str,
+    end: End | None,
+    detail: str,
+    simulations: int | None,
+) -> None:
+    run_end = everybody[1][name]
+    assert run_end.trouble == ""
+    ending = run_end.ending
+    assert ending is not None
+    assert end is None or ending.end is end, ending
+    assert ending.end is not End.CRASHED or end is End.CRASHED, ending
+    assert detail in ending.detail
+    folder = run_end.run.folder
+    assert check_campaign(folder).findings == ()
+    with CampaignStore.open(folder) as store:
+        counts, facts = store.counts(), store.facts
+    assert simulations is None or counts.simulations == simulations
+    assert counts.simulations > 0
+    assert facts["seconds_per_test"] == SECONDS_PER_TEST
+    assert facts["bench"] == ending.as_json()
+    assert facts["interrupted"] is False
+    assert len(list((folder / "competition").glob("test.*.json"))) == counts.tests
+
+
+def test_threads_that_are_left_are_told(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+    ending = everybody[1]["Threads"].ending
+    assert ending is not None
+    assert ending.threads == 2
+    told = {fact.name: fact.value for fact in unusual_endings(everybody[0].states())}
+    assert told["Threads, threads left running"] == "2"
+    assert told["NeverReturning, unusual ends of 1 runs"].startswith("1: hung")
+    assert not any(name.startswith("RandomRoads") for name in told)
+
+
+def test_a_phase_of_a_fifth_of_the_budget_is_exactly_that(
+    everybody: tuple[Bench, dict[str, RunEnd]],
+) -> None:
+    work = everybody[1]["Phases"].run.folder / "work"
+    assert (work / "first_phase.txt").read_text() == str(SIMULATIONS // 5)
+
+
+def test_everybody_has_a_folder_of_its_own(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+    written = {
+        name: sorted(file.name for file in (end.run.folder / "work").glob("*") if file.is_file())
+        for name, end in everybody[1].items()
+    }
+    assert written["Bookkeeper"] == ["tests.csv"]
+    assert written["StatsReader"] == ["seen.json"]
+    assert written["RandomRoads"] == []
+
+
+def test_a_traceback_is_in_the_log(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+    log = everybody[1]["Crashing"].run.folder / "generator.log"
+    assert "Traceback" in log.read_text()
+
+
+def test_all_of_them_are_compared(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+    bench, ends = everybody
+    comparison = bench.comparison()
+    assert set(comparison.groups) == set(ends)
+    page = write_results(bench, comparison, command="frenetic bench")
+    text = page.read_text(encoding="utf-8")
+    assert "NeverReturning" in text
+    with (bench.folder / "table.csv").open(newline="") as file:
+        assert len(list(csv.reader(file))) >= 1 + len(ends)
+
+
+def test_the_results_folder_is_the_competitions(
+    everybody: tuple[Bench, dict[str, RunEnd]],
+) -> None:
+    folder = everybody[1]["RandomRoads"].run.folder / "competition"
+    tables = {}
+    for name in ("generation_stats", "oob_stats", "experiment_description"):
+        with (folder / f"{name}.csv").open(newline="") as file:
+            (tables[name],) = csv.DictReader(file)
+    assert list(tables["generation_stats"]) == [
+        *("test_generated", "test_valid", "test_invalid", "test_passed", "test_failed"),
+        *("test_in_error", "real_time_generation", "real_time_execution"),
+        "simulated_time_execution",
+    ]
+    assert list(tables["oob_stats"]) == [
+        *("total_oob", "left_oob", "right_oob", "avg_sparseness", "stdev_sparseness")
+    ]
+    described = tables["experiment_description"]
+    assert (described["module_name"], described["class_name"]) == ("random_roads", "RandomRoads")
+    assert float(described["time_budget"]) == SIMULATIONS * SECONDS_PER_TEST
+    for path in sorted(folder.glob("test.*.json")):
+        test = json.loads(path.read_text())
+        assert list(test)[:5] == [
+            *("id", "is_valid", "validation_message", "road_points", "interpolated_points")
+        ]
+        assert bool(test["execution_data"]) == (test["test_outcome"] == "FAIL")
+        assert all(len(record) == 17 for record in test["execution_data"])
+
+
+# The same and the other
+
+
+def test_points_are_kept_as_they_were_handed_over(
+    everybody: tuple[Bench, dict[str, RunEnd]],
+) -> None:
+    folder = everybody[1]["RandomRoads"].run.folder
+    with CampaignStore.open(folder) as store:
+        for test in store.tests():
+            assert test.candidate.points is not None
+            document = json.loads(
+                (folder / "competition" / f"test.{test.candidate.id:04d}.json").read_text()
+            )
+            kept = test.candidate.points.round(6).tolist()
+            assert document["road_points"] == kept
+            if test.outcome.is_driven:
+                road = Road.from_points(test.candidate.points)
+                assert road.curvatures.tobytes() == test.candidate.curvatures.tobytes()
+                assert test.pose == tuple(road.pose)
+
+
+def test_the_plug_in_does_as_the_strategy_does(tmp_path: Path) -> None:
+    """Through the pipeline's interface, as points, Frenetic proposes what it proposes directly."""
+    bench = bench_of(
+        tmp_path / "bench",
+        Entrant(name="plug-in", spec="frenetic.competition:Frenetic"),
+        Entrant(name="strategy", spec="frenetic", is_strategy=True),
+        budget=40 * SECONDS_PER_TEST,
+    )
+    ends = ran(bench)
+    outcomes = {
+        name: [outcome for outcome, _ in results_of(end.run.folder) if outcome.is_driven]
+        for name, end in ends.items()
+    }
+    assert outcomes["plug-in"] == outcomes["strategy"]
+    assert len(outcomes["strategy"]) == 40
+
+
+def test_a_seed_repeats_a_run(tmp_path: Path) -> None:
+    runs = []
+    for name in ("one", "other"):
+        bench = bench_of(tmp_path / name, generator("random_roads:RandomRoads"), repeats=2)
+        bench.run(workers=1)
+        runs.append([results_of(run.folder) for run in bench.runs])
+    assert runs[0] == runs[1]
+    assert runs[0][0] != runs[0][1]
+
+
+def test_what_a_generator_computes_can_count(tmp_path: Path) -> None:
+    (tmp_path / "slow.py").write_text(
+        "import time\n"
+        "from code_pipeline.tests_generation import RoadTestFactory\n"
+        "class Slow:\n"
+        "    def __init__(self, executor=None, map_size=None):\n"
+        "        self.executor = executor\n"
+        "    def start(self):\n"
+        "        while not self.executor.is_over():\n"
+        "            time.sleep(1.0)\n"
+        "            points = [(20.0, 20.0 + 20.0 * i) for i in range(8)]\n"
+        "            self.executor.execute_test(RoadTestFactory.create_road_test(points))\n",
+        encoding="utf-8",
+    )
+    slow = Entrant(name="slow", spec=str(tmp_path / "slow.py:Slow"))
+    bench = bench_of(
+        tmp_path / "bench", slow, budget=6.0, seconds_per_test=0.5, counts_computing=True
+    )
+    (end,) = bench.run()
+    assert end.ending is not None
+    assert end.ending.end is End.OVER
+    tests = len(results_of(end.run.folder))
+    assert 1 <= tests <= 4  # each costs 0.5 s, and the second that it took to make it
+    with CampaignStore.open(end.run.folder) as store:
+        own = store.facts["strategy_seconds"]
+    assert isinstance(own, float)
+    assert own >= tests
+
+
+def test_the_time_of_a_strategy_can_count(tmp_path: Path) -> None:
+    lazy = Entrant(name="lazy", spec=f"{__file__}:Lazy", is_strategy=True)
+    bench = bench_of(
+        tmp_path / "bench", lazy, budget=6.0, seconds_per_test=0.5, counts_computing=True
+    )
+    (end,) = bench.run()
+    assert 1 <= len(results_of(end.run.folder)) <= 4
+    assert end.ending is not None
+    assert end.ending.end is End.OVER
+
+
+# Mistakes and accidents
+
+
+@pytest.mark.parametrize(
+    ("spec", "why"),
+    [
+        ("nowhere:Nobody", "Nobody cannot be built.*nowhere"),
+        ("random_roads:Random", "Random cannot be built.*RandomRoads"),
+        ("broken.py:Broken", "Broken cannot be built.*SyntaxError"),
+        ("raising.py:Raising", "Raising cannot be built.*ValueError: I will not"),
+    ],
+)
+def test_a_generator_that_cannot_be_built_is_said_at_once(
+    tmp_path: Path, spec: str, why: str
+) -> None:
+    (tmp_path / "broken.py").write_text("class Broken(:\n")
+    (tmp_path / "raising.py").write_text(
+        "class Raising:\n    def __init__(self, executor=None, map_size=None):\n"
+        "        raise ValueError('I will not')\n    def start(self): pass\n"
+    )
+    folder = GENERATORS if ".py" not in spec else tmp_path
+    entrant = Entrant(name=spec.rpartition(":")[2], spec=spec, path=folder)
+    bench = bench_of(tmp_path / "bench", entrant)
+    with pytest.raises(FreneticError, match=why):
+        bench.run()
+    assert not bench.folder.exists()
+
+
+class Reluctant(DummySimulator):
+    """Does not start while its mark is there."""
+
+    def __init__(self, mark: Path) -> None:
+        super().__init__()
+        self.mark = mark
+
+    def __enter__(self):  # type: ignore[no-untyped-def]
+        if self.mark.exists():
+            raise FreneticError("not today")
+        return super().__enter__()
+
+
+def test_a_run_that_fails_is_tried_again_when_the_bench_goes_on(tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    mark.touch()
+    bench = bench_of(
+        tmp_path / "bench",
+        generator("random_roads:RandomRoads"),
+        Entrant(name="random", spec="random", is_strategy=True),
+        simulator=Reluctant(mark),
+        driver=DummyDriver(),
+    )
+    ends = ran(bench)
+    assert [end.ending for end in ends.values()] == [None, None]
+    assert all("not today" in end.trouble for end in ends.values())
+    assert [state.ending for state in bench.states()] == [None, None]
+    mark.unlink()
+    assert all(end.ending == Ending(End.OVER) for end in bench.run(resume=True))
+    assert bench.run(resume=True) == []
+
+
+class Frail(DummySimulator):
+    """Takes the process with it in the fifth drive, unless it is told not to."""
+
+    def __init__(self, mark: Path) -> None:
+        super().__init__()
+        self.mark = mark
+        self.drives = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.drives += 1
+        if self.drives == 5 and self.mark.exists():
+            os._exit(9)
+        return super().drive(road, driver)
+
+
+def test_a_run_whose_process_dies_costs_that_run_only(tmp_path: Path) -> None:
+    mark = tmp_path / "mark"
+    mark.touch()
+    bench = bench_of(
+        tmp_path / "bench",
+        Entrant(name="frenetic", spec="frenetic", is_strategy=True),
+        repeats=2,
+        simulator=Frail(mark),
+        driver=DummyDriver(),
+    )
+    ends = bench.run(workers=2)
+    assert [end.trouble for end in ends] == ["its process ended with exit code 9"] * 2
+    mark.unlink()
+    bench.run(resume=True)
+    for run in bench.runs:
+        assert len(results_of(run.folder)) >= SIMULATIONS
+        assert check_campaign(run.folder).findings == ()
+
+
+def test_a_bench_has_one_folder_and_one_process(tmp_path: Path) -> None:
+    bench = bench_of(tmp_path, Entrant(name="random", spec="random", is_strategy=True))
+    (tmp_path / "mine.txt").touch()
+    with pytest.raises(FreneticError, match=r"is not empty.*--resume"):
+        bench.run()
+    with pytest.raises(FreneticError, match="holds no bench"):
+        bench.run(resume=True)
+    (tmp_path / "mine.txt").unlink()
+    bench.run()
+    other = bench_of(tmp_path, Entrant(name="random", spec="random", is_strategy=True), budget=72.0)
+    with pytest.raises(FreneticError, match="holds a bench with another budget"):
+        other.run(resume=True)
+
+
+KILLED = """
+import sys
+import time
+from pathlib import Path
+
+sys.path[:0] = sys.argv[2:]
+from test_bench import bench_of, generator
+
+if __name__ == "__main__":
+    bench_of(Path(sys.argv[1]), generator("never_returning:NeverReturning")).run(
+        on_progress=lambda progress: print(progress.simulations, flush=True)
+    )
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes are ended in another way there")
+def test_nothing_is_left_of_a_bench_that_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "bench_it.py"
+    script.write_text(KILLED, encoding="utf-8")
+    folder = tmp_path / "bench"
+    places = (Path(__file__).parent, Path(pids.__file__).parent)
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(folder), *map(str, places)],
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    try:
+        process.stdout.readline()
+        family = descendants(process.pid)
+        assert len(family) >= 2  # the run and its generator, at least
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        until_gone(family)
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({"budget": 35.0}, "too small for one test of 36 s"),
+        ({"budget": float("inf")}, "budget is inf: a positive number"),
+        ({"seconds_per_test": 0.0}, "seconds_per_test is 0.0"),
+        ({"patience": -1.0}, "patience is -1.0"),
+    ],
+)
+def test_terms_out_of_range(options: dict[str, float], why: str) -> None:
+    terms = {"simulator": EmbeddedSimulator(), "driver": Planner(), **options}
+    with pytest.raises(FreneticError, match=why):
+        Terms(**terms)  # type: ignore[arg-type]
+
+
+def test_a_strategy_of_ones_own_takes_part(tmp_path: Path) -> None:
+    own = Entrant(name="own", spec=f"{__file__}:Eager", is_strategy=True, options={"cross_num": 2})
+    bench = bench_of(tmp_path / "bench", own)
+    (end,) = bench.run()
+    assert end.ending == Ending(End.OVER), end.trouble
+
+
+class Eager(Frenetic):
+    """A strategy of one's own."""
+
+
+class Lazy(Frenetic):
+    """A strategy that takes its time."""
+
+    def ask(self) -> Candidate:
+        time.sleep(1.0)
+        return super().ask()

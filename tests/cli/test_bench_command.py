@@ -1,0 +1,183 @@
+"""The command line of bench."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from frenetic.campaign.checking import check_campaign
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+WIGGLY = """
+import random
+from code_pipeline.tests_generation import RoadTestFactory
+
+class Wiggly:
+    def __init__(self, executor=None, map_size=None):
+        self.executor, self.map_size = executor, map_size
+
+    def start(self):
+        print("off we go")
+        while not self.executor.is_over():
+            xs = range(20, self.map_size - 10, 25)
+            points = [(x, self.map_size / 2 + random.uniform(-8, 8)) for x in xs]
+            self.executor.execute_test(RoadTestFactory.create_road_test(points))
+"""
+SMALL = ("--simulations", "12", "--repeats", "2", "--out", "b")
+
+
+@pytest.fixture
+def wiggly(tmp_path: Path) -> str:
+    (tmp_path / "wiggly.py").write_text(WIGGLY, encoding="utf-8")
+    return "wiggly.py:Wiggly"
+
+
+def test_a_generator_and_a_strategy_are_held_against_each_other(
+    frenetic: Frenetic, wiggly: str
+) -> None:
+    ran = frenetic("bench", "--generator", wiggly, "--strategy", "random", *SMALL)
+    assert ran.code == 0, ran.err
+    assert "Wiggly" in ran.out
+    assert "random" in ran.out
+    assert "b/index.html" in ran.out
+    for name in ("wiggly", "random"):
+        for repeat in ("01", "02"):
+            folder = Path("b", name, repeat)
+            assert check_campaign(folder).findings == ()
+            assert len(list((folder / "competition").glob("test.*.json"))) >= 12
+    assert Path("b/wiggly/01/generator.log").read_text() == "off we go\n"
+    assert Path("b/index.html").is_file()
+    assert Path("b/table.csv").is_file()
+    assert "| Wiggly |" in Path("b/table.md").read_text()
+    listed = frenetic("bench", "--list", "--out", "b", "--json")
+    assert [(one["generator"], one["run"], one["seed"]) for one in listed.json] == [
+        ("Wiggly", 1, 1),
+        ("random", 1, 1),
+        ("Wiggly", 2, 2),
+        ("random", 2, 2),
+    ]
+    assert {one["ending"]["end"] for one in listed.json} == {"over"}
+    assert "4 of 4 runs are complete" in frenetic("bench", "--list", "--out", "b").out
+
+
+def test_json(frenetic: Frenetic) -> None:
+    ran = frenetic("bench", "--strategy", "random", "--strategy", "frenetic", *SMALL, "--json")
+    assert ran.code == 0, ran.err
+    assert set(ran.json["groups"]) == {"random", "frenetic"}
+    assert [run["ending"]["end"] for run in ran.json["runs"]] == ["over"] * 4
+
+
+def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> None:
+    frenetic("bench", "--strategy", "frenetic", *SMALL)
+    frenetic(
+        *("run", "--simulations", "12", "--seed", "2", "--workers", "1", "--unordered"),
+        *("--out", "alone"),
+    )
+    exported = []
+    for folder in ("b/frenetic/02", "alone"):
+        done = frenetic("export", folder, "--format", "json", "--out", f"{folder}-json")
+        assert done.code == 0, done.err
+        lines = Path(f"{folder}-json/tests.jsonl").read_text().splitlines()
+        volatile = ("seconds", "finished_at", "elapsed", "worker")
+        exported.append(
+            [{k: v for k, v in json.loads(line).items() if k not in volatile} for line in lines]
+        )
+    assert exported[0] == exported[1]
+
+
+def test_what_is_missing_is_run(frenetic: Frenetic, wiggly: str) -> None:
+    frenetic("bench", "--generator", wiggly, "--strategy", "random", *SMALL)
+    before = Path("b/wiggly/01/campaign.sqlite").read_bytes()
+    kept = Path("b/random/01/campaign.sqlite").stat().st_mtime_ns
+    Path("b/wiggly/02/campaign.sqlite").unlink()  # as if it had never been finished
+    again = frenetic("bench", "--list", "--out", "b")
+    assert "3 of 4 runs are complete" in again.out
+    assert "frenetic bench --resume --out b" in again.out
+    assert frenetic("bench", "--resume", "--out", "b").code == 0
+    assert Path("b/wiggly/02/campaign.sqlite").is_file()
+    assert Path("b/wiggly/01/campaign.sqlite").read_bytes() == before
+    assert Path("b/random/01/campaign.sqlite").stat().st_mtime_ns == kept
+    assert "4 of 4 runs are complete" in frenetic("bench", "--list", "--out", "b").out
+
+
+def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path: Path) -> None:
+    theirs = tmp_path / "their repository"
+    theirs.mkdir()
+    (theirs / "road_maker.py").write_text(WIGGLY, encoding="utf-8")
+    ran = frenetic(
+        *("bench", "--generator", "road_maker:Wiggly", "--path", str(theirs), "--name", "Theirs"),
+        *("--generator", "random", "--name", "Ours"),
+        *("--strategy", "frenetic", "--option", "threshold=-0.2", "--option", "cross_num=4"),
+        *SMALL,
+    )
+    assert ran.code == 0, ran.err
+    kept = json.loads(Path("b/bench.json").read_text())["entrants"]
+    assert [one["name"] for one in kept] == [
+        "Theirs",
+        "Ours",
+        "frenetic threshold=-0.2 cross_num=4",
+    ]
+    assert [one["is_strategy"] for one in kept] == [False, True, True]
+    assert kept[2]["options"] == {"threshold": -0.2, "cross_num": 4}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--name", "x", "--strategy", "random"], ["--name belongs after"]),
+        (["--strategy", "random", "--name", "x", "--name", "y"], ["--name is given twice"]),
+        (["--strategy", "randon"], ["unknown strategy 'randon'", "did you mean 'random'"]),
+        (["--strategy", "random", "--strategy", "random"], ["two take part as 'random'"]),
+        (["--strategy", "random", "--option", "sed=1"], ["has no option 'sed'"]),
+        (["--strategy", "random", "--option", "seed=1"], ["option seed", "not allowed"]),
+        (["--generator", "nowhere.py:One"], ["One cannot be built", "nowhere.py"]),
+        (["--generator", "nowhere:One"], ["One cannot be built", "nowhere"]),
+        (["--generator", "wiggly.py:Wigly"], ["Wigly cannot be built", "Wiggly"]),
+        (["--generator", "wiggly.py:Wiggly", "--option", "a=1"], ["only strategies have options"]),
+        (["--simulations", "5", "--time", "2h"], ["--simulations and --time exclude"]),
+        (["--time", "10s"], ["too small for one test"]),
+        (["--seconds-per-test", "0"], ["seconds_per_test is 0", "positive"]),
+        (["--resume"], ["--resume needs the folder of a bench"]),
+        (["--resume", "--out", "nothing"], ["holds no bench"]),
+        (["--list", "--out", "nothing"], ["holds no bench"]),
+        (["--out", "full"], ["is not empty", "--resume"]),
+        (["--driver", "plannr"], ["unknown driver 'plannr'"]),
+    ],
+)
+def test_mistakes(
+    frenetic: Frenetic, wiggly: str, tmp_path: Path, arguments: list[str], words: list[str]
+) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").touch()
+    before = sorted(tmp_path.rglob("*"))
+    assert frenetic("bench", *arguments).refuses(*words), frenetic("bench", *arguments)
+    assert sorted(path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts) == before
+
+
+def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
+    frenetic("bench", "--strategy", "random", *SMALL)
+    for option in (["--repeats", "3"], ["--strategy", "frenetic"], ["--name", "x"]):
+        asked = frenetic("bench", "--resume", "--out", "b", *option)
+        assert asked.refuses(option[0], "goes on as it was begun"), asked
+    assert frenetic("resume", "b/random/01").refuses("a run of a bench", "--resume --out")
+    Path("b/bench.json").write_text('{"version": 1}', encoding="utf-8")
+    assert frenetic("bench", "--resume", "--out", "b").refuses("bench.json is damaged")
+    Path("b/bench.json").write_text('{"version": 99}', encoding="utf-8")
+    assert frenetic("bench", "--resume", "--out", "b").refuses("newer version")
+
+
+def test_who_takes_part_by_name(frenetic: Frenetic) -> None:
+    listed = frenetic("bench", "--list")
+    assert listed.code == 0
+    assert "frenetic.search:Frenetic" in listed.out
+    assert {one["name"] for one in frenetic("bench", "--list", "--json").json} >= {
+        "frenetic",
+        "random",
+    }
