@@ -29,7 +29,7 @@ ENTRANTS = (
     Entrant(name="Frenetic 2021", spec="frenetic", is_strategy=True, options={"max_redraws": 0}),
     Entrant(name="Frenetic", spec="frenetic", is_strategy=True),
     Entrant(
-        name="Frenetic, no repeats",
+        name="Frenetic without repeats",
         spec="frenetic",
         is_strategy=True,
         options={"skip_repeats": True},

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,10 +14,13 @@ from pathlib import Path
 
 import pids
 import pytest
-from pids import descendants, until_gone
+from pids import LIMIT, descendants, until_gone
 
 from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
-from frenetic.bench.results import unusual_endings, write_results
+from frenetic.bench.bench import unusual_endings
+from frenetic.bench.generator import GeneratorProcess
+from frenetic.bench.results import write_results
+from frenetic.bench.running import assignment
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.checking import check_campaign
 from frenetic.drivers import Driver, Planner
@@ -140,10 +144,12 @@ def test_threads_that_are_left_are_told(everybody: tuple[Bench, dict[str, RunEnd
     ending = everybody[1]["Threads"].ending
     assert ending is not None
     assert ending.threads == 2
-    told = {fact.name: fact.value for fact in unusual_endings(everybody[0].states())}
-    assert told["Threads, threads left running"] == "2"
-    assert told["NeverReturning, unusual ends of 1 runs"].startswith("1: hung")
-    assert not any(name.startswith("RandomRoads") for name in told)
+    told = unusual_endings(everybody[0].states())
+    assert "Threads left 2 threads running." in told
+    hung = "1 of 1 runs of NeverReturning did not end by the budget: 1 hung"
+    assert any(note.startswith(hung) for note in told)
+    assert not any("RandomRoads" in note for note in told)
+    assert set(told) <= set(everybody[0].comparison().notes)
 
 
 def test_a_phase_of_a_fifth_of_the_budget_is_exactly_that(
@@ -161,6 +167,19 @@ def test_everybody_has_a_folder_of_its_own(everybody: tuple[Bench, dict[str, Run
     assert written["Bookkeeper"] == ["tests.csv"]
     assert written["StatsReader"] == ["seen.json"]
     assert written["RandomRoads"] == []
+
+
+def test_who_ends_early_gains_nothing(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+    groups = everybody[0].comparison().groups
+    (crashed,), (hung,), (whole,) = (
+        groups[name] for name in ("Crashing", "NeverReturning", "RandomRoads")
+    )
+    assert (crashed.simulations, crashed.unused) == (3, SIMULATIONS - 3)
+    assert (hung.simulations, hung.unused) == (2, SIMULATIONS - 2)
+    assert (whole.simulations, whole.unused) == (SIMULATIONS, 0)
+    assert crashed.failures_per_100 == 100.0 * crashed.failures / SIMULATIONS
+    assert whole.is_finished
+    assert not crashed.is_finished
 
 
 def test_a_traceback_is_in_the_log(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
@@ -207,6 +226,87 @@ def test_the_results_folder_is_the_competitions(
         assert all(len(record) == 17 for record in test["execution_data"])
 
 
+SNEAKY = """
+import os, signal, subprocess, sys, time
+from pathlib import Path
+from code_pipeline.tests_generation import RoadTestFactory
+
+SLEEPING = [sys.executable, "-c", "import time; time.sleep(600)"]
+
+class Sneaky:
+    def __init__(self, executor=None, map_size=None):
+        self.executor = executor
+
+    def start(self):
+        self.prepare()
+        while not self.executor.is_over():
+            points = [(20.0, 20.0 + 20.0 * i) for i in range(8)]
+            self.executor.execute_test(RoadTestFactory.create_road_test(points))
+
+    def prepare(self):
+        pass
+
+class Detaching(Sneaky):
+    def prepare(self):
+        process = subprocess.Popen(SLEEPING, start_new_session=True)
+        Path("sleeping").write_text(str(process.pid))
+
+class Starting(Sneaky):
+    def prepare(self):
+        process = subprocess.Popen(SLEEPING)
+        Path("sleeping").write_text(str(process.pid))
+
+class Dying(Sneaky):
+    def prepare(self):
+        if os.fork() == 0:
+            time.sleep(600)
+        os.kill(os.getpid(), signal.SIGSEGV)
+
+class Filing(Sneaky):
+    def prepare(self):
+        place = Path(self.executor.result_folder)
+        (place / "mine.txt").write_text("mine")
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes are another thing there")
+def test_processes_that_a_generator_leaves_hold_nothing_up(tmp_path: Path) -> None:
+    (tmp_path / "sneaky.py").write_text(SNEAKY, encoding="utf-8")
+    entrants = [
+        Entrant(name=name, spec=str(tmp_path / f"sneaky.py:{name}"))
+        for name in ("Detaching", "Starting", "Dying", "Filing")
+    ]
+    ends = ran(bench_of(tmp_path / "bench", *entrants, patience=1e6))
+    sleeping = {
+        name: int((ends[name].run.folder / "work" / "sleeping").read_text())
+        for name in ("Detaching", "Starting")
+    }
+    os.kill(sleeping["Detaching"], signal.SIGKILL)  # out of reach: it wanted to be
+    until_gone(sleeping.values())
+    endings = {name: end.ending for name, end in ends.items()}
+    assert endings["Detaching"] == endings["Starting"] == endings["Filing"] == Ending(End.OVER)
+    assert endings["Dying"] == Ending(End.CRASHED, "its process was killed by SIGSEGV")
+    kept = ends["Filing"].run.folder / "work" / "results" / "mine.txt"
+    assert kept.read_text() == "mine"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full disk here")
+def test_a_generator_goes_on_when_its_log_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "loud.py").write_text(
+        "class Loud:\n"
+        "    def __init__(self, executor=None, map_size=None): pass\n"
+        "    def start(self):\n"
+        "        for _ in range(1000):\n"
+        "            print('loud' * 1000)\n",
+        encoding="utf-8",
+    )
+    bench = bench_of(tmp_path, Entrant(name="loud", spec=str(tmp_path / "loud.py:Loud")))
+    told = assignment(bench.entrants[0], bench.terms, 1, tmp_path)
+    with GeneratorProcess(told, folder=tmp_path / "work", log=Path("/dev/full")) as process:
+        messages = [process.receive(LIMIT), process.receive(LIMIT)]
+    assert [message and message["kind"] for message in messages] == ["ready", "end"]
+
+
 # The same and the other
 
 
@@ -220,8 +320,7 @@ def test_points_are_kept_as_they_were_handed_over(
             document = json.loads(
                 (folder / "competition" / f"test.{test.candidate.id:04d}.json").read_text()
             )
-            kept = test.candidate.points.round(6).tolist()
-            assert document["road_points"] == kept
+            assert document["road_points"] == test.candidate.points.tolist()
             if test.outcome.is_driven:
                 road = Road.from_points(test.candidate.points)
                 assert road.curvatures.tobytes() == test.candidate.curvatures.tobytes()
@@ -355,6 +454,37 @@ def test_a_run_that_fails_is_tried_again_when_the_bench_goes_on(tmp_path: Path) 
     assert bench.run(resume=True) == []
 
 
+def test_a_bench_goes_on_with_what_it_was_begun_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for folder in ("here", "elsewhere"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "sneaky.py").write_text(SNEAKY, encoding="utf-8")
+    (tmp_path / "elsewhere" / "sneaky.py").write_text("raise ValueError('not this one')")
+    monkeypatch.chdir(tmp_path / "here")
+    bench = bench_of(
+        tmp_path / "bench",
+        Entrant(name="file", spec="sneaky.py:Sneaky"),
+        Entrant(name="module", spec="sneaky:Sneaky"),
+    )
+    bench.run()
+    for run in bench.runs:
+        (run.folder / "campaign.sqlite").unlink()  # as if they had not been made
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert [end.ending for end in bench.run(resume=True)] == [Ending(End.OVER)] * 2
+    shutil.rmtree(bench.runs[0].folder)
+    source = tmp_path / "here" / "sneaky.py"
+    source.write_text(SNEAKY + "# changed\n", encoding="utf-8")
+    with pytest.raises(FreneticError, match="the source of file is not what the bench"):
+        bench.run(resume=True)
+    source.unlink()
+    with pytest.raises(FreneticError, match="the source of file"):
+        bench.run(resume=True)
+    assert not bench.runs[0].folder.exists()
+    source.write_text(SNEAKY, encoding="utf-8")
+    assert [end.ending for end in bench.run(resume=True)] == [Ending(End.OVER)]
+
+
 class Frail(DummySimulator):
     """Takes the process with it in the fifth drive, unless it is told not to."""
 
@@ -446,7 +576,7 @@ def test_nothing_is_left_of_a_bench_that_is_killed(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"budget": 35.0}, "too small for one test of 36 s"),
+        ({"budget": 35.0}, "allows 0.972 tests: 1 to 10000000 are needed"),
         ({"budget": float("inf")}, "budget is inf: a positive number"),
         ({"seconds_per_test": 0.0}, "seconds_per_test is 0.0"),
         ({"patience": -1.0}, "patience is -1.0"),

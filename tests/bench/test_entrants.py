@@ -90,3 +90,11 @@ def test_a_file_is_looked_for_here_and_then_in_the_path(
     (tmp_path / "one.py").touch()
     assert entrant.module == str(tmp_path.resolve() / "one.py")
     assert Entrant(name="one", spec="package.one:One").module == "package.one"
+
+
+@pytest.mark.parametrize(
+    "name", ["bench.json", "index.html", "table.csv", "CON", "nul.txt", "com1"]
+)
+def test_names_of_other_files_are_avoided(name: str) -> None:
+    (folder,) = folder_names([strategy(name)]).values()
+    assert folder == f"entrant-{name.lower()}"

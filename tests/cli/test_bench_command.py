@@ -67,6 +67,20 @@ def test_a_generator_and_a_strategy_are_held_against_each_other(
     assert "4 of 4 runs are complete" in frenetic("bench", "--list", "--out", "b").out
 
 
+def test_one_alone_is_measured(frenetic: Frenetic, wiggly: str) -> None:
+    ran = frenetic("bench", "--generator", wiggly, "--name", "[/x] mine", *SMALL)
+    assert ran.code == 0, ran.err
+    assert "[/x] mine" in ran.out
+    assert "simulations to first failure" in ran.out
+    assert "[/x] mine" in Path("b/index.html").read_text(encoding="utf-8")
+    assert "[/x] mine" in frenetic("bench", "--list", "--out", "b").out
+
+
+def test_a_module_is_found_in_the_current_folder(frenetic: Frenetic, wiggly: str) -> None:
+    ran = frenetic("bench", "--generator", "wiggly:Wiggly", *SMALL)
+    assert ran.code == 0, ran.err
+
+
 def test_json(frenetic: Frenetic) -> None:
     ran = frenetic("bench", "--strategy", "random", "--strategy", "frenetic", *SMALL, "--json")
     assert ran.code == 0, ran.err
@@ -142,7 +156,9 @@ def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path:
         (["--generator", "wiggly.py:Wigly"], ["Wigly cannot be built", "Wiggly"]),
         (["--generator", "wiggly.py:Wiggly", "--option", "a=1"], ["only strategies have options"]),
         (["--simulations", "5", "--time", "2h"], ["--simulations and --time exclude"]),
-        (["--time", "10s"], ["too small for one test"]),
+        (["--time", "10s"], ["allows 0.278 tests", "1 to 10000000"]),
+        (["--list", "--strategy", "random"], ["--list without --out"]),
+        (["--seconds-per-test", "1e-300", "--time", "1h"], ["1 to 10000000"]),
         (["--seconds-per-test", "0"], ["seconds_per_test is 0", "positive"]),
         (["--resume"], ["--resume needs the folder of a bench"]),
         (["--resume", "--out", "nothing"], ["holds no bench"]),

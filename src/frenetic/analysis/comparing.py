@@ -345,6 +345,8 @@ def _compare_by(
 def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
     """That no difference can be shown, however large, if so."""
     pairs = list(combinations(map(len, groups.values()), 2))
+    if not pairs:
+        return
     # The two-sided p if all of the one group do better than all of the other, and ties are none.
     least = len(pairs) * min(2.0 / math.comb(n + m, n) for n, m in pairs)
     if least >= SIGNIFICANT and min(map(len, groups.values())) >= LEAST_REPEATS:

@@ -21,6 +21,8 @@ def findings(comparison: Comparison) -> str:
 def verdict(comparison: Comparison) -> str:
     """What can be said of the group that comes first by the headline measure, in a sentence."""
     by = comparison.headline
+    if len(by.values) == 1:
+        return "There is nobody to compare with."
     first = [name for name in by.order if by.places[name] == 1]
     if min(len(values) for values in by.values.values()) < LEAST_REPEATS:
         return f"Too few repeats to tell: at least {LEAST_REPEATS} campaigns a group are needed."

@@ -86,7 +86,8 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 1,
                 "Distinct failures divided by the simulations of valid roads, times 100. A"
                 " simulation that ended in an ERROR was spent and counts; a refused road was not"
-                " driven and does not.",
+                " driven and does not. Of a run of a bench that ended before its budget, what was"
+                " left of that counts, too.",
                 "0..100",
                 "distinct per\u00a0100",
                 Topic.FOUND,

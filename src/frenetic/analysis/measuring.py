@@ -8,10 +8,10 @@ so; beside them stand forms with published bounds. What each means is in
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -90,6 +90,11 @@ class CampaignMeasures:
     """s of wall time that the strategy itself took; None if the campaign does not say."""
     seconds_per_test: float | None = None
     """Virtual s that a simulation costs on a bench; None elsewhere."""
+    unused: int = 0
+    """Simulations that a run of a bench had left when it ended by itself; 0 elsewhere.
+
+    They count where something is told per simulation: who crashes after a failure gains nothing.
+    """
 
     @property
     def simulations(self) -> int:
@@ -152,7 +157,8 @@ class CampaignMeasures:
         return self.invalid / self.tests if self.tests else 0.0
 
     def _per_100(self, number: int) -> float:
-        return 100.0 * number / self.simulations if self.simulations else 0.0
+        simulations = self.simulations + self.unused
+        return 100.0 * number / simulations if simulations else 0.0
 
 
 def measure_campaign(folder: Path) -> CampaignMeasures:
@@ -182,6 +188,7 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
                         seconds_to_failure = spent
         failures = _read_failures(store, found_at)
         facts, seed = store.facts, store.config.get("seed")
+    unused = _unused(facts, len(found) - 1)
     clusters = cluster_failures(failure.compared for failure in failures)
     # The first failure in a cell, or in a cluster, makes the curve rise.
     cells = {failure.cell: found_at[failure.id] for failure in reversed(failures)}
@@ -195,7 +202,7 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         ),
         cells_after=_curve(cells.values(), len(found)),
         seconds_to_failure=seconds_to_failure,
-        is_finished="finished_at" in facts and not facts.get("interrupted"),
+        is_finished="finished_at" in facts and not facts.get("interrupted") and not unused,
         errors=errors,
         filled=frozenset(cells),
         competition_filled=frozenset(
@@ -207,6 +214,7 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         ),
         generator_seconds=_seconds(facts.get("strategy_seconds")),
         seconds_per_test=_seconds(facts.get("seconds_per_test")),
+        unused=unused,
     )
 
 
@@ -289,6 +297,15 @@ def _thinned(segments: Sequence[FloatArray], most: int) -> Sequence[FloatArray]:
     if len(segments) <= most:
         return segments
     return [segments[i] for i in np.linspace(0, len(segments) - 1, most).round().astype(int)]
+
+
+def _unused(facts: Mapping[str, Any], simulations: int) -> int:
+    """What a run of a bench that ended by itself has left of its budget in simulations."""
+    ending, budget = facts.get("bench"), facts.get("budget")
+    if not isinstance(ending, Mapping) or ending.get("end") == "over":
+        return 0
+    allowed = budget.get("simulations") if isinstance(budget, Mapping) else None
+    return max(0, allowed - simulations) if isinstance(allowed, int) else 0
 
 
 def _seconds(value: object) -> float | None:

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from frenetic.analysis.comparing import Comparison, compare
+from frenetic.analysis.comparing import Comparison, compare, compare_measured
+from frenetic.analysis.measuring import measure_campaign
 from frenetic.bench.entrants import Entrant, folder_names
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.processes import Run, RunEnd, run_all
-from frenetic.bench.proposing import Ending, GeneratorStrategy, VirtualTime
+from frenetic.bench.proposing import End, Ending, GeneratorStrategy, VirtualTime
 from frenetic.bench.running import COMPETITION, Terms, assignment, ending_of
 from frenetic.campaign.campaign import describe, prepare
 from frenetic.campaign.lock import FileLock
@@ -80,6 +82,7 @@ class Bench:
                 )
         if not self.entrants:
             raise FreneticError("nobody takes part: name a generator or a strategy")
+        object.__setattr__(self, "entrants", tuple(one.absolute() for one in self.entrants))
         folder_names(self.entrants)
         for entrant in self.entrants:
             if entrant.is_strategy:
@@ -100,6 +103,13 @@ class Bench:
             for repeat in range(1, self.repeats + 1)
             for entrant in self.entrants
         ]
+
+    @property
+    def runs_in_words(self) -> str:
+        """How many runs of how many simulations an entrant has."""
+        runs = "1 run" if self.repeats == 1 else f"{self.repeats} runs"
+        most = "at most " if self.terms.counts_computing else ""
+        return f"{runs} of {most}{self.terms.simulations} simulations"
 
     def states(self) -> list[RunState]:
         """All runs, and what has become of each.
@@ -138,14 +148,16 @@ class Bench:
         with ExitStack() as stack:
             prepare(self.terms.simulator)
             compile_kernels()
-            if not resume:
-                self._require_new_folder()
-                for entrant in self.entrants:
-                    self._try_out(entrant)
-            stack.enter_context(_locked(self.folder))
             if resume:
                 self._require_same()
             else:
+                self._require_new_folder()
+            to_do = [state.run.entrant for state in self.states() if state.ending is None]
+            for entrant in self.entrants:
+                if entrant in to_do:
+                    self._try_out(entrant)
+            stack.enter_context(_locked(self.folder))
+            if not resume:
                 self._write()
             if on_start is not None:
                 on_start()
@@ -205,14 +217,19 @@ class Bench:
         """The entrants held against each other by their complete runs.
 
         Raises:
-            FreneticError: fewer than two entrants have a complete run.
+            FreneticError: no entrant has a complete run.
         """
         groups: dict[str, list[Path]] = {}
         for state in self.states():
             if state.ending is not None:
                 groups.setdefault(state.run.entrant.name, []).append(state.run.folder)
         ordered = {e.name: groups[e.name] for e in self.entrants if e.name in groups}
-        return compare(ordered)
+        if len(ordered) == 1:
+            measured = {n: tuple(map(measure_campaign, f)) for n, f in ordered.items()}
+            comparison = compare_measured(measured)
+        else:
+            comparison = compare(ordered)
+        return replace(comparison, notes=(*comparison.notes, *unusual_endings(self.states())))
 
     def as_json(self) -> dict[str, Any]:
         """What is kept in the bench's folder."""
@@ -245,6 +262,13 @@ class Bench:
 
     def _require_same(self) -> None:
         theirs, ours = read_bench(self.folder), json.loads(json.dumps(self.as_json()))
+        for recorded in entrants_of(theirs, self.folder / BENCH):
+            sources = [one["source"] for one in theirs["entrants"] if one["name"] == recorded.name]
+            if recorded.source() not in sources:
+                raise FreneticError(
+                    f"the source of {recorded.name} is not what the bench in {self.folder} was"
+                    " begun with: restore it, or begin a new bench"
+                )
         for name, value in ours.items():
             if theirs.get(name) != value:
                 raise FreneticError(
@@ -298,11 +322,36 @@ class Bench:
                 ) from None
             if ending is not None:
                 printed = (folder / "log").read_text(encoding="utf-8", errors="replace")
-                last = printed.strip().splitlines()[-1:] if not ending.detail else []
+                lost = not ending.detail or ending.detail.startswith("its process")
+                last = printed.strip().splitlines()[-1:] if lost else []
+                needs = ""
+                if lost and entrant.python is not None:
+                    needs = "; its interpreter needs Python 3.9 or newer, numpy and scipy"
                 raise FreneticError(
                     f"{entrant.name} cannot be built: {ending.detail or ending.end}"
                     + "".join(f" ({line[:200]})" for line in last)
+                    + needs
                 )
+
+
+def unusual_endings(states: Sequence[RunState]) -> list[str]:
+    """What is to be said of runs that did not end by their budget, a sentence per entrant."""
+    found: list[str] = []
+    for name in dict.fromkeys(state.run.entrant.name for state in states):
+        runs = [state for state in states if state.run.entrant.name == name]
+        reasons = Counter(
+            "not run" if state.ending is None else str(state.ending)
+            for state in runs
+            if state.ending is None or state.ending.end is not End.OVER
+        )
+        if reasons:
+            told = "; ".join(f"{count} {reason}" for reason, count in reasons.most_common(3))
+            found.append(
+                f"{reasons.total()} of {len(runs)} runs of {name} did not end by the budget: {told}"
+            )
+        if threads := sum(state.ending.threads for state in runs if state.ending is not None):
+            found.append(f"{name} left {threads} threads running.")
+    return found
 
 
 def new_folder() -> Path:

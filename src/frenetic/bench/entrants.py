@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from frenetic.errors import FreneticError
 
+RESERVED = frozenset(
+    {"bench", "index", "table", "con", "prn", "aux", "nul"}
+    | {f"{port}{number}" for port in ("com", "lpt") for number in range(10)}
+)
+"""Names of a bench's own files, and those that Windows reserves; with any suffix."""
 LONGEST_NAME = 60
 """Letters of an entrant's name."""
 
@@ -75,7 +81,35 @@ class Entrant:
             "path": None if self.path is None else str(self.path),
             "python": None if self.python is None else str(self.python),
             "options": dict(self.options),
+            "source": self.source(),
         }
+
+    def absolute(self) -> Entrant:
+        """The same from any folder; a generator's modules are looked for in the current one."""
+        if self.is_strategy:
+            return self
+        is_file = self.module.endswith(".py")
+        path = self.path if self.path is not None or is_file else Path()
+        return replace(
+            self,
+            spec=f"{self.module}:{self.class_name}" if is_file else self.spec,
+            path=None if path is None else path.resolve(),
+            # Not resolved: that of a virtual environment is a link that must stay one.
+            python=None if self.python is None else self.python.absolute(),
+        )
+
+    def source(self) -> str | None:
+        """A digest of a generator's own file, None if that cannot be read."""
+        if self.is_strategy:
+            return None
+        place = Path(self.module)
+        if not self.module.endswith(".py"):
+            place = (self.path or Path()).joinpath(*self.module.split("."))
+            place = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+        try:
+            return hashlib.sha256(place.read_bytes()).hexdigest()
+        except OSError:
+            return None
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Entrant:
@@ -111,6 +145,8 @@ def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
                 f"two take part as {entrant.name!r}: give one of them another --name"
             )
         plain = re.sub(r"[^A-Za-z0-9._-]+", "-", entrant.name).strip("-. ").lower() or "entrant"
+        if plain.partition(".")[0] in RESERVED:
+            plain = f"entrant-{plain}"
         folder, number = plain, 2
         while folder in found.values():
             folder, number = f"{plain}-{number}", number + 1

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -26,7 +27,9 @@ MOST_LOGGED: Final = 10 * 1024 * 1024
 LONGEST_MESSAGE: Final = 32 * 1024 * 1024
 """Bytes of a message."""
 
-_LEAVING_LIMIT: Final = 10.0  # s
+_LEAVING_LIMIT: Final = 5.0  # s
+_LOOK: Final = 0.5  # s between two looks whether the process is there
+_LEFT_OUT: Final = b"\n[the rest is left out]\n"
 
 
 class GeneratorLostError(Exception):
@@ -67,7 +70,8 @@ class GeneratorProcess:
         """
         self._folder.mkdir(parents=True, exist_ok=True)
         seed = str(self._assignment.get("seed", 0))
-        python = sys.executable if self._python is None else str(self._python)
+        # Not resolved: that of a virtual environment is a link that must stay one.
+        python = sys.executable if self._python is None else str(self._python.absolute())
         own_group: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
             own_group = {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
@@ -82,10 +86,13 @@ class GeneratorProcess:
         )
         assert self._process.stdout is not None
         assert self._process.stderr is not None
-        self._threads = [
-            threading.Thread(target=self._read, args=(self._process.stdout,), daemon=True),
-            threading.Thread(target=self._keep, args=(self._process.stderr,), daemon=True),
-        ]
+        self._threads = {
+            threading.Thread(target=target, args=(stream,), daemon=True): stream
+            for target, stream in (
+                (self._read, self._process.stdout),
+                (self._keep, self._process.stderr),
+            )
+        }
         for thread in self._threads:
             thread.start()
         with suppress(GeneratorLostError):  # `receive` will find out
@@ -101,12 +108,14 @@ class GeneratorProcess:
         """Ends the process and what is left of its group."""
         self._kill_group()
         self._process.wait()
-        for thread in self._threads:
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+        for thread, stream in self._threads.items():
             thread.join(_LEAVING_LIMIT)
-        for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
-            if stream is not None:
-                with suppress(OSError):
-                    stream.close()
+            # One that a process outside the group keeps open would be waited for without end.
+            if not thread.is_alive():
+                stream.close()
 
     def send(self, message: Mapping[str, JSONValue]) -> None:
         """Sends an object.
@@ -127,9 +136,8 @@ class GeneratorProcess:
         Raises:
             GeneratorLostError: none will come, or what came is none.
         """
-        try:
-            line = self._received.get(timeout=timeout)
-        except queue.Empty:
+        line = self._received_line(timeout)
+        if line is None:
             return None
         if not line:
             self._received.put(line)
@@ -142,6 +150,21 @@ class GeneratorProcess:
             raise GeneratorLostError("its process sent what is no message")
         return message
 
+    def _received_line(self, timeout: float) -> bytes | None:
+        """The next line, empty if there are no more; None if none comes in time."""
+        deadline = time.monotonic() + timeout
+        while True:
+            # A process that it has forked may keep the connection open after its end.
+            has_ended = self._process.poll() is not None
+            left = deadline - time.monotonic()
+            try:
+                return self._received.get(timeout=max(0.0, min(left, _LOOK)))
+            except queue.Empty:
+                if has_ended:
+                    return b""
+                if left <= _LOOK:
+                    return None
+
     def _read(self, stream: IO[bytes]) -> None:
         """Passes lines on; an empty one says that there are no more."""
         with suppress(OSError, ValueError):
@@ -152,16 +175,18 @@ class GeneratorProcess:
     def _keep(self, stream: IO[bytes]) -> None:
         """Writes what the generator prints into its file, up to a limit."""
         room = MOST_LOGGED
-        with suppress(OSError, ValueError), self._log.open("wb") as file:
+        file: IO[bytes] | None = None
+        with suppress(OSError):
+            file = self._log.open("wb", buffering=0)
+        with suppress(OSError, ValueError):
             while data := stream.read1(65536):  # type: ignore[attr-defined]
-                if 0 < room <= len(data):
-                    data = data[:room] + b"\n[the rest is left out]\n"
-                    room = 0
-                    file.write(data)
-                elif room:
-                    room -= len(data)
-                    file.write(data)
-                file.flush()
+                if room > 0 and file is not None:
+                    text = data if len(data) < room else data[:room] + _LEFT_OUT
+                    with suppress(OSError):  # it goes on, even if nobody can read what it prints
+                        file.write(text)
+                room -= len(data)
+        if file is not None:
+            file.close()
 
     def _ending(self) -> str:
         with suppress(subprocess.TimeoutExpired):

@@ -18,7 +18,7 @@ from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester, Tested, road_through
 from frenetic.errors import RoadError
 from frenetic.export.competition import simulation_rows
-from frenetic.road import Road
+from frenetic.road import Road, check_validity
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
 from frenetic.search.strategy import Ledger
 from frenetic.simulators.drive import Drive
@@ -142,14 +142,12 @@ class GeneratorStrategy:
         self._clock = clock
         self._patience = patience
         self._ledger = Ledger()
-        self._since = time.monotonic()
 
     def start(self) -> Ending | None:
         """Waits until the generator is built; returns how it ended if it ended at that."""
         message = self._receive()
         if self.ending is None and (message is None or message.get("kind") != "ready"):
             self.ending = Ending(End.CRASHED, "its process sent what is no message")
-        self._since = time.monotonic()
         return self.ending
 
     def ask(self) -> Candidate:
@@ -160,9 +158,11 @@ class GeneratorStrategy:
         """
         if self.ending is None:
             message = self._receive()
-            if message is not None and not self._clock.is_over:
-                return self._candidate(message.get("road_points"))
             if message is not None:
+                points = _points(message.get("road_points"))
+                # A road that is refused costs nothing, even if nothing is left.
+                if not self._clock.is_over or not self._is_valid(points):
+                    return self._candidate(points)
                 self.dismiss()
         assert self.ending is not None
         raise SearchEnded(f"the generator ended ({self.ending})")
@@ -181,7 +181,6 @@ class GeneratorStrategy:
         }
         with suppress(GeneratorLostError):  # its last words may still wait to be received
             self._process.send(answer)
-        self._since = time.monotonic()
 
     def dismiss(self) -> Ending:
         """Says that the budget is spent, and waits until the generator has ended."""
@@ -198,17 +197,16 @@ class GeneratorStrategy:
         return self.ending
 
     def _receive(self, patience: float | None = None) -> dict[str, Any] | None:
-        """The generator's next message, None if it has ended; its time is counted."""
+        """The generator's next message, None if it has ended; the time it says it took counts."""
         limit = self._patience if patience is None else patience
+        start = time.monotonic()
         try:
             message = self._process.receive(limit)
         except GeneratorLostError as error:
             self.ending = Ending(End.CRASHED, str(error))
             return None
-        finally:
-            now = time.monotonic()
-            self._clock.computing += now - self._since
-            self._since = now
+        if message is not None:
+            self._clock.computing += _seconds(message, time.monotonic() - start)
         if message is None:
             self.ending = Ending(End.HUNG, f"it asked for no test for {limit:.3g} s")
         elif message.get("kind") == "end":
@@ -222,23 +220,28 @@ class GeneratorStrategy:
             end = End(str(message.get("how")))
         except ValueError:
             end = End.CRASHED
-        if end is End.RETURNED and self._clock.is_over:
-            end = End.OVER
         threads = message.get("threads")
         detail = " ".join(str(message.get("detail", "")).split())[:450]
+        if self._clock.is_over and (end is End.RETURNED or detail == "exit code 0"):
+            end, detail = End.OVER, ""
         return Ending(end, detail, threads if isinstance(threads, int) else 0)
 
-    def _candidate(self, points: object) -> Candidate:
-        array = _points(points)
+    def _is_valid(self, points: FloatArray | None) -> bool:
+        try:
+            return points is not None and check_validity(points, self._tester.map_size).valid
+        except RoadError:
+            return False
+
+    def _candidate(self, points: FloatArray | None) -> Candidate:
         curvatures, step = np.empty(0), 1.0
-        if array is not None:
+        if points is not None:
             try:
-                road = road_through(array, self._tester.lane_width)
+                road = road_through(points, self._tester.lane_width)
             except RoadError:
                 pass  # the tester says why
             else:
                 curvatures, step = road.curvatures, road.step
-        return self._ledger.issue(curvatures, step, Origin(OPERATOR), array)
+        return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
     def _records(self, evaluation: Evaluation, tested: Tested | None) -> Sequence[JSONValue]:
         """What the simulator recorded, as the pipeline's records."""
@@ -248,6 +251,12 @@ class GeneratorStrategy:
         simulator, width = self._tester.simulator, self._tester.lane_width
         road = Road(candidate.curvatures, candidate.step, tested.pose, lane_width=width)
         return simulation_rows(road, Drive(tested.trajectory, simulator.car, simulator.rules))
+
+
+def _seconds(message: Mapping[str, Any], most: float) -> float:
+    """S that a generator says it took, which are not more than passed here."""
+    told = message.get("seconds")
+    return min(max(float(told), 0.0), most) if isinstance(told, (int, float)) else 0.0
 
 
 def _points(value: object) -> FloatArray | None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from frenetic.analysis.comparing import Comparison
 from frenetic.analysis.tables import write_table
-from frenetic.bench.bench import Bench, RunState
-from frenetic.bench.proposing import End
+from frenetic.bench.bench import Bench
 from frenetic.durations import format_duration
 from frenetic.report.html.blocks import Fact
 from frenetic.report.html.comparing import write_comparison_page
@@ -32,13 +30,13 @@ def write_results(bench: Bench, comparison: Comparison, *, command: str | None =
     """
     for name in TABLES:
         write_table(comparison, bench.folder / name)
-    names = [entrant.name for entrant in bench.entrants]
+    number = len(comparison.groups)
     return write_comparison_page(
         comparison,
         bench.folder / PAGE,
-        title=f"Bench: {', '.join(names[:4])}{' ...' if len(names) > 4 else ''}",
-        lead=f"{bench.repeats} runs of {bench.terms.simulations} simulations each.",
-        facts=[*_terms(bench), *unusual_endings(bench.states())],
+        title=f"Bench of {number} generators",
+        lead=f"{bench.runs_in_words} each.",
+        facts=list(_terms(bench)),
         command=command,
     )
 
@@ -56,21 +54,3 @@ def _terms(bench: Bench) -> Iterator[Fact]:
         kind = "strategy" if entrant.is_strategy else "generator"
         options = ", ".join(f"{name}={value}" for name, value in entrant.options.items())
         yield Fact(entrant.name, f"{kind} {entrant.spec}{' with ' if options else ''}{options}")
-
-
-def unusual_endings(states: Sequence[RunState]) -> list[Fact]:
-    """What is to be said of runs that did not end by their budget, by entrant."""
-    found: list[Fact] = []
-    for name in dict.fromkeys(state.run.entrant.name for state in states):
-        runs = [state for state in states if state.run.entrant.name == name]
-        reasons = Counter(
-            "not run" if state.ending is None else str(state.ending)
-            for state in runs
-            if state.ending is None or state.ending.end is not End.OVER
-        )
-        if reasons:
-            told = "; ".join(f"{count}: {reason}" for reason, count in reasons.most_common(3))
-            found.append(Fact(f"{name}, unusual ends of {len(runs)} runs", told))
-        if threads := sum(state.ending.threads for state in runs if state.ending is not None):
-            found.append(Fact(f"{name}, threads left running", str(threads)))
-    return found

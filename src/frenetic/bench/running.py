@@ -36,8 +36,12 @@ COMPETITION: Final = "competition"
 """Folder of a run that holds its tests as the competition's tools read them."""
 WORK: Final = "work"
 """Folder of a run that is its generator's working directory."""
+RESULTS: Final = "results"
+"""Folder in it that a generator is told to be the pipeline's results folder."""
 GENERATOR_LOG: Final = "generator.log"
 """What a run's generator has printed."""
+MOST_SIMULATIONS: Final = 10_000_000
+"""Simulations of a run."""
 FACT: Final = "bench"
 """Name of the fact of a campaign that says how its run in a bench ended."""
 
@@ -70,10 +74,11 @@ class Terms:
             value = getattr(self, name)
             if not 0.0 < value < float("inf"):
                 raise FreneticError(f"{name} is {value}: a positive number of seconds is needed")
-        if self.simulations < 1:
+        if not 1.0 <= self.budget / self.seconds_per_test * (1.0 + 1e-12) <= MOST_SIMULATIONS:
             raise FreneticError(
-                f"a budget of {self.budget:g} s is too small for one test of"
-                f" {self.seconds_per_test:g} s"
+                f"a budget of {self.budget:g} s of tests of {self.seconds_per_test:g} s allows"
+                f" {self.budget / self.seconds_per_test:.3g} tests: 1 to {MOST_SIMULATIONS} are"
+                " needed"
             )
 
     @property
@@ -193,9 +198,10 @@ def _run_generator(
     folder: Path,
     on_progress: OnProgress | None,
 ) -> Ending:
-    folder.mkdir(parents=True, exist_ok=True)
+    results = folder.absolute() / WORK / RESULTS
+    results.mkdir(parents=True, exist_ok=True)
     process = GeneratorProcess(
-        assignment(entrant, terms, seed, folder.absolute() / COMPETITION),
+        assignment(entrant, terms, seed, results),
         folder=folder / WORK,
         log=folder / GENERATOR_LOG,
         python=entrant.python,
@@ -238,7 +244,7 @@ def assignment(
         "map_size": int(terms.map_size)
         if terms.map_size == int(terms.map_size)
         else terms.map_size,
-        "seed": seed,
+        "seed": seed % 2**32,  # more bits than those no generator of numbers takes
         "time_budget": terms.budget,
         "seconds_per_test": terms.seconds_per_test,
         "counts_computing": terms.counts_computing,

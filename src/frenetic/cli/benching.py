@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from frenetic.cli.comparing import comparison_document, print_comparison
@@ -53,6 +54,8 @@ _FIXED: Final = (
 
 class EntrantsCommand(GroupedCommand):
     """A command whose --path, --name, --option and --python belong to the entrant before them."""
+
+    first_group = _ENTRANTS
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Notes in which order the options of entrants came."""
@@ -237,13 +240,14 @@ def bench(
     results folder as the competition's tools read it.
     """
     if as_list and out is None:
+        _refuse_given(context, "--list without --out lists who can take part by name")
         _list_names(as_json)
         return
     if (resume or as_list) and out is None:
         raise click.UsageError("--resume needs the folder of a bench: add --out DIR")
     if resume or as_list:
         assert out is not None
-        _refuse_given(context)
+        _refuse_given(context, "the bench goes on as it was begun")
         the_bench = _recorded(out)
     else:
         the_bench = _begun(context, out, asked)
@@ -355,16 +359,14 @@ def _terms(command: Mapping[str, Any], **terms: Any) -> Any:
         return Terms(simulator=simulator, driver=driver, command=dict(command), **terms)
 
 
-def _refuse_given(context: click.Context) -> None:
-    """A bench that goes on is as it was begun."""
+def _refuse_given(context: click.Context, why: str) -> None:
+    """Refuses the options with which a bench is begun."""
     from click.core import ParameterSource
 
     for name in _FIXED:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             parameter = next(p for p in context.command.params if p.name == name)
-            raise click.UsageError(
-                f"{parameter.opts[0]} cannot be given here: the bench goes on as it was begun"
-            )
+            raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")
 
 
 def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
@@ -384,12 +386,11 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
         def started() -> None:
             compiled()
             log.print(
-                f"{the_bench.repeats} runs of {terms.simulations} simulations each of {names},"
-                f" results in {the_bench.folder}",
+                f"{the_bench.runs_in_words} each of {names}, results in {the_bench.folder}",
                 markup=False,
             )
 
-        with _bench_progress(log) as show:
+        with _bench_progress(log) as show, _go_on_line(the_bench):
             ends = the_bench.run(
                 resume=resume,
                 workers=workers
@@ -424,17 +425,33 @@ def _progress_text(now: BenchProgress, seconds: float) -> str:
     )
 
 
+@contextmanager
+def _go_on_line(the_bench: Bench) -> Iterator[None]:
+    """Says how to go on when Ctrl-C was pressed twice."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo(f"Go on: {_resume_line(the_bench)}", err=True)
+        raise
+
+
+def _resume_line(the_bench: Bench) -> str:
+    return f"frenetic bench --resume --out {shell(the_bench.folder)}"
+
+
 def _show_results(the_bench: Bench, ends: Sequence[RunEnd], log: Log, as_json: bool) -> None:
     """Compares who took part, prints that and writes it down."""
     states = the_bench.states()
-    complete = {state.run.entrant.name for state in states if state.ending is not None}
     comparison: Comparison | None = None
     page: Path | None = None
-    if len(complete) > 1:
+    if any(state.ending is not None for state in states):
         from frenetic.bench.results import write_results
 
         with log.status("Comparing"):
             comparison = the_bench.comparison()
+        for note in comparison.notes:
+            log.print(f"Note: {note}", markup=False)
+        with log.status("Writing the page"):
             page = write_results(the_bench, comparison, command=_command_line(the_bench))
     if as_json:
         groups = {} if comparison is None else comparison_document(comparison)
@@ -455,7 +472,7 @@ def _end(the_bench: Bench, ends: Sequence[RunEnd], states: Sequence[RunState]) -
     missing = sum(state.ending is None for state in states)
     if not missing:
         return
-    again = f"frenetic bench --resume --out {shell(the_bench.folder)}"
+    again = _resume_line(the_bench)
     if troubles := [end.trouble for end in ends if end.trouble]:
         raise FreneticError(
             f"{missing} of {len(states)} runs could not be completed ({troubles[0]}); try again:"
@@ -478,8 +495,9 @@ def _command_line(the_bench: Bench) -> str:
         for name, setting in entrant.options.items():
             words += ["--option", f"{name}={json.dumps(setting)}"]
         words += ["--name", entrant.name]
-    words += ["--time", f"{terms.budget:g}s", "--seconds-per-test", f"{terms.seconds_per_test:g}"]
+    words += ["--time", f"{terms.budget!r}s", "--seconds-per-test", f"{terms.seconds_per_test!r}"]
     words += ["--count-computing"] if terms.counts_computing else []
+    words += ["--patience", f"{terms.patience!r}s", "--records", terms.records]
     words += ["--repeats", str(the_bench.repeats), "--seed", str(the_bench.seed)]
     words += drive_words(terms.command, terms.map_size)
     return shlex.join(words)
@@ -492,11 +510,11 @@ def _print_runs(states: Sequence[RunState]) -> None:
     for state in states:
         run = state.run
         table.add_row(
-            run.entrant.name,
+            escape(run.entrant.name),
             str(run.repeat),
             str(run.seed),
-            "to do" if state.ending is None else str(state.ending),
-            str(run.folder),
+            "to do" if state.ending is None else escape(str(state.ending)),
+            escape(str(run.folder)),
         )
     Results().print(table)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from frenetic.cli.console import Log, Results
@@ -202,6 +203,8 @@ def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
         _print_by_measure(comparison, shown)
     else:
         _print_by_group(comparison, shown)
+    if len(comparison.groups) < 2:
+        return
     telling = [one for one in comparison.telling if with_all or one.measure.is_main]
     if len(comparison.groups) > _MOST_COLUMNS and not with_all:
         telling = [comparison.headline]
@@ -218,7 +221,7 @@ def _print_by_measure(comparison: Comparison, shown: Sequence[MeasureComparison]
 
     table = _table("Median (quartiles)", "")
     for name in comparison.groups:
-        table.add_column(name, justify="right", overflow="fold")
+        table.add_column(escape(name), justify="right", overflow="fold")
     several = len(comparison.groups) > 2
     enough = min(map(len, comparison.groups.values())) >= LEAST_REPEATS
     if several and enough:
@@ -239,7 +242,7 @@ def _print_by_group(comparison: Comparison, shown: Sequence[MeasureComparison]) 
             table.add_column(by.measure.heading, justify="right", overflow="fold")
         for name in comparison.headline.order:
             cells = [by.text(name) for by in shown[start : start + _MOST_MEASURES]]
-            table.add_row(name, *cells)
+            table.add_row(escape(name), *cells)
         Results().print(table)
 
 
@@ -261,7 +264,7 @@ def _print_pairs(telling: Sequence[MeasureComparison], *, several: bool) -> None
             is_told = pair.verdict is not Verdict.TOO_FEW
             table.add_row(
                 "" if i else by.measure.title,
-                str(pair),
+                escape(str(pair)),
                 f"{pair.a12:.2f}",
                 str(pair.magnitude) if is_told else "-",
                 f"{pair.p_corrected:.2g}" if is_told else "-",

@@ -23,9 +23,12 @@ class GroupedOption(click.Option):
 class GroupedCommand(click.Command):
     """A command whose help puts the options of a group together."""
 
+    first_group = "Options"
+    """The headline of the options that come first: of those without a group, if no other."""
+
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes all options, those without a group first."""
-        groups: dict[str, list[tuple[str, str]]] = {"Options": []}
+        """Writes all options, group by group."""
+        groups: dict[str, list[tuple[str, str]]] = {self.first_group: []}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
             if record is not None:

@@ -143,12 +143,12 @@ def competition_document(
         drive: what was driven, None if nothing was.
         points: (N, 2) m through which the road was laid, if it was given by points.
     """
-    road_points = road.road_points if points is None else points
+    road_points = road.road_points.round(_DIGITS) if points is None else points
     document: dict[str, Any] = {
         "id": test_id,
         "is_valid": None if verdict is None else verdict.valid,
         "validation_message": None if verdict is None else verdict.message,
-        "road_points": road_points.round(_DIGITS).tolist(),
+        "road_points": road_points.tolist(),
         "interpolated_points": [
             (x, y, GROUND, 2.0 * road.lane_width) for x, y in interpolate(road_points).tolist()
         ],

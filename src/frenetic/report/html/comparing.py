@@ -99,7 +99,7 @@ def write_comparison_page(
     Campaigns whose folder holds a ``report.html`` are linked to it, relative to the page.
 
     Args:
-        comparison: of two or more groups.
+        comparison: of one or more groups.
         path: where to. What is there is replaced.
         title: of the page; by default the names of the groups.
         lead: a sentence or two before what was found.
@@ -133,6 +133,9 @@ def comparison_report(
     """
     title = title or _title(list(comparison.groups))
     groups = _groups(comparison)
+    pairs = (
+        [Section("pairs", "Pair by pair", (_pairs(comparison, groups),))] if len(groups) > 1 else []
+    )
     return Report(
         title=title,
         sections=(
@@ -140,7 +143,7 @@ def comparison_report(
             Section("results", "Results", tuple(_tables(comparison, groups))),
             Section("curves", "Over the budget", (_curves(comparison, groups),)),
             Section("spreads", "Campaign by campaign", (_spreads(comparison, groups),)),
-            Section("pairs", "Pair by pair", (_pairs(comparison, groups),)),
+            *pairs,
             Section("measures", "What is measured", tuple(_definitions(comparison))),
             Section("campaigns", "Campaigns", (_campaigns(comparison, folder),)),
             _configuration(comparison, facts, command),
@@ -240,9 +243,17 @@ def _tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[Block
         "Median, and under it the quartiles."
         + (f" The same in all campaigns: {alike}." if alike else ""),
     )
+    if len(groups) > 1:
+        yield _ranks(comparison, groups, varying)
+    yield _maps(comparison, groups)
+
+
+def _ranks(
+    comparison: Comparison, groups: tuple[Group, ...], varying: Sequence[MeasureComparison]
+) -> GroupTable:
     ranked = [one for one in varying if one.measure.more_is_better is not None]
     number = len(groups)
-    yield GroupTable(
+    return GroupTable(
         "Ranks",
         groups,
         tuple(_column(one.measure) for one in ranked),
@@ -261,7 +272,6 @@ def _tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[Block
         f" {sum(map(len, comparison.groups.values()))} campaigns; 1 is the best. A place says"
         " nothing of whether a difference is more than chance: see the pairs.",
     )
-    yield _maps(comparison, groups)
 
 
 def _varying(
