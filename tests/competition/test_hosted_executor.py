@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -92,6 +93,14 @@ class Answers:
 
     given: list[dict[str, Any]]
     asked: list[Any] = field(default_factory=list)
+    unasked: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def has_spoken(self) -> bool:
+        return bool(self.unasked)
+
+    def receive(self) -> dict[str, Any]:
+        return self.unasked.pop(0)
 
     def ask(self, message: dict[str, Any]) -> dict[str, Any]:
         self.asked.append(message)
@@ -106,6 +115,15 @@ def answer(outcome: str, spent: float, description: str = "", **rest: Any) -> di
 
 
 def make(*given: dict[str, Any], as_number: bool = False, budget: float = 100.0) -> HostedExecutor:
+    executor = built(Answers(list(given)), as_number=as_number, budget=budget)
+    executor.start()
+    return executor
+
+
+def built(
+    parent: Answers, *, as_number: bool = False, budget: float = 100.0, **options: Any
+) -> HostedExecutor:
+    counts = options.pop("counts_computing", False)
     assignment = Assignment(
         module="m",
         class_name="C",
@@ -114,14 +132,12 @@ def make(*given: dict[str, Any], as_number: bool = False, budget: float = 100.0)
         map_size=200,
         time_budget=budget,
         seconds_per_test=30.0,
-        counts_computing=False,
+        counts_computing=counts,
         oob_tolerance=0.95,
         speed_limit=70.0,
         result_folder=Path("results"),
     )
-    executor = HostedExecutor(assignment, Answers(list(given)), remaining_as_number=as_number)  # type: ignore[arg-type]
-    executor.start()
-    return executor
+    return HostedExecutor(assignment, parent, remaining_as_number=as_number, **options)  # type: ignore[arg-type]
 
 
 def straight() -> RoadTest:
@@ -142,8 +158,62 @@ def test_an_executed_test_holds_what_became_of_it() -> None:
         description,
         records,
     )
-    assert (test.is_valid, test.validation_message, test.features) == (True, "", {})
+    assert (test.is_valid, test.validation_message) == (True, "")
+    assert test.features == {"MAX_CURV": 0.0, "DIR_COV": 1 / 26}
     assert isinstance(executor, AbstractTestExecutor)
+
+
+def test_an_invalid_test_holds_only_that() -> None:
+    executor = make(answer("INVALID", 0.0, "The road is too sharp"))
+    test = straight()
+    assert executor.execute_test(test) == ("INVALID", "The road is too sharp", [])
+    assert (test.is_valid, test.validation_message) == (False, "The road is too sharp")
+    for name in ("execution_data", "test_outcome", "description", "features"):
+        assert not hasattr(test, name)
+
+
+@pytest.mark.parametrize("points", ["abc", None, [(1, 2, 3)], [(1.0, math.inf), (2.0, 3.0)]])
+def test_points_of_the_wrong_type_are_not_sent(points: Any) -> None:
+    answers = Answers([answer("INVALID", 0.0, "road points must be pairs")])
+    executor = built(answers)
+    executor.start()
+    test = RoadTestFactory.create_road_test(points)
+    assert executor.execute_test(test) == ("INVALID", "Wrong type", [])
+    assert answers.asked[0]["road_points"] is None
+    assert executor.validate_test(test) == (test.is_valid, test.validation_message)
+    assert executor.validate_test(test) == (False, "Wrong type")
+
+
+def test_the_bench_is_told_how_long_the_generator_took() -> None:
+    timer = Timer()
+    answers = Answers([answer("PASS", 40.0), {"over": True}])
+    executor = built(answers, timer=timer, counts_computing=True)
+    timer.now += 500.0  # while the generator is built
+    assert executor.get_remaining_time() == {"time-budget": 100.0}
+    executor.start()
+    timer.now += 10.0
+    assert executor.get_remaining_time() == {"time-budget": 90.0}
+    executor.execute_test(straight())
+    assert executor.stats.test_generation_real_times == [10.0]
+    # What the bench adds to what it knows, and the test: nothing else.
+    assert executor.get_remaining_time() == {"time-budget": 60.0}
+    timer.now += 7.0
+    with pytest.raises(SystemExit):
+        executor.execute_test(straight())
+    timer.now += 2.0
+    answers.unasked.append({"over": True})
+    with pytest.raises(SystemExit):
+        executor.execute_test(straight())
+    timer.now += 0.5
+    assert [message["seconds"] for message in answers.asked] == [10.0, 7.0]
+    assert executor.stop() == 2.5
+
+
+def test_the_time_of_a_generator_that_was_not_started_is_none() -> None:
+    timer = Timer()
+    executor = built(Answers([]), timer=timer)
+    timer.now += 5.0
+    assert executor.stop() == 0.0
 
 
 def test_every_outcome_is_counted() -> None:

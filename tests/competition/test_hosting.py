@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pids import ending, until, until_gone
 from test_old_pipeline import too_new
 
 import frenetic
@@ -49,8 +50,14 @@ class Bench:
     """Of the tests that counted."""
     refused: int = 0
     """Tests asked for when the budget was spent."""
+    computing: float = 0.0
+    """s that the generator says it took."""
+    counts_computing: bool = False
 
-    def answer(self, road_points: Any) -> Message:
+    def answer(self, message: Message) -> Message:
+        road_points = message["road_points"]
+        assert message["seconds"] >= 0.0
+        self.computing += message["seconds"] * self.counts_computing
         if (self.executed + 1) * self.seconds_per_test > self.budget + 1e-9:
             self.refused += 1
             return {"over": True}
@@ -71,7 +78,7 @@ class Bench:
             "outcome": outcome,
             "description": description,
             "records": records,
-            "spent": self.executed * self.seconds_per_test,
+            "spent": self.executed * self.seconds_per_test + self.computing,
             "simulated": 4.5 if valid else 0.0,
         }
 
@@ -104,7 +111,7 @@ def assignment(spec: str, bench: Bench, folder: Path, **changes: Any) -> Message
         "seed": 5,
         "time_budget": bench.budget,
         "seconds_per_test": bench.seconds_per_test,
-        "counts_computing": False,
+        "counts_computing": bench.counts_computing,
         "oob_tolerance": 0.95,
         "speed_limit": 70.0,
         "lane_width": 4.0,
@@ -160,7 +167,7 @@ def run(
         for line in process.stdout:
             messages.append(json.loads(line))
             if messages[-1]["kind"] == "test":
-                send(process, bench.answer(messages[-1]["road_points"]))
+                send(process, bench.answer(messages[-1]))
                 if stop(bench):
                     break
         else:
@@ -178,7 +185,9 @@ def test_a_generator_spends_its_budget_and_returns(tmp_path: Path) -> None:
     bench = Bench(budget=7200.0)
     done = run("random_roads:RandomRoads", tmp_path, bench=bench)
     assert done.messages[0] == {"kind": "ready"}
-    assert done.end == {"kind": "end", "how": "over", "detail": "", "traceback": "", "threads": 0}
+    end = dict(done.end)
+    assert end.pop("seconds") >= 0.0
+    assert end == {"kind": "end", "how": "over", "detail": "", "traceback": "", "threads": 0}
     assert done.code == 0
     assert bench.executed == 200
     assert bench.refused == 0
@@ -294,6 +303,38 @@ def test_a_generator_may_end_its_process(tmp_path: Path) -> None:
     assert done.end["detail"] == "exit code 7"
 
 
+def test_a_generator_may_end_its_process_when_no_test_fits_any_more(tmp_path: Path) -> None:
+    bench = Bench(budget=50.0)
+    done = run("exiting:Content", tmp_path, bench=bench)
+    assert (done.end["how"], done.end["detail"]) == ("exit", "exit code 0")
+    assert (bench.executed, bench.refused) == (1, 0)
+
+
+def test_computing_is_counted_alike_on_both_sides(tmp_path: Path) -> None:
+    bench = Bench(budget=360.0, counts_computing=True)
+    done = run("clock_watcher:ClockWatcher", tmp_path, bench=bench)
+    assert done.end["how"] == "returned", done.end
+    tests = [message for message in done.messages if message["kind"] == "test"]
+    spent = 0.0
+    for message, (before, outcome, after) in zip(tests, done.seen(), strict=True):
+        assert outcome in ("PASS", "FAIL")
+        # Between what the generator is told and what the bench counts lies but a moment, in which
+        # time only goes on: it is never given back.
+        spent += message["seconds"]
+        assert message["seconds"] > 0.0
+        assert before >= 360.0 - spent - 1e-9
+        spent += 36.0
+        assert after <= 360.0 - spent + 1e-9
+    assert bench.computing + 3 * 36.0 == pytest.approx(spent)
+
+
+def test_the_time_in_which_a_generator_is_built_is_not_its_own(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import time\ntime.sleep(0.01)\nraise OSError", "utf-8")
+    done = run("mine:Mine", tmp_path, path=str(tmp_path))
+    assert done.end["how"] == "crashed"
+    assert done.end["seconds"] == 0.0
+
+
 def test_threads_execute_tests_and_may_be_left_running(tmp_path: Path) -> None:
     bench = Bench()
     done = run("threads:Threads", tmp_path, bench=bench)
@@ -327,10 +368,12 @@ def test_tests_that_are_none_come_back_invalid(tmp_path: Path) -> None:
     assert done.end["how"] == "returned", done.end
     *seen, stats = done.seen()
     assert [row[0] for row in seen[:8]] == [*["INVALID"] * 7, "PASS"]
-    assert [row[1] for row in seen[:3]] == [
+    assert [row[1] for row in seen[:7]] == [
         "Not enough road points.",
         "Not enough road points.",
         "The road is not long enough.",
+        "Two consecutive road points are the same",
+        *["Wrong type"] * 3,
     ]
     assert [row[2] for row in seen[:8]] == [0] * 7 + [2]
     assert [row[3] for row in seen[:8]] == list(range(1, 9))
@@ -338,7 +381,7 @@ def test_tests_that_are_none_come_back_invalid(tmp_path: Path) -> None:
     assert seen[8:] == [["INVALID", "Wrong type", []], [False, "Wrong type"]] * 2
     assert (stats["test_generated"], stats["test_invalid"], stats["test_passed"]) == (10, 9, 1)
     # What the bench was sent.
-    assert bench.roads[5] == [[None, 20.0], [50.0, None], None]
+    assert bench.roads[4:7] == [None] * 3
     assert bench.roads[7] == [[50.0, 20.0], [50.0, 50.0], [50.0, 90.0]]
     assert bench.roads[8:] == [None, None]
 
@@ -358,6 +401,21 @@ def test_a_generator_may_have_the_name_of_ours(spec: str, tmp_path: Path) -> Non
     done = run(spec, tmp_path, bench=bench, path=str(GENERATORS / "own_frenetic"))
     assert done.end["how"] == "over", done.end
     assert bench.executed == 10
+
+
+def test_a_clone_of_ours_beside_a_generator_is_not_taken_for_it(tmp_path: Path) -> None:
+    (tmp_path / "frenetic" / "src").mkdir(parents=True)
+    (tmp_path / "mine.py").write_text(
+        "class Mine:\n"
+        "    def __init__(self, executor, map_size):\n"
+        "        self.executor = executor\n"
+        "    def start(self):\n"
+        "        from frenetic.competition.hosting.executor import HostedExecutor\n"
+        "        assert isinstance(self.executor, HostedExecutor)\n",
+        encoding="utf-8",
+    )
+    done = run("mine:Mine", tmp_path, path=str(tmp_path))
+    assert done.end["how"] == "returned", done.end
 
 
 def test_our_own_generators_run_as_in_the_pipeline(
@@ -381,16 +439,22 @@ def test_processes_that_a_generator_spawns_know_the_pipeline(tmp_path: Path) -> 
 # --- generators that cannot be started ---------------------------------------------------------
 
 BROKEN = {
-    "there is no module 'nowhere': looked for it in": ("nowhere:Some", ""),
-    "there is no module 'nowhere': looked": ("nowhere.deeper:Some", ""),
+    "there is no module 'nowhere': looked for it in {path}, the run's working directory": (
+        "nowhere:Some",
+        "",
+    ),
+    "and what is installed for": (
+        "nowhere.deeper:Some",
+        "",
+    ),
     "there is no file": ("nowhere.py:Some", ""),
     "importing mine fails: ModuleNotFoundError: No module named 'no_such_thing'; install it": (
         "mine:Mine",
         "import no_such_thing",
     ),
-    "No module named 'code_pipeline.test_analysis'; the bench offers code_pipeline.": (
+    "No module named 'code_pipeline.tests_evaluation'; the bench offers code_pipeline.": (
         "mine:Mine",
-        "import code_pipeline.test_analysis",
+        "import code_pipeline.tests_evaluation",
     ),
     "importing mine fails: it ends its process with exit code 2": (
         "mine:Mine",
@@ -422,7 +486,7 @@ def test_a_generator_that_cannot_be_started_says_why(says: str, tmp_path: Path) 
     done = run(spec, tmp_path, path=str(tmp_path))
     assert [message["kind"] for message in done.messages] == ["end"]
     assert done.end["how"] == "crashed"
-    assert says in done.end["detail"]
+    assert says.replace("{path}", str(tmp_path)) in done.end["detail"]
     assert "\n" not in done.end["detail"]
 
 
@@ -491,6 +555,62 @@ def test_the_bench_may_say_unasked_that_the_budget_is_spent(tmp_path: Path) -> N
         send(process, {"over": True})
         message = json.loads(process.stdout.readline())
         assert (message["kind"], message["how"]) == ("end", "over")
+
+
+ABANDONING = """
+import subprocess, sys
+process = subprocess.Popen(
+    [sys.executable, "-u", MAIN], cwd=FOLDER, stdin=subprocess.PIPE, start_new_session=True
+)
+process.stdin.write(sys.stdin.buffer.readline())
+process.stdin.flush()
+print(process.pid, flush=True)
+sys.stdin.buffer.read()
+process.stdin.close()
+process.wait()
+"""
+
+
+def processor_time(pid: int) -> int:
+    """What a process has used of it, in ticks."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    return int(fields[11])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no group to be ended")
+@pytest.mark.parametrize(
+    ("name", "is_killed"),
+    [
+        ("Sleeping", False),
+        ("Sleeping", True),
+        pytest.param(
+            "Matching",
+            True,
+            marks=pytest.mark.skipif(sys.platform != "linux", reason="it is not told"),
+        ),
+    ],
+)
+def test_when_the_bench_is_gone_a_generator_goes_with_all_that_it_started(
+    name: str, is_killed: bool, tmp_path: Path
+) -> None:
+    script = ABANDONING.replace("MAIN", repr(str(MAIN))).replace("FOLDER", repr(str(tmp_path)))
+    pids: list[int] = []
+    with ending(lambda: pids), started(tmp_path, (sys.executable, "-u", "-c", script)) as bench:
+        assert bench.stdin is not None
+        assert bench.stdout is not None
+        send(bench, assignment(f"orphaned:{name}", Bench(), tmp_path))
+        pids.append(int(bench.stdout.readline()))
+        helper = tmp_path / "helper"
+        until(lambda: helper.is_file() and helper.read_text("utf-8"), "a helper is started")
+        pids.append(int(helper.read_text("utf-8")))
+        if name == "Matching":
+            since = processor_time(pids[0])
+            until(lambda: processor_time(pids[0]) > since + 20, "it is in the midst of matching")
+        if is_killed:
+            bench.kill()
+        else:
+            bench.stdin.close()
+        until_gone(pids)
 
 
 # --- an older Python ---------------------------------------------------------------------------

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import itertools
 import json
 import math
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -13,21 +16,35 @@ from hypothesis import given
 from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon, box
 
+from frenetic.analysis import competition, edit_distance
+from frenetic.competition.hosting.offered.code_pipeline import test_analysis
 from frenetic.competition.hosting.offered.code_pipeline.beamng_executor import BeamngExecutor
 from frenetic.competition.hosting.offered.code_pipeline.executors import MockExecutor
 from frenetic.competition.hosting.offered.code_pipeline.tests_generation import (
     RoadTest,
     RoadTestFactory,
+    TestGenerationStatistic,
 )
 from frenetic.competition.hosting.offered.code_pipeline.validation import TestValidator, min_radius
 from frenetic.competition.hosting.offered.code_pipeline.visualization import RoadTestVisualizer
 from frenetic.competition.hosting.offered.self_driving.bbox import RoadBoundingBox
+from frenetic.competition.hosting.offered.self_driving.catmull_rom import (
+    catmull_rom,
+    catmull_rom_2d,
+)
+from frenetic.competition.hosting.offered.self_driving.edit_distance_polyline import (
+    iterative_levenshtein,
+)
 from frenetic.competition.hosting.offered.self_driving.oob_monitor import OutOfBoundsMonitor
-from frenetic.competition.hosting.offered.self_driving.road_points import RoadPoints
+from frenetic.competition.hosting.offered.self_driving.road_points import (
+    List2DTuple,
+    List4DTuple,
+    RoadPoints,
+)
 from frenetic.competition.hosting.offered.self_driving.road_polygon import RoadPolygon
 from frenetic.competition.hosting.offered.self_driving.simulation_data import SimulationDataRecord
 from frenetic.errors import FreneticError, RoadError
-from frenetic.road import Road, check_validity
+from frenetic.road import Road, check_validity, validity
 from frenetic.road.validity import interpolate
 
 BEND = [(50.0, 20.0), (52.0, 50.0), (70.0, 80.0), (110.0, 90.0)]
@@ -50,13 +67,40 @@ def test_a_test_is_interpolated_as_the_validity_check_does_it() -> None:
     assert isinstance(test.interpolated_points[0], tuple)
 
 
-def test_the_length_of_a_road() -> None:
-    test = RoadTest(BEND, 1)
-    assert test.get_road_length() == pytest.approx(LineString(BEND).length)
+def test_the_length_of_a_road_is_that_of_its_interpolated_points() -> None:
+    test = RoadTest([(20, 100), (60, 140), (100, 60), (180, 100)], 1)
     line = LineString([point[:2] for point in test.interpolated_points])
-    assert test.get_road_length(interpolate_road_points=True) == pytest.approx(line.length)
-    assert RoadTest([], 1).get_road_length() == 0.0
-    assert RoadTest([(5.0, 5.0)], 1).get_road_length() == 0.0
+    assert test.get_road_length() == pytest.approx(line.length)
+    assert test.get_road_length() == pytest.approx(265.6, abs=0.1)
+    again = LineString(interpolate([point[:2] for point in test.interpolated_points]))
+    assert again.length != line.length
+    assert test.get_road_length(interpolate_road_points=True) == pytest.approx(again.length)
+
+
+@pytest.mark.parametrize("points", [[], [(5.0, 5.0)], [(5.0, 5.0), (5.0, 5.0)], "road"])
+def test_a_road_that_is_none_has_no_length(points: Any) -> None:
+    with pytest.raises(RoadError):
+        RoadTest(points, 1).get_road_length()
+
+
+def test_a_test_is_a_snapshot() -> None:
+    points = [[50.0, 20.0], [50.0, 90.0]]
+    rows = np.array(points)
+    tests = [RoadTestFactory.create_road_test(given) for given in (points, rows, list(rows))]
+    points.append([50.0, 190.0])
+    points[0][0] = 300.0
+    rows[:] = 0.0
+    for test in tests:
+        assert np.array_equal(test.road_points, [[50.0, 20.0], [50.0, 90.0]])
+        assert TestValidator(200).validate_test(test) == (True, "")
+
+
+def test_iterators_are_read_once() -> None:
+    given: Any = (map(float, point) for point in [(50, 20), (50, 90)])
+    test = RoadTestFactory.create_road_test(given)
+    for _ in range(2):
+        assert TestValidator(200).validate_test(test) == (True, "")
+    assert test.road_points == [(50.0, 20.0), (50.0, 90.0)]
 
 
 def test_a_test_as_json() -> None:
@@ -64,7 +108,7 @@ def test_a_test_as_json() -> None:
     assert json.loads(test.to_json())["is_valid"] is None
     test.set_validity(True, "")
     test.execution_data = [SimulationDataRecord(*[0.0] * 17)]  # type: ignore[arg-type]
-    test.test_outcome, test.description, test.features = "PASS", "Successful test", {}
+    test.test_outcome, test.description = "PASS", "Successful test"
     document = json.loads(test.to_json())
     assert list(document) == [
         "id",
@@ -79,12 +123,200 @@ def test_a_test_as_json() -> None:
     ]
     assert document["road_points"] == [[50.0, 20.0], [50.0, 90.0]]
     assert document["execution_data"] == [[0.0] * 17]
+    assert document["features"] == {"MAX_CURV": 0.0, "DIR_COV": 1 / 26}
+
+
+CIRCULAR: list[Any] = []
+CIRCULAR.append(CIRCULAR)
+ODD = [
+    None,
+    "abc",
+    7,
+    np.array(5.0),
+    [1, 2],
+    [(1, 2, 3), (4, 5, 6)],
+    [("a", "b")],
+    np.array([["1", "2"], ["3", "4"]]),
+    [(math.nan, 1.0), (2.0, 3.0)],
+    [(math.inf, 1.0), (2.0, 3.0)],
+    [(10**400, 1.0), (2.0, 3.0)],
+    [(1j, 1.0), (2.0, 3.0)],
+    [(1.0, 2.0), (3.0,)],
+    [(1.0, 2.0), None],
+    [itertools.count(), itertools.count()],
+    CIRCULAR,
+    {"x": 5},
+]
+
+
+@pytest.mark.parametrize("points", [*ODD, [], [(5.0, 5.0)], [(5.0, 5.0), (5.0, 5.0)]])
+def test_whatever_a_test_is_made_of_it_can_be_written(points: Any) -> None:
+    test = RoadTest(points, 1)
+    test.execution_data, test.description = [object()], "odd"  # type: ignore[list-item]
+    document = json.loads(test.to_json(), parse_constant=pytest.fail)
+    assert document["interpolated_points"] == []
+    assert "features" not in document
+
+
+def test_odd_points_are_written_as_far_as_they_are_numbers() -> None:
+    points: list[Any] = [("a", 20), (50.0, math.nan), 7]
+    test = RoadTest(points, 1)
+    assert json.loads(test.to_json())["road_points"] == [[None, 20.0], [50.0, None], None]
 
 
 def test_a_road_that_is_none_says_so_when_it_is_looked_at() -> None:
     test = RoadTest([(5.0, 5.0)], 1)
     with pytest.raises(RoadError, match="at least 2 points"):
         test.interpolated_points  # noqa: B018
+
+
+# --- counts ------------------------------------------------------------------------------------
+
+
+def test_the_counts_as_a_table_and_as_text() -> None:
+    stats = TestGenerationStatistic(
+        test_generated=5,
+        test_valid=3,
+        test_invalid=2,
+        test_passed=1,
+        test_failed=2,
+        obes=1,
+        test_generation_real_times=[0.25, 0.5],
+        test_execution_real_times=[36.0] * 3,
+        test_execution_simulation_times=[8.5],
+    )
+    row = next(csv.DictReader(io.StringIO(stats.as_csv())))
+    assert {name: float(value) for name, value in row.items()} == {
+        "test_generated": 5,
+        "test_valid": 3,
+        "test_invalid": 2,
+        "test_passed": 1,
+        "test_failed": 2,
+        "test_in_error": 0,
+        "real_time_generation": 0.75,
+        "real_time_execution": 108.0,
+        "simulated_time_execution": 8.5,
+    }
+    lines = str(stats).splitlines()
+    assert lines[0] == "test generated: 5"
+    assert lines[5] == "test in_error: 0"
+    assert lines[6] == "seconds of generating: 0.75"
+
+
+# --- features ----------------------------------------------------------------------------------
+
+
+def moment(steering: float, oob_distance: float) -> SimulationDataRecord:
+    here = (0.0, 0.0, 0.0)
+    return SimulationDataRecord(
+        0.0, here, here, here, steering, 0, 0, 0, 0, 0, 0, 0, False, 0, 0.0, oob_distance, 0.0
+    )
+
+
+def test_features_are_those_of_our_own_analysis() -> None:
+    test = RoadTest(BEND, 1)
+    line = [point[:2] for point in test.interpolated_points]
+    test.execution_data = [moment(-2.0, 1.5), moment(0.0, 0.5), moment(2.0, -0.5)]
+    assert test.features == pytest.approx(
+        {
+            "MAX_CURV": 1.0 / validity.min_radius(line),
+            "DIR_COV": competition.direction_coverage(line),
+            "STD_SA": math.sqrt(8 / 3),
+            "MEAN_LP": 0.5,
+            "MAX_LP": 1.5,
+        }
+    )
+    assert test_analysis.compute_all_features(line, []) == {
+        name: test.features[name] for name in ("MAX_CURV", "DIR_COV")
+    }
+    assert list(test_analysis.compute_all_features(test, test.execution_data[:2])) == [
+        "MAX_CURV",
+        "DIR_COV",
+    ]
+
+
+def test_a_test_that_was_not_executed_has_no_features() -> None:
+    test = RoadTest(BEND, 1)
+    assert not hasattr(test, "features")
+    test.features = {"MINE": 1.0}
+    assert json.loads(test.to_json())["features"] == {"MINE": 1.0}
+
+
+@pytest.mark.parametrize("window", [3, 5, 9])
+def test_the_curvature_of_a_circle(window: int) -> None:
+    angles = np.arange(0.0, 3.0, 0.05)
+    circle = 20.0 * np.column_stack([np.cos(angles), np.sin(angles)])
+    name, curvature = test_analysis.max_curvature(circle.tolist(), w=window)
+    assert name == "MAX_CURV"
+    assert curvature == pytest.approx(0.05)
+    assert test_analysis.max_curvature(circle[:window].tolist(), w=window) == ("MAX_CURV", 0.0)
+
+
+def test_directions_of_a_circle_fill_half_the_bins_or_all() -> None:
+    angles = np.linspace(0.0, 2.0 * math.pi, 400)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)]).tolist()
+    assert test_analysis.direction_coverage(circle) == ("DIR_COV", 13 / 26)
+    assert test_analysis.direction_coverage(circle, n_bins=5) == ("DIR_COV", 3 / 6)
+    assert test_analysis.direction_coverage_klk(circle) == ("DIR_COV", 35 / 36)
+
+
+# --- lines -------------------------------------------------------------------------------------
+
+
+def test_edits_are_those_of_our_own_analysis() -> None:
+    rng = np.random.default_rng(3)
+    lines = []
+    for _ in range(6):
+        headings = np.cumsum(rng.normal(0.0, 0.4, rng.integers(1, 30)))
+        steps = rng.uniform(0.9, 1.1, len(headings))[:, None]
+        moves = steps * np.column_stack([np.cos(headings), np.sin(headings)])
+        lines.append(np.vstack([[0.0, 0.0], np.cumsum(moves, axis=0)]))
+    for one in lines:
+        for other in lines:
+            edits = iterative_levenshtein(one.tolist(), other.tolist())
+            assert edits == pytest.approx(edit_distance(one, other), abs=1e-9)
+    with pytest.raises(RoadError, match="at least 2 points"):
+        iterative_levenshtein([(0.0, 0.0)], [(0.0, 0.0), (1.0, 0.0)])
+
+
+def by_the_pyramid(points: Any, t: float) -> Any:
+    """A point between the second and third of four, as Barry and Goldman find it."""
+    p = [np.array(point) for point in points]
+    knots = [0.0, *itertools.accumulate(math.dist(a, b) ** 0.5 for a, b in pairwise(points))]
+    u = knots[1] + t * (knots[2] - knots[1])
+
+    def between(a: Any, b: Any, i: int, j: int) -> Any:
+        return ((knots[j] - u) * a + (u - knots[i]) * b) / (knots[j] - knots[i])
+
+    a = [between(p[i], p[i + 1], i, i + 1) for i in range(3)]
+    b = [between(a[i], a[i + 1], i, i + 2) for i in range(2)]
+    return between(b[0], b[1], 1, 2)
+
+
+def test_a_catmull_rom_spline() -> None:
+    points = [(0.0, 0.0), (10.0, 1.0), (13.0, 9.0), (30.0, 12.0), (31.0, 20.0)]
+    line = catmull_rom_2d(points, 11)
+    assert len(line) == 21
+    assert (line[0], line[10], line[20]) == (points[1], points[2], points[3])
+    for k in range(21):
+        i = min(k // 10, 1)
+        expected = by_the_pyramid(points[i : i + 4], k / 10 - i)
+        assert line[k] == pytest.approx(expected, abs=1e-9)
+    nodes = catmull_rom([(x, y, -28.0, 8.0) for x, y in points], num_spline_points=11)
+    assert nodes == [(x, y, -28.0, 8.0) for x, y in line]
+    assert len(catmull_rom_2d(points)) == 39
+
+
+@pytest.mark.parametrize("points", [[], [(0, 0), (1, 0), (2, 0)], [(0, 0), (1, 0), (1, 0), (2, 0)]])
+def test_a_spline_needs_four_places(points: Any) -> None:
+    with pytest.raises(RoadError):
+        catmull_rom_2d(points)
+
+
+def test_names_for_annotations() -> None:
+    assert RoadTestFactory.RoadTest is RoadTest
+    assert List4DTuple == list[tuple[float, float, float, float]]
+    assert List2DTuple == list[tuple[float, float]]
 
 
 # --- validity ----------------------------------------------------------------------------------
@@ -109,14 +341,12 @@ def test_what_is_no_test_has_the_wrong_type(odd: Any) -> None:
     assert TestValidator(map_size=200).validate_test(odd) == (False, "Wrong type")
 
 
-@pytest.mark.parametrize(
-    "points", [None, [1, 2], [(1, 2, 3), (4, 5, 6)], [("a", "b")], [(math.nan, 1.0), (2.0, 3.0)]]
-)
-def test_points_that_are_none_are_invalid(points: Any) -> None:
-    valid, message = TestValidator(200).validate_test(RoadTest(points, 1))
-    assert not valid
-    assert message
-    assert "\n" not in message
+@pytest.mark.parametrize("points", ODD)
+def test_points_that_are_none_have_the_wrong_type(points: Any) -> None:
+    test = RoadTest(points, 1)
+    assert TestValidator(200).validate_test(test) == (False, "Wrong type")
+    with pytest.raises(RoadError, match="pairs x, y"):
+        test.interpolated_points  # noqa: B018
 
 
 @pytest.mark.parametrize("radius", [15.0, 30.0, 200.0])

@@ -142,6 +142,8 @@ class GeneratorStrategy:
         self._clock = clock
         self._patience = patience
         self._ledger = Ledger()
+        self._since = time.monotonic()
+        """When it was answered last."""
 
     def start(self) -> Ending | None:
         """Waits until the generator is built; returns how it ended if it ended at that."""
@@ -179,6 +181,7 @@ class GeneratorStrategy:
             "simulated": tested.result.duration if tested else 0.0,
             "spent": self._clock.spent,
         }
+        self._since = time.monotonic()
         with suppress(GeneratorLostError):  # its last words may still wait to be received
             self._process.send(answer)
 
@@ -199,14 +202,13 @@ class GeneratorStrategy:
     def _receive(self, patience: float | None = None) -> dict[str, Any] | None:
         """The generator's next message, None if it has ended; the time it says it took counts."""
         limit = self._patience if patience is None else patience
-        start = time.monotonic()
         try:
             message = self._process.receive(limit)
         except GeneratorLostError as error:
             self.ending = Ending(End.CRASHED, str(error))
             return None
         if message is not None:
-            self._clock.computing += _seconds(message, time.monotonic() - start)
+            self._clock.computing += _seconds(message, time.monotonic() - self._since)
         if message is None:
             self.ending = Ending(End.HUNG, f"it asked for no test for {limit:.3g} s")
         elif message.get("kind") == "end":

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from code_pipeline.tests_generation import RoadTestFactory
+from code_pipeline.validation import TestValidator
 
 ROADS = [
     [],
@@ -24,9 +25,15 @@ class OddTests:
 
     def start(self):
         seen = []
+        validator = TestValidator(200)
         for road_points in ROADS:
             test = RoadTestFactory.create_road_test(road_points)
+            told = [self.executor.validate_test(test), validator.validate_test(test)]
             outcome, description, data = self.executor.execute_test(test)
+            assert told == [(test.is_valid, test.validation_message)] * 2
+            assert outcome == "PASS" or description == test.validation_message
+            assert hasattr(test, "execution_data") == (outcome == "PASS")
+            json.loads(test.to_json())
             seen.append([outcome, description, len(data), test.id, test.is_valid])
         for other in ([(50.0, 20.0), (50.0, 90.0)], None):
             seen.append(list(self.executor.execute_test(other)))

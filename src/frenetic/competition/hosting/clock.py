@@ -13,8 +13,8 @@ _ROUNDING: Final = 1e-12
 class VirtualClock:
     """What is spent of a budget: what the bench says, which also decides whether a test still fits.
 
-    Where computing counts, the time since the bench's last answer comes on top, until the next test
-    is handed over.
+    Where computing counts, the time since the bench's last answer comes on top. The bench is told
+    that time with the next test and adds it up, too, so that what is spent does not jump.
 
     Args:
         budget: virtual s.
@@ -40,9 +40,7 @@ class VirtualClock:
     @property
     def spent(self) -> float:
         """Virtual s."""
-        if self._since is None or not self._counts_computing:
-            return self._settled
-        return self._settled + (self._timer() - self._since)
+        return self._settled + (self._own_time() if self._counts_computing else 0.0)
 
     @property
     def remaining(self) -> float:
@@ -61,10 +59,18 @@ class VirtualClock:
         """Let the generator's time count from now on."""
         self._since = self._timer()
 
-    def stop(self) -> None:
-        """Let the time stand still while a test is executed."""
-        self._settled = self.spent
+    def stop(self) -> float:
+        """Let the time stand still while a test is executed.
+
+        Returns:
+            s of wall time since it was let go on; 0 if it never was.
+
+        """
+        seconds = self._own_time()
+        if self._counts_computing:
+            self._settled += seconds
         self._since = None
+        return seconds
 
     def settle(self, spent: float) -> None:
         """Take what the bench says is spent, and start."""
@@ -74,3 +80,7 @@ class VirtualClock:
     def end(self) -> None:
         """Leave nothing of the budget."""
         self._ended = True
+
+    def _own_time(self) -> float:
+        since = self._since  # which another thread may set to None
+        return 0.0 if since is None else self._timer() - since

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterable
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
-from itertools import islice
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Any, Final, NoReturn
 
 from frenetic.competition.hosting.assignment import Assignment
 from frenetic.competition.hosting.clock import VirtualClock
@@ -17,7 +16,11 @@ from frenetic.competition.hosting.offered.code_pipeline.tests_generation import 
     RoadTest,
     TestGenerationStatistic,
 )
-from frenetic.competition.hosting.offered.code_pipeline.validation import WRONG_TYPE, TestValidator
+from frenetic.competition.hosting.offered.code_pipeline.validation import (
+    WRONG_TYPE,
+    TestValidator,
+    points_of,
+)
 from frenetic.competition.hosting.offered.self_driving.simulation_data import SimulationDataRecord
 from frenetic.competition.hosting.parent import Message, Parent
 
@@ -25,8 +28,6 @@ OVER: Final = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
 MOST_POINTS: Final = 10_000
 """Road points that the bench is sent; a road of more than 500 is invalid anyway."""
-MOST_VALUES: Final = 10
-"""Values of a road point that the bench is sent; a point of more than 2 is none anyway."""
 
 _COUNTERS: Final = {"PASS": "test_passed", "FAIL": "test_failed", "ERROR": "test_in_error"}
 _TIME_BUDGET: Final = "time-budget"
@@ -117,19 +118,25 @@ class HostedExecutor(AbstractTestExecutor):
         assignment: the terms.
         parent: the bench.
         remaining_as_number: whether `get_remaining_time` gives a number, as in 2021.
+        timer: tells s of wall time.
 
     """
 
     def __init__(
-        self, assignment: Assignment, parent: Parent, *, remaining_as_number: bool
+        self,
+        assignment: Assignment,
+        parent: Parent,
+        *,
+        remaining_as_number: bool,
+        timer: Callable[[], float] = time.monotonic,
     ) -> None:
         self._parent = parent
         self._seconds_per_test = assignment.seconds_per_test
         self._clock = VirtualClock(
-            assignment.time_budget, counts_computing=assignment.counts_computing
+            assignment.time_budget, counts_computing=assignment.counts_computing, timer=timer
         )
+        self._timer = timer
         self._lock = threading.Lock()
-        self._since = time.monotonic()  # when the generator began to make the next test
         self._was_ended = False
         self.map_size = assignment.map_size
         self.oob_tolerance = assignment.oob_tolerance
@@ -139,12 +146,16 @@ class HostedExecutor(AbstractTestExecutor):
         self.stats = TestGenerationStatistic()
         self.test_validator = TestValidator(assignment.map_size)
         self.road_visualizer = None
-        self.start_generation_time: float | None = self._since
+        self.start_generation_time: float | None = timer()
 
     def start(self) -> None:
         """Let the budget begin."""
         self._clock.start()
-        self._since = self.start_generation_time = time.monotonic()
+        self.start_generation_time = self._timer()
+
+    def stop(self) -> float:
+        """Let the time stand still for good; return s since the bench was last told of any."""
+        return self._clock.stop()
 
     @property
     def has_spent_the_budget(self) -> bool:
@@ -159,23 +170,25 @@ class HostedExecutor(AbstractTestExecutor):
 
         """
         with self._lock:
-            is_test = isinstance(the_test, RoadTest)
-            points = _plain_points(the_test.road_points) if is_test else None
-            self._clock.stop()
-            generation_time = time.monotonic() - self._since
-            message = self._parent.ask({"kind": "test", "road_points": points})
+            points = points_of(the_test)
+            if self._parent.has_spoken:  # unasked: it says so when the budget is spent
+                self._parent.receive()
+                self._refuse()
+            seconds = self._clock.stop()
+            sent = None if points is None else points[:MOST_POINTS]
+            message = self._parent.ask({"kind": "test", "road_points": sent, "seconds": seconds})
             if message.get("over"):
-                self._was_ended = True
-                self._clock.end()
-                raise SystemExit(OVER)
+                self._clock.start()
+                self._refuse()
             answer = Answer.from_json(message)
-            description = answer.description if is_test else WRONG_TYPE
-            if is_test:
+            if points is None:
+                answer = replace(answer, description=WRONG_TYPE)
+            if isinstance(the_test, RoadTest):
                 _note(the_test, answer)
-            self._count(answer, generation_time)
+            self._count(answer, seconds)
             self._clock.settle(answer.spent)
-            self._since = self.start_generation_time = time.monotonic()
-            return answer.outcome, description, answer.records
+            self.start_generation_time = self._timer()
+            return answer.outcome, answer.description, answer.records
 
     def validate_test(self, the_test: Any) -> tuple[bool, str]:
         """Return whether a test is valid, and if not, why; costs nothing."""
@@ -199,6 +212,11 @@ class HostedExecutor(AbstractTestExecutor):
 
     def close(self) -> None:
         """Do nothing: the bench ends the process."""
+
+    def _refuse(self) -> NoReturn:
+        self._was_ended = True
+        self._clock.end()
+        raise SystemExit(OVER)
 
     def _count(self, answer: Answer, generation_time: float) -> None:
         """Adds a test to `stats`.
@@ -226,35 +244,13 @@ class HostedExecutor(AbstractTestExecutor):
 def _note(test: RoadTest, answer: Answer) -> None:
     """Writes what became of a test into it."""
     test.set_validity(answer.is_executed, "" if answer.is_executed else answer.description)
-    test.execution_data = answer.records
-    test.test_outcome = answer.outcome
-    test.description = answer.description
-    test.features = {}
+    if answer.is_executed:
+        test.execution_data = answer.records
+        test.test_outcome = answer.outcome
+        test.description = answer.description
+        vars(test).pop("features", None)  # of an earlier drive
 
 
 def _record(row: list[Any]) -> SimulationDataRecord:
     values: list[Any] = [tuple(v) if isinstance(v, list) else v for v in row]
     return SimulationDataRecord(*values)
-
-
-def _plain_points(points: Any) -> list[list[float | None] | None]:
-    """Road points as JSON has them, as the generator gave them; what is no number becomes None."""
-    if not _is_list(points):
-        return []
-    return [
-        [_number(value) for value in islice(point, MOST_VALUES)] if _is_list(point) else None
-        for point in islice(points, MOST_POINTS)
-    ]
-
-
-def _is_list(value: Any) -> bool:
-    return isinstance(value, Iterable) and not isinstance(value, (str, bytes))
-
-
-def _number(value: Any) -> float | None:
-    if not hasattr(value, "__float__"):  # a text has none, a number of numpy has
-        return None
-    try:
-        return float(value)
-    except (TypeError, ValueError, OverflowError):
-        return None

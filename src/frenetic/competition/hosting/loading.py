@@ -7,6 +7,7 @@ import importlib
 import importlib.machinery
 import importlib.util
 import inspect
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -96,8 +97,8 @@ def _make_way(folders: list[str]) -> None:
     All that this process needs of ours is imported by then, and works without being found by name.
     """
     spec = importlib.machinery.PathFinder.find_spec("frenetic", folders)
-    places = [] if spec is None else [spec.origin or "", *(spec.submodule_search_locations or ())]
-    if not places or any(_is_ours(Path(place)) for place in places):
+    # A folder without __init__.py, as that of a clone, is found only where there is no module.
+    if spec is None or spec.origin is None or _is_ours(Path(spec.origin)):
         return
     check_validity([(0.0, 0.0), (0.0, 1.0)])  # what numba has compiled is loaded by name
     for name in [n for n in sys.modules if n == "frenetic" or n.startswith("frenetic.")]:
@@ -127,11 +128,20 @@ def _load(name: str) -> ModuleType:
         missing = error.name or ""
         if name != missing and not name.startswith(missing + "."):
             raise
-        looked = ", ".join(entry or "the working directory" for entry in sys.path[:8])
         raise GeneratorError(
-            f"there is no module {missing!r}: looked for it in {looked}; give its folder with"
-            " --path"
+            f"there is no module {missing!r}: looked for it in {_searched()} and what is installed"
+            f" for {sys.executable}; give its folder with --path"
         ) from None
+
+
+def _searched() -> str:
+    """The folders of the module path that are not of the interpreter."""
+    installed = tuple(f"{Path(prefix)}{os.sep}" for prefix in (sys.prefix, sys.base_prefix))
+    return ", ".join(
+        entry or "the run's working directory"
+        for entry in sys.path
+        if not entry.startswith(installed)
+    )
 
 
 def _load_file(file: Path) -> ModuleType:

@@ -8,7 +8,7 @@ import random
 import sys
 import threading
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, BinaryIO, Final
 
 import numpy as np
@@ -23,7 +23,7 @@ from frenetic.competition.hosting.loading import (
     prepare_path,
     takes_time_budget,
 )
-from frenetic.competition.hosting.parent import Parent
+from frenetic.competition.hosting.parent import Parent, leave_with_parent
 from frenetic.errors import describe_error
 
 MOST_LINES: Final = 20
@@ -41,10 +41,13 @@ class End:
     """One line."""
     traceback: str = ""
     """Its last lines."""
+    seconds: float = 0.0
+    """Of wall time since ``start`` was called or the bench was last told of any."""
 
 
 def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
     """Run a generator; this ends the process."""
+    leave_with_parent()
     parent = Parent(incoming, outgoing)
     end = run(Assignment.from_json(parent.receive()), parent)
     ours = {threading.current_thread(), parent.thread}
@@ -59,6 +62,7 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
             "detail": end.detail,
             "traceback": end.traceback,
             "threads": threads,
+            "seconds": end.seconds,
         }
     )
     os._exit(0)  # without waiting for the generator's threads
@@ -82,7 +86,8 @@ def run(assignment: Assignment, parent: Parent) -> End:
         return End("crashed", str(error), _printed(error.__cause__))
     parent.send({"kind": "ready"})
     executor.start()
-    return _started(generator, executor)
+    end = _started(generator, executor)
+    return replace(end, seconds=executor.stop())
 
 
 def _started(generator: Any, executor: HostedExecutor) -> End:

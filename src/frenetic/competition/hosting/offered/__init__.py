@@ -14,12 +14,15 @@ from frenetic.competition.hosting.offered import code_pipeline, self_driving
 from frenetic.competition.hosting.offered.code_pipeline import (
     beamng_executor,
     executors,
+    test_analysis,
     tests_generation,
     validation,
     visualization,
 )
 from frenetic.competition.hosting.offered.self_driving import (
     bbox,
+    catmull_rom,
+    edit_distance_polyline,
     oob_monitor,
     road_points,
     road_polygon,
@@ -30,10 +33,13 @@ PACKAGES = {"code_pipeline": code_pipeline, "self_driving": self_driving}
 MODULES = (
     beamng_executor,
     executors,
+    test_analysis,
     tests_generation,
     validation,
     visualization,
     bbox,
+    catmull_rom,
+    edit_distance_polyline,
     oob_monitor,
     road_points,
     road_polygon,

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from frenetic.competition.hosting.offered.code_pipeline.test_analysis import compute_all_features
+from frenetic.competition.hosting.offered.given_points import (
+    number_pairs,
+    plain_points,
+    snapshot,
+)
 from frenetic.competition.hosting.offered.self_driving.road_polygon import RoadPolygon
 from frenetic.competition.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from frenetic.errors import RoadError
 from frenetic.road.validity import interpolate
 
 GROUND: Final = -28.0
@@ -28,7 +36,7 @@ class RoadTest:
     """A road to be driven.
 
     Args:
-        road_points: x, y in m.
+        road_points: x, y in m; copied.
         number: of the test, from 1.
 
     """
@@ -36,13 +44,12 @@ class RoadTest:
     # Only an executed test has these.
     execution_data: list[SimulationDataRecord]
     test_outcome: str
-    """PASS, FAIL, ERROR or INVALID."""
+    """PASS, FAIL or ERROR."""
     description: str
-    features: dict[str, float] | None
 
-    def __init__(self, road_points: Sequence[Point], number: int) -> None:
+    def __init__(self, road_points: Iterable[Point], number: int) -> None:
         self.id = number
-        self.road_points = road_points
+        self.road_points = snapshot(road_points)
         self.is_valid: bool | None = None
         """None until somebody has looked."""
         self.validation_message: str | None = None
@@ -55,7 +62,9 @@ class RoadTest:
             RoadError: No line passes through the road points.
 
         """
-        points = [(point[0], point[1]) for point in self.road_points]
+        points = number_pairs(self.road_points)
+        if points is None:
+            raise RoadError("road points must be a list of pairs x, y of finite numbers")
         return [(x, y, GROUND, WIDTH) for x, y in interpolate(points).tolist()]
 
     @cached_property
@@ -68,21 +77,36 @@ class RoadTest:
         """
         return RoadPolygon.from_nodes(self.interpolated_points)
 
+    @cached_property
+    def features(self) -> dict[str, float]:
+        """Of an executed test: see `compute_all_features`.
+
+        Raises:
+            AttributeError: The test was not executed.
+
+        """
+        if not hasattr(self, "execution_data"):
+            raise AttributeError("a test that was not executed has no features")
+        return compute_all_features(self, self.execution_data)
+
     def get_road_polygon(self) -> RoadPolygon:
         """Return the road's area."""
         return self.road_polygon
 
     def get_road_length(self, interpolate_road_points: bool = False) -> float:
-        """Return m from the first road point to the last, straight from each point to the next.
+        """Return m along the interpolated points.
 
         Args:
-            interpolate_road_points: whether to go along the interpolated points instead.
+            interpolate_road_points: whether they are interpolated once more.
+
+        Raises:
+            RoadError: No line passes through the road points.
 
         """
-        points: Sequence[Point] = self.road_points
+        points = np.array(self.interpolated_points)[:, :2]
         if interpolate_road_points:
-            points = self.interpolated_points
-        steps = np.diff([(point[0], point[1]) for point in points], axis=0).reshape(-1, 2)
+            points = interpolate(points)
+        steps = np.diff(points, axis=0)
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
 
     def set_validity(self, is_valid: bool, validation_message: str) -> None:
@@ -93,30 +117,37 @@ class RoadTest:
     def to_json(self) -> str:
         """Return the test as a JSON object, with what became of it if it was executed.
 
-        Raises:
-            RoadError: No line passes through the road points.
-
+        Road points that are no numbers are null in it; where no line passes through them, there are
+        no interpolated points.
         """
+        try:
+            interpolated = self.interpolated_points
+        except RoadError:
+            interpolated = []
         document: dict[str, Any] = {
             "id": self.id,
             "is_valid": self.is_valid,
             "validation_message": self.validation_message,
-            "road_points": [[float(value) for value in point] for point in self.road_points],
-            "interpolated_points": self.interpolated_points,
+            "road_points": plain_points(self.road_points),
+            "interpolated_points": interpolated,
         }
         for name in ("test_outcome", "description", "execution_data", "features"):
-            if hasattr(self, name):
+            with suppress(AttributeError, RoadError):
                 document[name] = getattr(self, name)
-        return json.dumps(document)
+        return json.dumps(document, default=str)
+
+
+_Test = RoadTest  # which is another name in the next class
 
 
 class RoadTestFactory:
     """Makes road tests, numbered from 1."""
 
+    RoadTest = RoadTest
     _numbers: ClassVar[Iterator[int]] = itertools.count(1)
 
     @staticmethod
-    def create_road_test(road_points: Sequence[Point]) -> RoadTest:
+    def create_road_test(road_points: Iterable[Point]) -> _Test:
         """Return the next road test; road points are x, y in m."""
         return RoadTest(road_points, next(RoadTestFactory._numbers))
 
@@ -142,3 +173,30 @@ class TestGenerationStatistic:
     """s that each executed test cost, in the virtual time of the bench."""
     test_execution_simulation_times: list[float] = field(default_factory=list)
     """s of simulated time of each executed test."""
+
+    def __str__(self) -> str:
+        lines = [f"{name.replace('_', ' ', 1)}: {getattr(self, name)}" for name in _COUNTS]
+        lines += [
+            f"seconds of generating: {sum(self.test_generation_real_times)}",
+            f"seconds of executing: {sum(self.test_execution_real_times)}",
+            f"seconds of simulated time: {sum(self.test_execution_simulation_times)}",
+        ]
+        return "".join(f"{line}\n" for line in lines)
+
+    def as_csv(self) -> str:
+        """Return a line of names and a line of values; times are sums in s."""
+        row = {name: getattr(self, name) for name in _COUNTS}
+        row["real_time_generation"] = sum(self.test_generation_real_times)
+        row["real_time_execution"] = sum(self.test_execution_real_times)
+        row["simulated_time_execution"] = sum(self.test_execution_simulation_times)
+        return "\n".join([",".join(row), ",".join(map(str, row.values()))])
+
+
+_COUNTS: Final = (
+    "test_generated",
+    "test_valid",
+    "test_invalid",
+    "test_passed",
+    "test_failed",
+    "test_in_error",
+)

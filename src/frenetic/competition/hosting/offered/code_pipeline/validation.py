@@ -6,11 +6,11 @@ from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final
 
 from frenetic.competition.hosting.offered.code_pipeline.tests_generation import RoadTest
-from frenetic.errors import RoadError
+from frenetic.competition.hosting.offered.given_points import number_pairs
 from frenetic.road import check_validity, validity
 
 WRONG_TYPE: Final = "Wrong type"
-"""What is said of what is no road test."""
+"""What is said of what is no road test, or of road points that are no pairs of finite numbers."""
 FEET_PER_METRE: Final = 3.280839895
 
 
@@ -29,14 +29,16 @@ class TestValidator:
 
     def validate_test(self, the_test: Any) -> tuple[bool, str]:
         """Return whether a test is valid, and the first rule that it breaks."""
-        if not isinstance(the_test, RoadTest):
+        points = points_of(the_test)
+        if points is None:
             return False, WRONG_TYPE
-        try:
-            points = [tuple(point) for point in the_test.road_points]
-            verdict = check_validity(points, self.map_size)
-        except (RoadError, TypeError) as error:
-            return False, str(error)
+        verdict = check_validity(points, self.map_size)
         return verdict.valid, verdict.message
+
+
+def points_of(the_test: Any) -> list[tuple[float, float]] | None:
+    """Return a test's road points, x, y in m; None if it, or they, have the wrong type."""
+    return number_pairs(the_test.road_points) if isinstance(the_test, RoadTest) else None
 
 
 def min_radius(points: Iterable[Sequence[float]]) -> float:

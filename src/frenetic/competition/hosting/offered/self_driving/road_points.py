@@ -11,6 +11,9 @@ from frenetic.errors import RoadError
 
 Place = tuple[float, float]
 Node = Sequence[float]
+# Names for annotations, which generators import.
+List4DTuple = list[tuple[float, float, float, float]]
+List2DTuple = list[tuple[float, float]]
 
 
 class RoadPoints:
