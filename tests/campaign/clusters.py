@@ -17,6 +17,7 @@ from pids import descendants, ending, until
 
 HERE = Path(__file__).parent
 """Parts of campaigns are in files here, which workers find as if they were installed there."""
+SHARED = HERE.parent / "shared"
 ONE_SEAT = ("--nthreads", "1", "--resources", "simulator=1")
 
 
@@ -78,7 +79,7 @@ class Cluster:
             ],
             stdout=log,
             stderr=subprocess.STDOUT,
-            env=os.environ | {"PYTHONPATH": f"{path}{os.pathsep}{HERE}"},
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(map(str, (path, HERE, SHARED)))},
         )
         self._stack.callback(end, process)
         return process

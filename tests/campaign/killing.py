@@ -21,7 +21,7 @@ from frenetic.campaign.workers import processes
 from frenetic.search import Frenetic
 from frenetic.testing import DummyDriver
 
-SIMULATIONS = 160
+SIMULATIONS = 600
 
 
 @dataclass(frozen=True)

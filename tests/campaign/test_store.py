@@ -8,7 +8,7 @@ import shutil
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -686,19 +686,17 @@ def test_held_results_are_one_transaction(store: CampaignStore) -> None:
 
 
 def test_its_writer_sees_what_it_holds(store: CampaignStore) -> None:
-    for number, see in enumerate(
-        (
-            lambda: store.counts().told,
-            lambda: len(list(store.tests())),
-            lambda: store.test(3).told,
-            lambda: store.elapsed() * 8,
-            lambda: sum(1 for _ in store.rows("SELECT * FROM test")),
-        ),
-        start=1,
-    ):
+    looks: list[Callable[[], float]] = [
+        lambda: store.counts().told,
+        lambda: len(list(store.tests())),
+        lambda: store.test(3).told,
+        lambda: store.elapsed() * 8,
+        lambda: sum(1 for _ in store.rows("SELECT * FROM test")),
+    ]
+    for number, look in enumerate(looks, start=1):
         store.asked(make_candidate(number))
         store.told(make_record(number), hold=True)
-        assert see() == number
+        assert look() == number
     store.asked(make_candidate(6))
     store.told(make_record(6), hold=True)
     store.close()

@@ -6,7 +6,6 @@ import json
 import logging
 import multiprocessing
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -51,7 +50,6 @@ from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG, CampaignLog
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.campaign.workers import Attempt, LocalWorkers, ThisProcess, Workers, processes
-from frenetic.drivers import Driver
 from frenetic.campaign.workers.messages import (
     Finished,
     Hopeless,
@@ -62,6 +60,7 @@ from frenetic.campaign.workers.messages import (
     encode_candidate,
     encode_message,
 )
+from frenetic.drivers import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
@@ -834,7 +833,7 @@ def test_candidates_travel(candidate: Candidate) -> None:
 
 
 def test_messages_travel() -> None:
-    tester = RoadTester(DummySimulator(lambda _: 0.3), DummyDriver())
+    tester = RoadTester(DummySimulator(lambda road: 0.5 * len(road.curvatures)), DummyDriver())
     outcomes = set()
     for candidate in roads([2, 8, 12, 40]):
         tested = tester.test(candidate).pack()

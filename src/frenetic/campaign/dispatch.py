@@ -101,7 +101,7 @@ class Dispatcher:
         while True:
             self._ask()
             self._hand_out()
-            yield from self._report()
+            yield from self._report()  # what was dropped
             if self._is_over():
                 return
             if self._may_ask():

@@ -51,7 +51,7 @@ PREFETCH: Final = 8
 asleep and waking up costs it more than the test of a road that is better chosen gains."""
 PREFETCHED_TIME: Final = 0.02
 """s that testing those which wait in a worker may take; where one takes longer, none waits."""
-NEEDED: Final = 2
+NEEDED: Final = 3
 """Candidates that keep such a worker busy until the campaign hears that one is done."""
 MOST_ON_WINDOWS: Final = 60
 """Workers: its kernel waits for so many objects at once."""
