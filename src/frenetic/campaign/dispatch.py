@@ -156,7 +156,9 @@ class Dispatcher:
         if self._lookahead:
             # Also after an interrupt: what is asked must not depend on when that comes.
             return len(self._outstanding) < self._lookahead
-        return not self._interrupt.requested and len(self._waiting) < self._workers.free
+        # What is asked later is chosen better, and less of it is dropped.
+        room = self._workers.needed if self._selective else self._workers.free
+        return not self._interrupt.requested and len(self._waiting) < room
 
     def _hand_out(self) -> None:
         """Hands what waits to free workers; what is not wanted any more is dropped."""
