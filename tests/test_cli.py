@@ -188,18 +188,17 @@ def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.store import TestRecord
 
     folder = Path.cwd()
-    told = CampaignStore.told
+    write = CampaignStore.write
 
-    def fill_up(self: CampaignStore, record: TestRecord, packed: bytes | None = None) -> None:
-        if record.told == 10:
+    def fill_up(self: CampaignStore) -> None:
+        write(self)
+        if self.counts().told >= 9:
             (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
             self._connection.execute(f"PRAGMA max_page_count = {pages}")
-        told(self, record, packed)
 
-    monkeypatch.setattr(CampaignStore, "told", fill_up)
+    monkeypatch.setattr(CampaignStore, "write", fill_up)
     refused(frenetic("run", "--simulations", "500", "--seed", "1", "--out", "c"), "full")
     monkeypatch.undo()
     with CampaignStore.open(folder / "c") as store:
