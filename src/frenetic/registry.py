@@ -211,7 +211,7 @@ def user_files() -> list[str]:
     """The files of users' own modules that this process has loaded."""
     return [
         module.__file__
-        for name, module in sys.modules.items()
+        for name, module in sys.modules.copy().items()  # another thread may be importing
         if name.startswith(USER_MODULE) and module.__file__ is not None
     ]
 

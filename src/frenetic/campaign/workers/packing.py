@@ -40,7 +40,7 @@ def own_modules() -> list[ModuleType]:
     folders = {Path.cwd().resolve(), *(Path(file).resolve().parent for file in user_files())}
     return [
         module
-        for name, module in sys.modules.items()
+        for name, module in sys.modules.copy().items()  # another thread may be importing
         if name.startswith(USER_MODULE)
         or ("." not in name and name not in ("__main__", "frenetic") and _home(module) in folders)
     ]
