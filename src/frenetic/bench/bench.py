@@ -9,12 +9,16 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+import numpy as np
+
 from frenetic.analysis.comparing import Comparison, compare, compare_measured
 from frenetic.analysis.measuring import measure_campaign
+from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant, folder_names
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.processes import Run, RunEnd, run_all
@@ -27,6 +31,8 @@ from frenetic.campaign.versions import package_versions
 from frenetic.compilation import compile_kernels
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
+from frenetic.road import Road, check_validity
+from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 
 BENCHES: Final = Path("benches")
 """Where benches go that are given no folder."""
@@ -148,6 +154,7 @@ class Bench:
         with ExitStack() as stack:
             prepare(self.terms.simulator)
             compile_kernels()
+            _compile_measures()
             if resume:
                 self._require_same()
             else:
@@ -352,6 +359,24 @@ def unusual_endings(states: Sequence[RunState]) -> list[str]:
         if threads := sum(state.ending.threads for state in runs if state.ending is not None):
             found.append(f"{name} left {threads} threads running.")
     return found
+
+
+@cache
+def _compile_measures() -> None:
+    """Compiles what runs need beside driving, before there are several of them.
+
+    Processes that compile the same kernel at once can spoil each other's cache on disk.
+    """
+    points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
+    for some in (points, points[::10]):
+        Road.from_points(some)
+    check_validity(points)
+    min_radius(interpolate(points))
+    overlaps_itself(points, points + 4.0)
+    segments = [points, 1.5 * points, points[:-4].copy()]
+    competition_sparseness(segments)
+    diversity(segments)
+    edit_distance(segments[0], segments[1])
 
 
 def new_folder() -> Path:
