@@ -109,12 +109,13 @@ def test_run_as_json_prints_one_object(frenetic: Frenetic) -> None:
 
 
 def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
-    first = frenetic("run", "--simulations", "5", "--json").json
-    second = frenetic("run", "--simulations", "5", "--json").json
+    run = ["run", "--simulations", "5", "--ordered", "--json"]
+    first = frenetic(*run).json
+    second = frenetic(*run).json
     assert first["folder"] != second["folder"]
     assert Path(first["folder"]).parent == Path("campaigns")
     assert Path(second["folder"], "campaign.sqlite").is_file()
-    repeated = frenetic("run", "--simulations", "5", "--seed", str(first["seed"]), "--json").json
+    repeated = frenetic(*run, "--seed", str(first["seed"])).json
     assert repeated["min_moobd"] == first["min_moobd"]
 
 
