@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.overlap import share_outside
@@ -66,7 +66,7 @@ class Result:
     """Where the car left the lane, if that is why it failed."""
 
 
-@njit(cache=True)
+@njit()
 def assess_record(
     table: FloatArray,
     ds: float,
@@ -128,7 +128,7 @@ def assess_record(
     return end, s, d, road_heading, share
 
 
-@njit(cache=True)
+@njit()
 def _assess(
     table: FloatArray,
     ds: float,

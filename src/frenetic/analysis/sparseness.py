@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 
 SAME_ANGLE: Final = 0.3
 """Degrees by which the turns of two equal steps differ less."""
@@ -124,7 +124,7 @@ def _words(
     return np.concatenate(angles), np.concatenate(lengths), np.cumsum(counts, dtype=np.int64)
 
 
-@njit(cache=True)
+@njit()
 def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> float:
     """Cost 0..1 of replacing the letter p of ``angles`` and ``lengths`` by their letter q."""
     angle = abs(angles[p] - angles[q])
@@ -138,7 +138,7 @@ def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> flo
     return cost
 
 
-@njit(cache=True)
+@njit()
 def _at_most(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
@@ -150,7 +150,7 @@ def _at_most(
     return cost + max(i_end - i, j_end - j) - both
 
 
-@njit(cache=True)
+@njit()
 def _distance(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
@@ -169,7 +169,7 @@ def _distance(
     return distance
 
 
-@njit(cache=True)
+@njit()
 def _largest_later(
     angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
 ) -> FloatArray:
@@ -195,7 +195,7 @@ def _largest_later(
     return largest
 
 
-@njit(cache=True)
+@njit()
 def _summaries(
     angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
 ) -> FloatArray:

@@ -363,10 +363,7 @@ def unusual_endings(states: Sequence[RunState]) -> list[str]:
 
 @cache
 def _compile_measures() -> None:
-    """Compiles what runs need beside driving, before there are several of them.
-
-    Processes that compile the same kernel at once can spoil each other's cache on disk.
-    """
+    """Compiles what runs need beside driving, so that not each of those that start at once does."""
     points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
     for some in (points, points[::10]):
         Road.from_points(some)

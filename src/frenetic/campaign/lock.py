@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self
+from typing import Self
 
 from frenetic.errors import CampaignError
+from frenetic.file_locks import try_to_lock
 
-if sys.platform == "win32":
-    import msvcrt
-else:
-    import fcntl
-
-_LOCKED_BYTE: Final = 1 << 30
-"""Far beyond the file's text: on Windows nobody else can read a byte that is locked."""
-
-# POSIX record locks belong to the process: they neither stop it from locking twice nor survive its
-# closing any other descriptor of the file. So a file that this process holds is not opened again.
-# They are chosen because a forked worker does not inherit them: an orphan keeps nothing locked.
+# A process may lock a file twice, and loses its lock when it closes any descriptor of the file (see
+# `try_to_lock`). So a file that this process holds is not opened again.
 _held_here: set[Path] = set()
 
 
@@ -49,7 +40,7 @@ class FileLock:
                 f"cannot write {path}: {error.strerror or error}; check its folder's permissions"
             ) from error
         try:
-            _lock(self._file)
+            try_to_lock(self._file)
         except OSError as error:
             holder = _read_holder(self._file)
             os.close(self._file)
@@ -105,29 +96,13 @@ def find_holder(path: Path) -> str | None:
     except OSError:
         return None
     try:
-        _lock(file, shared=True)
+        try_to_lock(file, shared=True)
     except OSError:
         return _read_holder(file).strip(" ()") or "another process"
     else:
         return None
     finally:
         os.close(file)  # and with it the lock, if it was got
-
-
-def _lock(file: int, *, shared: bool = False) -> None:
-    """Lock the open `file`; BlockingIOError or PermissionError if another process has it.
-
-    A file that is open for reading only can be locked `shared`, which keeps nobody from reading.
-    """
-    if sys.platform == "win32":
-        os.lseek(file, _LOCKED_BYTE, os.SEEK_SET)
-        try:
-            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-        finally:
-            os.lseek(file, 0, os.SEEK_SET)
-    else:
-        kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
-        fcntl.lockf(file, kind | fcntl.LOCK_NB, 1, _LOCKED_BYTE)
 
 
 def _read_holder(file: int) -> str:

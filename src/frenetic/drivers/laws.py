@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup
 
 PLANNER, STANLEY = range(2)
@@ -43,7 +43,7 @@ def setup_array(setup: DriveSetup) -> FloatArray:
     )
 
 
-@njit(cache=True)
+@njit()
 def planned_speed(
     curvature_ahead: FloatArray,
     rows: int,
@@ -75,7 +75,7 @@ def planned_speed(
     return math.sqrt(best)
 
 
-@njit(cache=True)
+@njit()
 def pedals(speed: float, wanted: float, gain: float, setup: FloatArray) -> tuple[float, float]:
     """(throttle, brake) that bring the speed towards the wanted one at ``gain`` 1/s."""
     acceleration = gain * (wanted - speed)
@@ -84,7 +84,7 @@ def pedals(speed: float, wanted: float, gain: float, setup: FloatArray) -> tuple
     return 0.0, min(-acceleration / setup[MAX_DECELERATION], 1.0)
 
 
-@njit(cache=True)
+@njit()
 def planned_pedals(
     speed: float,
     curvature_ahead: FloatArray,
@@ -104,7 +104,7 @@ def planned_pedals(
     return pedals(speed, wanted, parameters[SPEED_GAIN], setup)
 
 
-@njit(cache=True)
+@njit()
 def planner(
     speed: float,
     ahead: FloatArray,
@@ -133,7 +133,7 @@ def planner(
     return min(max(steering, -bound), bound), throttle, brake
 
 
-@njit(cache=True)
+@njit()
 def stanley(
     speed: float,
     yaw_rate: float,
@@ -164,7 +164,7 @@ def stanley(
     return min(max(steering, -bound), bound), throttle, brake
 
 
-@njit(cache=True)
+@njit()
 def decide(
     law: int,
     speed: float,

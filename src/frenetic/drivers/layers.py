@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
     AHEAD_POINTS,
@@ -32,7 +32,7 @@ HEADING_PER_OFFSET: Final = 0.1
 _BLOCK = 256
 
 
-@njit(cache=True)
+@njit()
 def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None:
     """Moves the view ahead, in place, as it looks to a car that errs about its place.
 
@@ -140,7 +140,7 @@ class ErrorSequence:
         return scaled
 
 
-@njit(cache=True)
+@njit()
 def _autoregress(fresh: FloatArray, last: FloatArray, keep: float) -> FloatArray:
     """Standard normal rows made to depend on the row before, the variance kept at 1."""
     out = np.empty_like(fresh)

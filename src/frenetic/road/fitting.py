@@ -109,7 +109,7 @@ def fit_to_map(
     return RigidMotion(rotation, centre - (low_x + high_x) / 2.0, centre - (low_y + high_y) / 2.0)
 
 
-@njit(cache=True)
+@njit()
 def _box(points: FloatArray) -> tuple[float, float, float, float]:
     """Return low x, low y, high x, high y; NaN if any coordinate is."""
     low_x = high_x = points[0, 0]
@@ -125,7 +125,7 @@ def _box(points: FloatArray) -> tuple[float, float, float, float]:
     return low_x, low_y, high_x, high_y
 
 
-@njit(cache=True)
+@njit()
 def _convex_hull(points: FloatArray) -> FloatArray:
     """Return the corners of the convex hull, (H, 2), counter-clockwise (Andrew's chain).
 
@@ -154,7 +154,7 @@ def _convex_hull(points: FloatArray) -> FloatArray:
     return hull[: max(size, 1)].copy()
 
 
-@njit(cache=True)
+@njit()
 def _smallest_square(hull: FloatArray) -> tuple[float, float]:
     """Return the rotation in (-45, 45] degrees, in rad, that needs the smallest square; its side.
 
@@ -197,7 +197,7 @@ def _smallest_square(hull: FloatArray) -> tuple[float, float]:
     return (best if best <= _QUARTER / 2.0 else best - _QUARTER), smallest
 
 
-@njit(cache=True)
+@njit()
 def _farthest(hull: FloatArray, x: float, y: float, start: int) -> int:
     """Return the corner farthest in the direction (x, y), climbing along the hull from `start`."""
     n = len(hull)

@@ -46,7 +46,7 @@ _G0, _G1, _G2, _G3, _G4 = (float(v) for v in _GAUSS_X)
 _W0, _W1, _W2, _W3, _W4 = (float(v) for v in _GAUSS_W)
 
 
-@njit(cache=True)
+@njit()
 def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[float, float]:
     """Displacement (dx, dy) after ``u`` m of a clothoid with the given start and curvature rate."""
     dx = 0.0
@@ -59,7 +59,7 @@ def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[floa
     return u * dx, u * dy
 
 
-@njit(cache=True)
+@njit()
 def _turn(angle: float) -> tuple[float, float]:
     """Cosine and sine of an angle of at most SUB_TURN, to 1e-11: their Taylor polynomials."""
     q = angle * angle
@@ -70,7 +70,7 @@ def _turn(angle: float) -> tuple[float, float]:
     return cosine, sine
 
 
-@njit(cache=True)
+@njit()
 def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
     """`chord` in the frame of its start, over at most one sub-step: no trigonometry, so fast."""
     ahead = 0.0
@@ -83,7 +83,7 @@ def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
     return u * ahead, u * left
 
 
-@njit(cache=True)
+@njit()
 def sub_steps(curvatures: FloatArray, step: float) -> int:
     """Number of sub-steps per piece that keeps them below SUB_STEP and SUB_TURN."""
     sharpest = 0.0
@@ -92,7 +92,7 @@ def sub_steps(curvatures: FloatArray, step: float) -> int:
     return max(1, math.ceil(max(step / SUB_STEP, step * sharpest / SUB_TURN) - 1e-9))
 
 
-@njit(cache=True)
+@njit()
 def build_table(
     curvatures: FloatArray, step: float, x: float, y: float, heading: float, per_piece: int
 ) -> FloatArray:
@@ -128,7 +128,7 @@ def build_table(
     return table
 
 
-@njit(cache=True)
+@njit()
 def heading_at(table: FloatArray, ds: float, s: float) -> float:
     """Heading of the centre line at ``s``; straight beyond both ends."""
     last = len(table) - 1
@@ -139,7 +139,7 @@ def heading_at(table: FloatArray, ds: float, s: float) -> float:
     return heading
 
 
-@njit(cache=True)
+@njit()
 def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, float, float, float]:
     """(x, y, cosine and sine of the heading, curvature) at ``s``; straight beyond both ends."""
     last = len(table) - 1
@@ -166,7 +166,7 @@ def frame_at(table: FloatArray, ds: float, s: float) -> tuple[float, float, floa
     )
 
 
-@njit(cache=True)
+@njit()
 def _refine(
     table: FloatArray, ds: float, px: float, py: float, low: int, high: int
 ) -> tuple[float, float]:
@@ -205,13 +205,13 @@ def _refine(
     return s, offset
 
 
-@njit(cache=True)
+@njit()
 def project_global(table: FloatArray, ds: float, px: float, py: float) -> tuple[float, float]:
     """(s, d) of the point of the whole road that is nearest to (px, py)."""
     return _refine(table, ds, px, py, 0, len(table) - 1)
 
 
-@njit(cache=True)
+@njit()
 def project_near(
     table: FloatArray, ds: float, px: float, py: float, s: float, reach: float
 ) -> tuple[float, float]:
@@ -226,7 +226,7 @@ def project_near(
     return _refine(table, ds, px, py, low, high)
 
 
-@njit(cache=True)
+@njit()
 def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
     """(n, 2) distances along and lateral offsets of a path of (n, 2) consecutive positions.
 
@@ -247,7 +247,7 @@ def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True)
+@njit()
 def reach_of(moved: float) -> float:
     """How far along the road (m) to look for a car that moved ``moved`` m since it was last seen.
 
@@ -257,7 +257,7 @@ def reach_of(moved: float) -> float:
     return 2.0 + 2.0 * moved
 
 
-@njit(cache=True)
+@njit()
 def project_all(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
     """(n, 2) distances along and lateral offsets of (n, 2) unrelated positions."""
     out = np.empty((len(xy), 2))
@@ -266,7 +266,7 @@ def project_all(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True)
+@njit()
 def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: float) -> FloatArray:
     """(n, 2) points at ``distances`` (n,) along the road, ``offset`` m left of its centre line."""
     out = np.empty((len(distances), 2))
@@ -277,7 +277,7 @@ def sample_line(table: FloatArray, ds: float, distances: FloatArray, offset: flo
     return out
 
 
-@njit(cache=True)
+@njit()
 def _integrate(
     curvatures: FloatArray, step: float, x: float, y: float, heading: float
 ) -> tuple[FloatArray, FloatArray]:

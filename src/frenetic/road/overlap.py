@@ -17,7 +17,7 @@ On the sharpest valid curve (radius 14.3 m) an edge then deviates by 2 mm, the s
 """
 
 
-@njit(cache=True)
+@njit()
 def _clip(
     polygon: FloatArray, n: int, ax: float, ay: float, bx: float, by: float, out: FloatArray
 ) -> int:
@@ -41,7 +41,7 @@ def _clip(
     return count
 
 
-@njit(cache=True)
+@njit()
 def _area(polygon: FloatArray, n: int) -> float:
     total = 0.0
     for i in range(n):
@@ -50,7 +50,7 @@ def _area(polygon: FloatArray, n: int) -> float:
     return 0.5 * abs(total)
 
 
-@njit(cache=True)
+@njit()
 def share_outside(
     table: FloatArray,
     ds: float,

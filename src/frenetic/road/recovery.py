@@ -73,7 +73,7 @@ def _along_spline(points: FloatArray) -> Recovered:
     )
 
 
-@njit(cache=True)
+@njit()
 def follow_line(line: FloatArray, step: float, reach: float) -> FloatArray:
     """(n,) curvatures of a chain that keeps to ``line`` (n, 4): x, y, heading, curvature.
 
@@ -193,7 +193,7 @@ def _mismatch(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray, Flo
     return residual - points.ravel(), jacobian
 
 
-@njit(cache=True)
+@njit()
 def _chain_jacobian(
     curvatures: FloatArray, x: float, y: float, heading: float, step: float
 ) -> tuple[FloatArray, FloatArray]:

@@ -217,7 +217,7 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
 # --- the rules ---------------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit()
 def _check(points: FloatArray, map_size: float) -> int:
     """Return the code of the first rule that is broken, _VALID if none is."""
     if not np.isfinite(points).all():
@@ -247,7 +247,7 @@ def _check(points: FloatArray, map_size: float) -> int:
     return _VALID
 
 
-@njit(cache=True)
+@njit()
 def _inside(points: FloatArray, map_size: float) -> bool:
     for i in range(len(points)):
         if not (0.0 < points[i, 0] < map_size and 0.0 < points[i, 1] < map_size):
@@ -255,7 +255,7 @@ def _inside(points: FloatArray, map_size: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit()
 def _length(points: FloatArray) -> float:
     total = 0.0
     for i in range(len(points) - 1):
@@ -265,7 +265,7 @@ def _length(points: FloatArray) -> float:
     return total
 
 
-@njit(cache=True)
+@njit()
 def _min_radius(points: FloatArray) -> float:
     smallest = math.inf  # the square of the radius
     for i in range(len(points) - 5):
@@ -285,7 +285,7 @@ def _min_radius(points: FloatArray) -> float:
 # --- interpolation -----------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit()
 def _chord_parameters(points: FloatArray) -> tuple[FloatArray, float]:
     """Return each point's share of the polyline's length, (N,) in 0..1, and that length in m."""
     parameters = np.zeros(len(points))
@@ -299,12 +299,12 @@ def _chord_parameters(points: FloatArray) -> tuple[FloatArray, float]:
     return parameters, length
 
 
-@njit(cache=True)
+@njit()
 def _increasing(parameters: FloatArray) -> bool:
     return bool((np.diff(parameters) > 0.0).all())
 
 
-@njit(cache=True)
+@njit()
 def _nodes(points: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
     """Return the interpolated points, (M, 2) in m, rounded to the millimetre."""
     step = 1.0 / max(_MIN_STEPS, int(length / _NODE_DISTANCE))
@@ -336,7 +336,7 @@ def _nodes(points: FloatArray, parameters: FloatArray, length: float) -> FloatAr
     return nodes
 
 
-@njit(cache=True)
+@njit()
 def _slopes(gaps: FloatArray, secants: FloatArray) -> FloatArray:
     """Return the interpolating spline's derivative at its N points, (N,).
 
@@ -379,7 +379,7 @@ def _slopes(gaps: FloatArray, secants: FloatArray) -> FloatArray:
     return slopes
 
 
-@njit(cache=True)
+@njit()
 def _to_millimetre(value: float) -> float:
     """Return what Python's ``round(value, 3)`` does: the nearest decimal to the exact value."""
     scaled = value * 1000.0
@@ -398,7 +398,7 @@ def _to_millimetre(value: float) -> float:
 # --- the road's edges --------------------------------------------------------------------------
 
 
-@njit(cache=True)
+@njit()
 def _edges(nodes: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
     """Return left and right edge, (M, 2) each, and whether every step has a direction.
 
@@ -426,7 +426,7 @@ def _edges(nodes: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
     return left, right, moves
 
 
-@njit(cache=True)
+@njit()
 def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
     """Return whether a quad is twisted or touches another beyond a neighbour's common line.
 
@@ -490,7 +490,7 @@ def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit()
 def _is_ahead(left: FloatArray, right: FloatArray, line: int, other: int) -> bool:
     """Return whether all of line `other` lies ahead of line `line`, not touching it."""
     lx, ly = left[line, 0], left[line, 1]
@@ -501,7 +501,7 @@ def _is_ahead(left: FloatArray, right: FloatArray, line: int, other: int) -> boo
     )
 
 
-@njit(cache=True)
+@njit()
 def _is_behind(left: FloatArray, right: FloatArray, line: int, other: int) -> bool:
     """Return whether all of line `other` lies behind line `line`, not touching it."""
     lx, ly = left[line, 0], left[line, 1]
@@ -512,7 +512,7 @@ def _is_behind(left: FloatArray, right: FloatArray, line: int, other: int) -> bo
     )
 
 
-@njit(cache=True)
+@njit()
 def _is_simple(left: FloatArray, right: FloatArray, i: int) -> bool:
     """Return whether quad i is a polygon: neither pair of opposite edges touches."""
     return not (
@@ -521,7 +521,7 @@ def _is_simple(left: FloatArray, right: FloatArray, i: int) -> bool:
     )
 
 
-@njit(cache=True)
+@njit()
 def _share_only_their_line(left: FloatArray, right: FloatArray, i: int) -> bool:
     """Return whether the quads i and i + 1, both simple, have line i + 1 in common and no more.
 
@@ -542,7 +542,7 @@ def _share_only_their_line(left: FloatArray, right: FloatArray, i: int) -> bool:
     )
 
 
-@njit(cache=True)
+@njit()
 def _quads_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
     """Return whether two simple quads have a point in common."""
     a = _corners(left, right, i)
@@ -558,7 +558,7 @@ def _quads_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
     return _contains(a, b[0]) or _contains(b, a[0])
 
 
-@njit(cache=True)
+@njit()
 def _corners(left: FloatArray, right: FloatArray, i: int) -> FloatArray:
     corners = np.empty((4, 2))
     corners[0] = left[i]
@@ -568,7 +568,7 @@ def _corners(left: FloatArray, right: FloatArray, i: int) -> FloatArray:
     return corners
 
 
-@njit(cache=True)
+@njit()
 def _contains(corners: FloatArray, point: FloatArray) -> bool:
     """Return whether a point that is not on the quad's edges lies in the quad."""
     inside = False
@@ -582,7 +582,7 @@ def _contains(corners: FloatArray, point: FloatArray) -> bool:
     return inside
 
 
-@njit(cache=True)
+@njit()
 def _turns_clockwise(left: FloatArray, right: FloatArray, i: int) -> bool:
     """Return whether left[i], left[i + 1], right[i + 1], right[i] is a clockwise turn."""
     ax = right[i + 1, 0] - left[i, 0]
@@ -592,7 +592,7 @@ def _turns_clockwise(left: FloatArray, right: FloatArray, i: int) -> bool:
     return bool(ax * by - ay * bx < 0.0)
 
 
-@njit(cache=True)
+@njit()
 def _segments_touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> bool:
     """Return whether the segments from a to b and from c to d have a point in common."""
     if max(a[0], b[0]) < min(c[0], d[0]) or max(c[0], d[0]) < min(a[0], b[0]):
@@ -612,7 +612,7 @@ def _segments_touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) 
 # --- arithmetic whose sign is certain ----------------------------------------------------------
 
 
-@njit(cache=True)
+@njit()
 def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
     """Return 1 if c lies left of the way from a to b, -1 if right of it, 0 if on its line."""
     first = (ax - cx) * (by - cy)
@@ -627,7 +627,7 @@ def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: floa
     return _certain_orientation(ax, ay, bx, by, cx, cy)
 
 
-@njit(cache=True)
+@njit()
 def _certain_orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
     """Return the same with twice the digits: every number is a sum of a head and a small tail."""
     ux, ux_tail = _difference(ax, cx)
@@ -644,7 +644,7 @@ def _certain_orientation(ax: float, ay: float, bx: float, by: float, cx: float, 
     return 1 if total > 0.0 else -1 if total < 0.0 else 0
 
 
-@njit(cache=True)
+@njit()
 def _difference(a: float, b: float) -> tuple[float, float]:
     """Return a - b as the rounded difference and what the rounding lost (Knuth's two-sum)."""
     difference = a - b
@@ -653,7 +653,7 @@ def _difference(a: float, b: float) -> tuple[float, float]:
     return difference, (a - a_part) + (b_part - b)
 
 
-@njit(cache=True)
+@njit()
 def _product_error(a: float, b: float, product: float) -> float:
     """Return exactly a * b - product, given the rounded product (Dekker's splitting)."""
     a_scaled = 134217729.0 * a  # 2^27 + 1 splits 53 bits in two halves

@@ -9,22 +9,22 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
 from frenetic.oracle import RUNNING, assess_record, rules_array
 from frenetic.road import Road
 from frenetic.simulators.drive import CarBody, Rules
 
 
-@njit(cache=True)
+@njit()
 def wrap(angle: float) -> float:
     """The same angle in -pi..pi."""
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-@njit(cache=True)
+@njit()
 def look_ahead(
     table: FloatArray,
     ds: float,
@@ -73,7 +73,7 @@ def look_ahead(
         curvature_ahead[i] = kappa / max(1.0 - offset * kappa, 0.05)
 
 
-@njit(cache=True)
+@njit()
 def assess_now(
     table: FloatArray,
     ds: float,

@@ -7,9 +7,9 @@ in either.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.laws import decide
 from frenetic.drivers.layers import disturb
@@ -37,7 +37,7 @@ PERIOD = STEP * STEPS_PER_PERIOD
 TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RBRAKE = range(11)
 
 
-@njit(cache=True)
+@njit()
 def start_state(table: FloatArray, lane_width: float, left: float, turned: float) -> FloatArray:
     """(7,) state of the car at rest in the ego lane at the road's first point.
 
@@ -51,7 +51,7 @@ def start_state(table: FloatArray, lane_width: float, left: float, turned: float
     return state
 
 
-@njit(cache=True)
+@njit()
 def write_record(
     records: FloatArray,
     i: int,
@@ -74,7 +74,7 @@ def write_record(
     records[RBRAKE, i] = brake
 
 
-@njit(cache=True)
+@njit()
 def advance_period(
     state: FloatArray, steering: float, throttle: float, brake: float, vehicle: FloatArray
 ) -> None:
@@ -83,7 +83,7 @@ def advance_period(
         advance(state, steering, throttle, brake, vehicle, STEP)
 
 
-@njit(cache=True)
+@njit()
 def rollout(
     table: FloatArray,
     ds: float,

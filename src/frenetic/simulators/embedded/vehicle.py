@@ -40,9 +40,9 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from frenetic.arrays import FloatArray
+from frenetic.compiled import njit
 from frenetic.simulators.drive import CarBody
 
 GRAVITY: Final = 9.81
@@ -315,12 +315,12 @@ class Vehicle:
         return p
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _clip(value: float, low: float, high: float) -> float:
     return low if value < low else high if value > high else value
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _lateral_grip_used(rolling: float, sliding: float, p: FloatArray) -> float:
     """Return the lateral force per peak force, -1..1, of tyres that roll and slide so fast [m/s].
 
@@ -333,7 +333,7 @@ def _lateral_grip_used(rolling: float, sliding: float, p: FloatArray) -> float:
     return math.sin(p[TYRE_C] * math.atan(p[TYRE_B] * slip))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _axle_forces(
     v_x: float,
     v_y: float,
@@ -387,7 +387,7 @@ def _axle_forces(
     return front_x, front_y, front_z, rear_x, rear_y, rear_z
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _motion(
     v_x: float,
     v_y: float,
@@ -422,7 +422,7 @@ def _motion(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def axle_forces(
     state: FloatArray, throttle: float, brake: float, p: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
@@ -450,7 +450,7 @@ def axle_forces(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def derivative(
     state: FloatArray,
     steering: float,
@@ -488,7 +488,7 @@ def derivative(
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
     """Return a velocity turned by a small angle, to 1e-9 of itself up to 0.1 rad."""
     square = angle * angle
@@ -497,7 +497,7 @@ def _turned(v_x: float, v_y: float, angle: float) -> tuple[float, float]:
     return v_x * cos_a - v_y * sin_a, v_x * sin_a + v_y * cos_a
 
 
-@njit(cache=True, error_model="numpy")
+@njit(error_model="numpy")
 def advance(
     state: FloatArray, steering: float, throttle: float, brake: float, p: FloatArray, dt: float
 ) -> None:
