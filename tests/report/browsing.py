@@ -13,7 +13,9 @@ from typing import Any
 
 import pytest
 from html_browser import Trouble, find_chromium
-from playwright.sync_api import Browser, Error, Page, sync_playwright
+from playwright.sync_api import Browser, Error, Page, expect, sync_playwright
+
+expect.set_options(timeout=30_000)  # ms; a busy machine draws slowly
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-import time
 from typing import Any
 
 import numpy as np
@@ -235,14 +234,12 @@ def test_bad_margin(margin: float) -> None:
         fit_to_map([[0.0, 0.0]], margin=margin)
 
 
-def test_many_points_take_little_time() -> None:
-    t = np.linspace(0, 6, 20_000)  # every point is a corner of the hull
+def test_many_corners() -> None:
+    """So many that anything that grows with their square would take hours."""
+    t = np.linspace(0, 6, 1_000_000)  # nearly every point is a corner of the hull
     line = 120 * np.column_stack([np.cos(t), np.sin(t)])
     assert fit_to_map(line) is None
-    started = time.perf_counter()
-    fit_to_map(line)
-    fit_to_map(line[:, ::-1] * [1.0, 1e-9])
-    assert time.perf_counter() - started < 1.0
+    assert fit_to_map(line[:, ::-1] * [1.0, 1e-9]) is not None
 
 
 coordinate = st.integers(-300, 300).map(float) | st.floats(-300, 300)
