@@ -633,6 +633,7 @@ def test_an_unreachable_scheduler_is_one_line(
     assert repr(address) in str(caught.value)
     assert "\n" not in str(caught.value)
     assert "start one with 'dask scheduler'" in str(caught.value)
+    assert not (tmp_path / "campaign").exists()
 
 
 def test_a_cluster_without_seats_is_one_line(

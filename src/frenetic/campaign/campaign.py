@@ -230,6 +230,10 @@ class Campaign:
                 What was stored stays.
         """
         prepare(self.tester.simulator)
+        if self.cluster is not None:
+            from frenetic.campaign.workers.cluster import require_scheduler  # an optional extra
+
+            require_scheduler(self.cluster)
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.create(self.folder, self.configuration()))
             log = stack.enter_context(CampaignLog(self.folder))

@@ -309,7 +309,7 @@ def _search(
             if not as_json:
                 click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
                 click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
-        report = _write_report(log, store, clusters)
+        report = _write_report(log, store, clusters) if store.counts().tests else None
         if report is not None and not as_json:
             click.echo(f"Report:      {report}")
     if trouble is not None:

@@ -59,6 +59,15 @@ TAKEN_INTERVAL: Final = 5.0
 logger = logging.getLogger(__name__)
 
 
+def require_scheduler(address: str) -> None:
+    """Asks whether a scheduler is there, before a campaign makes its folder.
+
+    Raises:
+        CampaignError: there is none, or it cannot be used.
+    """
+    DaskLink(address, SimpleQueue()).close()
+
+
 class ClusterWorkers:
     """The seats of a Dask cluster's workers: as many as they offer of the resource ``simulator``.
 
