@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from frenetic.analysis.rerunning import read_reruns
-from frenetic.campaign import Budget, Campaign
+from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.cli.rerunning import QUANTITIES
 from frenetic.drivers import Planner
+from frenetic.outcome import Outcome
 from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import QUANTITIES as REAL_QUANTITIES
@@ -39,7 +40,7 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
     assert "20 drives of each, the same each time" in answer.out
     assert f"{len(ids)} robust" in answer.out
     assert str(Path(campaign) / "reruns.json") in answer.out
-    assert set(read_reruns(Path(campaign))) == set(ids)
+    assert {one.test_id for one in read_reruns(Path(campaign))} == set(ids)
 
 
 def test_the_driver_and_its_layers_are_the_campaigns(frenetic: Frenetic, campaign: str) -> None:
@@ -179,6 +180,37 @@ class Stopping(Planner):
 """
 
 
+BROKEN = """
+from frenetic import Planner
+
+
+class Broken(Planner):
+    def act(self, observation):
+        raise RuntimeError("no idea")
+"""
+
+
+def test_where_no_drive_can_be_judged_nothing_is_kept_and_the_exit_code_is_1(
+    frenetic: Frenetic, campaign: str
+) -> None:
+    Path("broken.py").write_text(BROKEN)
+    answer = frenetic("rerun", campaign, "--times", "2", "--driver", "broken.py:Broken")
+    assert answer.code == 1
+    assert "drives could not be judged" in answer.out
+    assert "no idea" in answer.out
+    assert "Kept" not in answer.out
+    assert not (Path(campaign) / "reruns.json").exists()
+
+
+def test_a_test_that_passed_is_said_to_be_no_failure(frenetic: Frenetic, campaign: str) -> None:
+    with CampaignStore.open(Path(campaign)) as store:
+        passed = str(next(iter(store.tests(Outcome.PASS))).candidate.id)
+    answer = frenetic("rerun", campaign, passed, "--times", "10")
+    assert answer.code == 0
+    assert "0 of 10" in answer.out
+    assert f"neither robust nor fragile: {passed}" in answer.out
+
+
 @pytest.mark.parametrize(("stop", "kept"), [(3, [2, 1]), (4, [2, 2]), (6, [2, 2, 2])])
 def test_ctrl_c_keeps_what_is_done_and_exits_130(
     frenetic: Frenetic, campaign: str, stop: int, kept: list[int]
@@ -190,8 +222,8 @@ def test_ctrl_c_keeps_what_is_done_and_exits_130(
     )
     assert answer.code == (130 if stop < 6 else 0)
     assert "Finishing what runs" in answer.err
-    found = read_reruns(Path(campaign))
-    assert [len(found[int(number)].drives) for number in ids if int(number) in found] == kept
+    drives = {one.test_id: len(one.drives) for one in read_reruns(Path(campaign))}
+    assert [drives[int(number)] for number in ids if int(number) in drives] == kept
 
 
 def test_help_names_every_quantity(frenetic: Frenetic) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from frenetic.analysis.measures import MEASURES, Measure
     from frenetic.analysis.measuring import CampaignMeasures, measure_campaign
     from frenetic.analysis.replaying import Replay, replay, write_junit
-    from frenetic.analysis.rerunning import Rerun, Variation, read_reruns, rerun
+    from frenetic.analysis.rerunning import Rerun, Variation, read_reruns, rerun, telling_reruns
     from frenetic.analysis.segments import Segment, segment_of, segment_profile, segments_of
     from frenetic.analysis.sparseness import (
         CompetitionSparseness,
@@ -54,7 +54,7 @@ _HOMES = {
     "measures": ("MEASURES", "Measure"),
     "measuring": ("CampaignMeasures", "measure_campaign"),
     "replaying": ("Replay", "replay", "write_junit"),
-    "rerunning": ("Rerun", "Variation", "read_reruns", "rerun"),
+    "rerunning": ("Rerun", "Variation", "read_reruns", "rerun", "telling_reruns"),
     "segments": ("Segment", "segment_of", "segment_profile", "segments_of"),
     "sparseness": (
         "CompetitionSparseness",
@@ -107,6 +107,7 @@ __all__ = [
     "segment_of",
     "segment_profile",
     "segments_of",
+    "telling_reruns",
     "write_junit",
 ]
 

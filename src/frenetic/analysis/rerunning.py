@@ -6,12 +6,14 @@ interval, and which of the varied quantities go with how badly the car did. Wher
 varied, it is the same drive each time: whoever fails it once fails it always, unless the driver or
 simulator is not repeatable.
 
-A failure is *robust* if it repeats in at least half of such worlds and *fragile* if in less, as far
-as the drives can tell: the whole 95 % interval has to be on one side.
+A failure is *robust* if its road fails in at least half of such worlds and *fragile* if in less,
+as far as the drives can tell: the whole 95 % interval has to be on one side. Whether the car leaves
+its lane at the same place each time is said beside it.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -285,12 +287,25 @@ class Rerun:
         return proportion_interval(self.failed, self.judged) if self.judged else (0.0, 1.0)
 
     @property
-    def stability(self) -> Stability:
-        """Whether the failure repeats."""
+    def stability(self) -> Stability | None:
+        """Whether the failure repeats; None if the campaign's own drive did not fail."""
+        if self.recorded.outcome is not Outcome.FAIL:
+            return None
         low, high = self.interval
         if low >= LEVEL:
             return Stability.ROBUST
         return Stability.FRAGILE if high < LEVEL else Stability.UNCLEAR
+
+    @property
+    def what_varied(self) -> str:
+        """The ranges from which the worlds were drawn, for people."""
+        return ", ".join(map(str, self.variations)) or "nothing varied"
+
+    @property
+    def _setting(self) -> tuple[int, str, frozenset[Variation]]:
+        """What a later rerun has in common with one that it replaces."""
+        parts = json.dumps([self.driver, self.simulator], sort_keys=True)
+        return self.test_id, parts, frozenset(self.variations)
 
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
@@ -320,6 +335,8 @@ class Rerun:
             f"fails {self.failed} of {self.judged} ({100.0 * self.share:.0f} %, 95 % interval"
             f" {100.0 * low:.0f} to {100.0 * high:.0f} %)"
         )
+        if self.alike < self.failed:
+            text += f", {self.alike} of them at the same place"
         return "; ".join([text, *(str(one) for one in self.influences if one.matters)])
 
 
@@ -352,8 +369,9 @@ def rerun(
     """Drives failing roads of a campaign again and stores how often they fail.
 
     Each road is driven where it lies, in the same worlds as every other. What is done is kept in
-    the campaign's folder, see `read_reruns`, also if Ctrl-C ends it; a test that was there already
-    is replaced.
+    the campaign's folder, see `read_reruns`, also if Ctrl-C ends it. It replaces what was there of
+    the same test with the same parts and ranges. A test none of whose drives could be judged is not
+    kept.
 
     Args:
         folder: of the campaign.
@@ -438,20 +456,38 @@ class _Kept:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._fresh: dict[int, Rerun] = {}
+        self._fresh: list[Rerun] = []
         self._written = time.monotonic()
         read_reruns(folder)  # complains before anything is driven
 
     def add(self, *reruns: Rerun) -> None:
-        self._fresh |= {one.test_id: one for one in reruns}
+        self._fresh += [one for one in reruns if one.judged]
         if time.monotonic() - self._written >= _WRITE_INTERVAL:
             self.write()
 
     def write(self) -> None:
         if self._fresh:
-            write_reruns(self._folder, {**read_reruns(self._folder), **self._fresh}.values())
+            write_reruns(self._folder, (*read_reruns(self._folder), *self._fresh))
             self._fresh.clear()
         self._written = time.monotonic()
+
+
+def telling_reruns(
+    reruns: Iterable[Rerun], driver: Mapping[str, JSONValue], simulator: Mapping[str, JSONValue]
+) -> dict[int, Rerun]:
+    """Of each test the rerun that says most about a failure of these parts: test id -> rerun.
+
+    Reruns with other parts say nothing about it; among the others one in which something varied
+    says more than one in which nothing did, and a later more than an earlier one.
+
+    Args:
+        reruns: as `read_reruns` gives them.
+        driver: the campaign's, as its configuration describes it.
+        simulator: likewise.
+    """
+    own = [one for one in reruns if (one.driver, one.simulator) == (driver, simulator)]
+    own.sort(key=lambda one: bool(one.variations))  # stable: the last of each counts
+    return {one.test_id: one for one in own}
 
 
 # What is kept in a campaign's folder
@@ -460,10 +496,16 @@ class _Kept:
 def write_reruns(folder: Path, reruns: Iterable[Rerun]) -> Path:
     """Writes all that is kept of a campaign's reruns in place of what was there; returns the file.
 
+    Of a test that was driven by the same parts in worlds from the same ranges, the last is kept.
+
     Raises:
         CampaignError: it cannot be written.
     """
-    ordered = sorted(reruns, key=lambda one: one.test_id)
+    last: dict[tuple[int, str, frozenset[Variation]], Rerun] = {}
+    for one in reruns:
+        last.pop(one._setting, None)  # so that it stands where it was last written
+        last[one._setting] = one
+    ordered = sorted(last.values(), key=lambda one: one.test_id)
     return _FILE.write(folder, [rerun_document(one) for one in ordered])
 
 
@@ -471,7 +513,7 @@ def rerun_document(one: Rerun) -> dict[str, JSONValue]:
     """A rerun as a JSON object, with what follows from its drives for other readers."""
     return {
         "test": one.test_id,
-        "stability": str(one.stability),
+        "stability": None if one.stability is None else str(one.stability),
         "failed": one.failed,
         "judged": one.judged,
         "alike": one.alike,
@@ -498,14 +540,17 @@ def _repeat_document(drive: Repeat) -> dict[str, JSONValue]:
     }
 
 
-def read_reruns(folder: Path | str) -> dict[int, Rerun]:
-    """What is kept in a campaign's folder: test id -> rerun, in the order of the ids.
+def read_reruns(folder: Path | str) -> tuple[Rerun, ...]:
+    """What is kept in a campaign's folder, in the order of the tests' ids.
+
+    A test is there once for each driver, simulator and set of ranges with which it was driven, the
+    last written at the end; `telling_reruns` chooses among them.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
     reruns = _FILE.read(Path(folder), _read_rerun)
-    return {one.test_id: one for one in sorted(reruns, key=lambda one: one.test_id)}
+    return tuple(sorted(reruns, key=lambda one: one.test_id))
 
 
 def _read_rerun(item: Any) -> Rerun:

@@ -185,17 +185,21 @@ def rerun(
             on_start=compiled,
             on_interrupt=stopping,
         )
+    is_judged = any(one.judged for one in reruns)
     if as_json:
         from frenetic.analysis.rerunning import rerun_document
 
         click.echo(json.dumps([rerun_document(one) for one in reruns]))
     elif reruns:
         _print(reruns, times, variations)
-        click.echo(f"Kept in {campaign / RERUNS}; to see it: frenetic report {shell(campaign)}")
+        if is_judged:
+            click.echo(f"Kept in {campaign / RERUNS}; to see it: frenetic report {shell(campaign)}")
     elif not interrupted:
         click.echo(f"{campaign} holds no failure")
     if interrupted and (left or not reruns):
         raise click.exceptions.Exit(130)
+    if reruns and not is_judged:
+        raise click.exceptions.Exit(1)
 
 
 def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation]) -> None:
@@ -219,12 +223,15 @@ def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation])
             str(one.alike),
             "-" if one.share is None else f"{100.0 * one.share:.0f} %",
             f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
-            str(one.stability),
+            "-" if one.stability is None else str(one.stability),
             ", ".join(matters) or "-",
         )
     Results().print(table)
     counts = [(kind, sum(one.stability is kind for one in reruns)) for kind in Stability]
-    click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
+    if any(number for _, number in counts):
+        click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
+    if fine := [str(one.test_id) for one in reruns if one.stability is None]:
+        click.echo(f"No failure in the campaign, so neither robust nor fragile: {', '.join(fine)}")
     troubles = [drive.trouble for one in reruns for drive in one.drives if drive.trouble]
     if troubles:
         click.echo(f"{len(troubles)} drives could not be judged, the first one: {troubles[0]}")

@@ -23,7 +23,7 @@ GALLERY: Final = "gallery.png"
 """Picture in that folder of all listed failures at a glance."""
 LISTED: Final = 10
 """Failures that are listed and drawn at the end of a run."""
-COMPARED: Final = 2000
+COMPARED: Final = 10_000
 """Failures that are compared with each other to tell which are distinct, the most severe first."""
 MOST_FILES: Final = 1000
 """Failing roads that get a file of their own, the most severe first; all are in the database."""

@@ -99,9 +99,10 @@ def gallery_section(
             one.share,
             round(one.interval[0], 4),
             round(one.interval[1], 4),
-            str(one),
+            f"{one}; {one.what_varied}",
         )
         for one in reruns.values()
+        if one.stability is not None
     )
     return Section("failures", title, (Gallery(data, repeats),), lead)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic.analysis.clusters import Clusters
-from frenetic.analysis.rerunning import Rerun, read_reruns
+from frenetic.analysis.rerunning import Rerun, read_reruns, telling_reruns
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.stored import stored_test
@@ -106,7 +106,7 @@ def campaign_report(
     counts, config, facts = store.counts(), store.config, store.facts
     tests = read_told(store)
     by_id = {test.id: test for test in tests}
-    reruns, trouble = _reruns(store.folder)
+    reruns, trouble = _reruns(store)
     drives, measured = _look(
         store, _telling(tests, by_id, clusters), [test.id for test in choose_mapped(tests)]
     )
@@ -186,12 +186,16 @@ def _telling(tests: Sequence[Told], by_id: dict[int, Told], clusters: Clusters) 
     return list(dict.fromkeys([*heads, *driven, *(test.id for test in failed)]))
 
 
-def _reruns(folder: Path) -> tuple[dict[int, Rerun], str]:
-    """What is kept of reruns, and what is wrong with it."""
+def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
+    """What reruns with the campaign's own parts say of its tests, and what is wrong with them."""
+    driver, simulator = store.config.get("driver"), store.config.get("simulator")
     try:
-        return read_reruns(folder), ""
+        reruns = read_reruns(store.folder)
     except CampaignError as error:
         return {}, str(error)
+    if not isinstance(driver, dict) or not isinstance(simulator, dict):
+        return {}, ""
+    return telling_reruns(reruns, driver, simulator), ""
 
 
 def _shell(path: Path) -> str:
