@@ -167,6 +167,36 @@ def test_other_driver_than_the_campaigns(frenetic: Frenetic, campaign: None) -> 
     ).json
     assert "aggression=1.3" in item["repeat"]
     assert frenetic(*shlex.split(item["repeat"])[1:], "--json").json["outcome"] == "FAIL"
+    assert Path(item["road"]).name == f"test-{item['test']:05d}-other.json"
+    assert not Path("c", "minimised", f"test-{item['test']:05d}.json").exists()
+
+
+def test_a_shorter_road_that_is_there_stays(frenetic: Frenetic, campaign: None) -> None:
+    (best,) = frenetic("minimise", "c", "--json").json
+    assert best["written"]
+    written = Path(best["road"]).read_bytes()
+    number = str(best["test"])
+    (worse,) = frenetic("minimise", "c", number, "--max-drives", "1", "--json").json
+    assert worse["length"] > best["length"]
+    assert not worse["written"]
+    answer = frenetic("minimise", "c", number, "--max-drives", "1")
+    assert f"The road of {best['length']:.0f} m that an earlier call found stays in" in answer.out
+    assert (
+        "an earlier call found stay"
+        in frenetic("minimise", "c", "--top", "2", "--max-drives", "1").out
+    )
+    assert Path(best["road"]).read_bytes() == written
+    # A stronger guard asks for more than the road that is there keeps.
+    frenetic("minimise", "c", number, "--max-drives", "1", "--guard", "0.1")
+    assert Path(best["road"]).read_bytes() != written
+
+
+def test_a_damaged_road_that_is_there_is_replaced(frenetic: Frenetic, campaign: None) -> None:
+    (item,) = frenetic("minimise", "c", "--max-drives", "1", "--json").json
+    for text in ("no road", "[]", '{"step": 10, "curvatures": [0, 0]}'):
+        Path(item["road"]).write_text(text)
+        (again,) = frenetic("minimise", "c", "--max-drives", "1", "--json").json
+        assert again["written"]
 
 
 # Of a road file
@@ -247,6 +277,7 @@ def test_tests_that_did_not_fail_are_refused(frenetic: Frenetic, campaign: None)
         (["bend.json", "--out", "bend.json"], ["bend.json is the road itself"]),
         (["bend.json", "--max-drives", "0"], ["--max-drives"]),
         (["bend.json", "--guard", "1"], ["--guard"]),
+        (["bend.json", "--guard", "nan"], ["guard is nan"]),
         (["bend.json", "--driver", "plannr"], ["unknown driver 'plannr'"]),
         (["bend.json", "--map-size", "5"], ["--map-size is 5"]),
         (["bend.json", "--oob-tolerance", "7"], ["oob_tolerance is 7"]),

@@ -88,6 +88,8 @@ class Done:
     minimised: Minimised
     repeat: str
     """The command line that drives it again."""
+    there: float | None
+    """m, length of a shorter road that was there already and stays; None if this one is written."""
 
     @property
     def ending(self) -> str:
@@ -129,8 +131,8 @@ class Done:
     "--out",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or beside ROAD with the"
-    " suffix .min.json]",
+    help="Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if"
+    " other parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
 )
 @driver_options
 @json_option
@@ -152,11 +154,12 @@ def minimise(
 
     The tests of a CAMPAIGN are driven as it drove them but for what is given here; a ROAD file is
     driven as by 'frenetic drive'. Each road is written as a file, beside a picture of the drive on
-    it and one of before and after. Ctrl-C keeps the smallest road found so far.
+    it and one of before and after, unless a shorter one is there that fails alike. Ctrl-C keeps the
+    smallest road found so far.
     """
     from frenetic.campaign.campaign import describe
     from frenetic.campaign.interrupt import catch_interrupt
-    from frenetic.report.minimised import minimised_document, write_minimised
+    from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
 
     if source.is_dir():
         setup, works = _of_campaign(context, source, test_ids, top, out)
@@ -186,10 +189,17 @@ def minimise(
                     work, tester, max_drives, guard, log, lambda: interrupt.requested
                 )
                 document = minimised_document(
-                    minimised, driver=describe(tester.driver), test_id=work.test_id
+                    minimised,
+                    driver=describe(tester.driver),
+                    simulator=describe(tester.simulator),
+                    guard=guard,
+                    test_id=work.test_id,
                 )
-                with log.status(f"Drawing {work.name}"):
-                    write_minimised(minimised, work.files, document, name=work.name)
+                # As JSON has it, to compare it with what is there.
+                there = shorter_there(work.files.road, json.loads(json.dumps(document)))
+                if there is None:
+                    with log.status(f"Drawing {work.name}"):
+                        write_minimised(minimised, work.files, document, name=work.name)
             except FreneticError as error:
                 if len(works) == 1:
                     raise
@@ -197,7 +207,7 @@ def minimise(
                 failed = True
             else:
                 repeat = _command_line(context, setup, work.files.road)
-                done.append(Done(work, minimised, repeat))
+                done.append(Done(work, minimised, repeat, there))
             if interrupt.requested:
                 break
     if as_json:
@@ -244,6 +254,7 @@ def _of_campaign(
             records = [store.test(test_id) for test_id in dict.fromkeys(test_ids)]
         else:
             records = telling_failures(store, top or 1)
+        suffix = "-other.json" if given else ".json"
         works = []
         for record in records:
             number = record.candidate.id
@@ -255,7 +266,9 @@ def _of_campaign(
                 Work(
                     f"Test {number}",
                     stored_test(store, record).road,
-                    MinimisedFiles.beside(out or folder / MINIMISED / f"{file_stem(number)}.json"),
+                    MinimisedFiles.beside(
+                        out or folder / MINIMISED / f"{file_stem(number)}{suffix}"
+                    ),
                     number,
                     None if given else record.departure_side,
                 )
@@ -332,7 +345,7 @@ def _minimise(
     """Minimises one road and shows how that goes."""
     from frenetic.analysis.minimise import minimise
 
-    with _live(log, work) as show:
+    with _live(log, work) as show, as_usage_error():
         minimised = minimise(
             work.road,
             tester,
@@ -397,6 +410,11 @@ def _print_one(done: Done) -> None:
                 str(sum(value != 0.0 for value in shape.values)),
             )
         Results().print(table)
+    if done.there is not None:
+        click.echo(
+            f"The road of {done.there:.0f} m that an earlier call found stays in {files.road};"
+            " the one described here is not written"
+        )
     print_facts(
         [
             ("fails", after.result.reason),
@@ -430,6 +448,8 @@ def _print_many(done: list[Done]) -> None:
     Results().print(table)
     different = len({(item.minimised.reason, item.minimised.smallest.shape) for item in done})
     click.echo(f"{len(done)} failures come down to {different} different roads")
+    if stay := [item.work.name for item in done if item.there is not None]:
+        click.echo(f"Shorter roads that an earlier call found stay: {', '.join(stay)}")
     click.echo(f"Roads:       {done[0].work.files.road.parent}")
     click.echo(f"Repeat one:  {done[0].repeat}")
 
@@ -459,6 +479,7 @@ def _as_json(done: Done) -> dict[str, Any]:
         "picture": str(files.picture),
         "comparison": str(files.comparison),
         "repeat": done.repeat,
+        "written": done.there is None,
         "improvements": [
             {
                 "pass": found.by,

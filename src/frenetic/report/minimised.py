@@ -53,6 +53,8 @@ def minimised_document(
     minimised: Minimised,
     *,
     driver: JSONValue,
+    simulator: JSONValue,
+    guard: float,
     test_id: int | None = None,
 ) -> dict[str, Any]:
     """A minimised road as a JSON object that `frenetic drive` and the competition's tools can read.
@@ -60,6 +62,8 @@ def minimised_document(
     Args:
         minimised: the road.
         driver: who failed on it, as `frenetic.campaign.campaign.describe` says it.
+        simulator: where, likewise.
+        guard: share by which its curvatures may differ.
         test_id: of the campaign's test that was minimised, if it was one.
     """
     smallest = minimised.smallest
@@ -77,11 +81,13 @@ def minimised_document(
         "departure": None if result.departure is None else asdict(result.departure),
         "origin": {"operator": OPERATOR, "parents": parents},
         "driver": driver,
+        "simulator": simulator,
         "rules": asdict(smallest.drive.rules),
         "minimised": {
             "reason": str(minimised.reason),
             "original_length": minimised.original.road.length,
             "drives": minimised.drives,
+            "guard": guard,
             "ending": str(minimised.ending),
         },
         "step": road.step,
@@ -90,6 +96,24 @@ def minimised_document(
         "lane_width": road.lane_width,
         "road_points": road.road_points.round(6).tolist(),
     }
+
+
+def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
+    """Length in m of the road in a file, if that is a better one than a `minimised_document`.
+
+    It is if it is shorter and the same driver fails on it in the same simulator, for the same
+    reason, with a guard that is not weaker.
+    """
+    try:
+        there = json.loads(path.read_text(encoding="utf-8"))
+        length = float(there["step"]) * (len(there["curvatures"]) - 1)
+        is_like = all(there[key] == document[key] for key in ("driver", "simulator", "rules"))
+        how, ours = there["minimised"], document["minimised"]
+        is_like = is_like and how["reason"] == ours["reason"] and how["guard"] >= ours["guard"]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
+    ours_length = document["step"] * (len(document["curvatures"]) - 1)
+    return length if is_like and length < ours_length else None
 
 
 def write_minimised(
