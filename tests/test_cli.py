@@ -9,49 +9,19 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.cli import main
+if TYPE_CHECKING:
+    from command_line import Answer, Frenetic
+
+pytest_plugins = ["command_line"]
 
 STRAIGHT = {"curvatures": [0.0] * 12}
 BENT = {"curvatures": [0.0, 0.02, 0.05, 0.06, 0.02, -0.03, -0.06, -0.06, -0.02, 0.0, 0.03]}
 LOOP = {"curvatures": [0.07] * 14}
-
-
-@dataclass
-class Answer:
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self):  # type: ignore[no-untyped-def]
-        return json.loads(self.out)
-
-
-Frenetic = Callable[..., Answer]
-
-
-@pytest.fixture
-def frenetic(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Frenetic:
-    """Runs a command line in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str) -> Answer:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
-            main(list(arguments))
-        captured = capsys.readouterr()
-        assert isinstance(stop.value.code, int)
-        return Answer(stop.value.code, captured.out, captured.err)
-
-    return call
 
 
 def write(name: str, content: object) -> str:
@@ -317,10 +287,27 @@ def test_driver_file_may_import_its_neighbour_and_gives_the_same_campaign(
     assert first["driver"]["class"] == "mine.py:Slow"
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")
-def test_ctrl_c_ends_a_run_with_its_summary(tmp_path: Path) -> None:
+COUNTING = """
+from pathlib import Path
+
+from frenetic import EmbeddedSimulator
+
+
+class Counting(EmbeddedSimulator):
+    def __exit__(self, *details):
+        super().__exit__(*details)
+        Path("left").touch()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path, name: str) -> None:
+    """That of Ctrl-C, of a job scheduler and of a terminal that is closed."""
+    (tmp_path / "counting.py").write_text(COUNTING)
     folder = tmp_path / "c"
-    command = [sys.executable, "-m", "frenetic", "run", "--time", "10m", "--out", str(folder)]
+    options = ["--time", "10m", "--workers", "1", "--simulator", "counting.py:Counting"]
+    command = [sys.executable, "-m", "frenetic", "run", *options, "--out", str(folder)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
     ) as process:
@@ -328,12 +315,38 @@ def test_ctrl_c_ends_a_run_with_its_summary(tmp_path: Path) -> None:
         while not stored_tests(folder) and time.monotonic() < deadline:
             assert process.poll() is None
             time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(signal.Signals[name])
         out, err = process.communicate(timeout=120.0)
     assert process.returncode == 130
     assert "Interrupted" in out
     assert "Traceback" not in err
     assert stored_tests(folder) > 0
+    assert (tmp_path / "left").exists()
+
+
+def test_a_driver_that_cannot_drive_there_is_refused_before_anything_is_made(
+    frenetic: Frenetic,
+) -> None:
+    answer = frenetic("run", "--driver", "metadrive-idm", "--simulations", "6", "--out", "c")
+    refused(answer, "metadrive-idm drives in MetaDrive only: add --simulator metadrive")
+    parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--noise", "0.1"]
+    refused(frenetic("run", *parts, "--out", "c"), "leave them out")
+    assert not Path("c").exists()
+    road = write("road.json", STRAIGHT)
+    refused(frenetic("drive", road, "--driver", "metadrive-idm"), "in MetaDrive only")
+    parts = ["--strategy", "random", "--driver", "metadrive-idm", "--simulations", "6"]
+    refused(frenetic("bench", *parts), "in MetaDrive only")
+
+
+def test_where_every_drive_breaks_the_reason_is_said_and_the_exit_code_is_1(
+    frenetic: Frenetic,
+) -> None:
+    write("mine.py", MY_DRIVER)
+    answer = frenetic("run", "--driver", "mine.py:Raises", "--simulations", "3", "--out", "c")
+    assert answer.code == 1
+    assert "3 errors" in answer.out
+    assert "The first error: " in answer.out
+    assert "lost" in answer.out
 
 
 def stored_tests(folder: Path) -> int:

@@ -6,12 +6,10 @@ import json
 import shlex
 import shutil
 import signal
-from collections.abc import Callable
 from contextlib import redirect_stdout
-from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -22,41 +20,14 @@ from frenetic.road import Road, check_validity
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
 
+if TYPE_CHECKING:
+    from command_line import Answer, Frenetic
+
+pytest_plugins = ["command_line"]
+
 # One that the default driver leaves to the right; the next one it follows to its end.
 FAILING = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0.02, 0.02]
 STRAIGHT = [0.0] * 12
-
-
-@dataclass
-class Answer:
-    code: int
-    out: str
-    err: str
-
-    @property
-    def json(self) -> Any:
-        return json.loads(self.out)
-
-
-Frenetic = Callable[..., Answer]
-
-
-@pytest.fixture
-def frenetic(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Frenetic:
-    """Runs a command line in an empty folder."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*arguments: str) -> Answer:
-        capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
-            main(list(arguments))
-        captured = capsys.readouterr()
-        assert isinstance(stop.value.code, int)
-        return Answer(stop.value.code, captured.out, captured.err)
-
-    return call
 
 
 @pytest.fixture(scope="module")

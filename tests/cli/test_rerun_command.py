@@ -48,6 +48,8 @@ def test_the_driver_and_its_layers_are_the_campaigns(frenetic: Frenetic, campaig
     assert one["driver"]["class"].endswith(":Delayed")
     assert one["driver"]["options"] == {"seconds": 0.05}
     assert {drive["moobd"] for drive in one["drives"]} == {one["recorded"]["moobd"]}
+    (one,) = frenetic("rerun", campaign, "--top", "1", "--delay", "0", "--json").json
+    assert one["driver"]["class"].endswith(":Planner")
 
 
 def test_several_ranges_follow_one_vary(frenetic: Frenetic, campaign: str) -> None:

@@ -115,7 +115,7 @@ class Cluster:
     spread: float
     """m, root mean square difference of the failures from their mean."""
     description: str
-    """What happens in the typical failure, in one phrase."""
+    """What happens in the most severe failure, in one phrase."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -217,7 +217,7 @@ def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
         moobd=worst.moobd,
         side=worst.side,
         spread=float(np.sqrt(squares.mean())),
-        description=describe(typical),
+        description=describe(worst),
     )
 
 

@@ -30,7 +30,7 @@ from frenetic.export.tables import Which
 from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, SearchEnded, Strategy
-from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.simulator import Simulator, check_pair
 
 COMPETITION: Final = "competition"
 """Folder of a run that holds its tests as the competition's tools read them."""
@@ -70,6 +70,7 @@ class Terms:
     """How simulator and driver are named on a command line, as far as they are."""
 
     def __post_init__(self) -> None:
+        check_pair(self.simulator, self.driver)
         for name in ("seconds_per_test", "budget", "patience"):
             value = getattr(self, name)
             if not 0.0 < value < float("inf"):

@@ -20,7 +20,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, check_validity
 from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Drive, Trajectory
-from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.simulator import Simulator, check_pair
 
 logger = logging.getLogger(__name__)
 
@@ -88,7 +88,12 @@ class Tested:
 
 @dataclass(frozen=True)
 class RoadTester:
-    """Tests roads, one after the other, always in the same way."""
+    """Tests roads, one after the other, always in the same way.
+
+    Raises:
+        DriverError: the driver cannot drive in the simulator.
+        ValueError: the map is too small for its margin.
+    """
 
     simulator: Simulator
     driver: Driver
@@ -105,6 +110,7 @@ class RoadTester:
                 f"map_size is {self.map_size:g}: more than twice the margin of"
                 f" {self.margin:g} m is needed"
             )
+        check_pair(self.simulator, self.driver)
 
     def test(self, candidate: Candidate) -> Tested:
         """Drives a candidate's road if it is one, fits the map and is valid."""

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import logging
+import signal
 import sys
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
 from typing import NoReturn
 
 import click
@@ -38,7 +42,8 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Runs the command line; every mistake of the user is one line on stderr and exit code 2."""
     try:
-        code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
+        with _ending_in_order():
+            code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
     except click.exceptions.Exit as stop:
         code = stop.exit_code
     except click.ClickException as error:
@@ -54,6 +59,31 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         silence(sys.stdout)
         code = 1
     sys.exit(code if isinstance(code, int) else 0)
+
+
+@contextmanager
+def _ending_in_order() -> Iterator[None]:
+    """Takes the signals of a job scheduler or a closed terminal for Ctrl-C.
+
+    So results are stored and simulators ended. Those that are ignored, as under nohup, stay so.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
+        signal.raise_signal(signal.SIGINT)
+
+    names = ("SIGTERM", "SIGHUP", "SIGBREAK")  # the second on POSIX, the third on Windows only
+    known = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    taken = [number for number in known if signal.getsignal(number) is signal.SIG_DFL]
+    for number in taken:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number in taken:
+            signal.signal(number, signal.SIG_DFL)
 
 
 @click.group(context_settings=CONTEXT, invoke_without_command=True)

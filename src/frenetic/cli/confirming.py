@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from frenetic.cli.console import Log, Results, announced_compilation
+from frenetic.cli.console import Log, Results, announced_compilation, shell
 from frenetic.cli.grouping import GroupedCommand
 from frenetic.cli.options import (
     as_usage_error,
@@ -98,12 +98,16 @@ def confirm(
     else:
         _print(confirmation)
         if confirmation.tests:
-            click.echo(f"Kept in {campaign / CONFIRMATIONS}")
+            click.echo(
+                f"Kept in {campaign / CONFIRMATIONS}; to see it: frenetic report {shell(campaign)}"
+            )
         if gallery is not None:
             click.echo(f"At a glance: {gallery}")
     if confirmation.missing:
         log.print(f"Interrupted: {confirmation.missing} roads were not driven")
         raise click.exceptions.Exit(130)
+    if not any(test.other.outcome.is_driven for test in confirmation.tests):
+        raise click.exceptions.Exit(1)
 
 
 def _draw(log: Log, campaign: Path, confirmation: Confirmation) -> Path | None:

@@ -188,6 +188,11 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
         click.echo(f"{name:<11}{value}")
 
 
+def counted(number: int, what: str) -> str:
+    """Such as "1 failure" and "2 failures"."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
 def shell(path: Path) -> str:
     """A path as it can be pasted into a shell."""
     import shlex

@@ -22,6 +22,7 @@ from frenetic.cli.console import (
     Results,
     announced_compilation,
     complain,
+    counted,
     print_facts,
     shell,
 )
@@ -390,8 +391,8 @@ def _print_one(done: Done) -> None:
     before, after = minimised.original, minimised.smallest
     click.echo(
         f"{done.work.name}: {before.road.length:.0f} m -> {after.road.length:.0f} m,"
-        f" {_curves(before.shape.curves)} -> {after.shape.curves}, {minimised.drives} drives,"
-        f" {done.ending}"
+        f" {counted(before.shape.curves, 'curve')} -> {after.shape.curves},"
+        f" {counted(minimised.drives, 'drive')}, {done.ending}"
     )
     if minimised.improvements:
         table = Table(box=None, pad_edge=False)
@@ -452,10 +453,6 @@ def _print_many(done: list[Done]) -> None:
         click.echo(f"Shorter roads that an earlier call found stay: {', '.join(stay)}")
     click.echo(f"Roads:       {done[0].work.files.road.parent}")
     click.echo(f"Repeat one:  {done[0].repeat}")
-
-
-def _curves(number: int) -> str:
-    return f"{number} curve{'' if number == 1 else 's'}"
 
 
 def _as_json(done: Done) -> dict[str, Any]:

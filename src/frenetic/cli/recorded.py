@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar
 
 import click
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from frenetic.drivers import Driver
     from frenetic.simulators import Rules, Simulator
 
+_WITHOUT: Final = {"noise": 0.0, "delay": 0.0, "view": math.inf}
+"""Amounts with which a layer does nothing, so that none is made."""
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -40,9 +44,9 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             multiple=True,
             help="An option of the driver, such as aggression=1.2; may be repeated.",
         ),
-        click.option("--noise", type=float, metavar="M", help="Another noise, as in run."),
-        click.option("--delay", type=float, metavar="S", help="Another delay, as in run."),
-        click.option("--view", type=float, metavar="M", help="Another view, as in run."),
+        click.option("--noise", type=float, metavar="M", help="Another noise, as in run; 0: none."),
+        click.option("--delay", type=float, metavar="S", help="Another delay, as in run; 0: none."),
+        click.option("--view", type=float, metavar="M", help="Another view, as in run; inf: all."),
         click.option(
             "--simulator",
             metavar="S",
@@ -144,6 +148,8 @@ def recorded_parts(store: CampaignStore, given: Mapping[str, Any] | None = None)
         parts[options] = {**own, **dict(asked.get(options, ()))}
     for name in LAYERS:
         parts[name] = asked.get(name, recorded.get(name))
+        if asked.get(name) == _WITHOUT[name]:
+            parts[name] = None
     changed = {k: asked[k] for k in ("speed_limit", "oob_tolerance") if k in asked}
     with as_usage_error():
         rules = replace(Rules(**config["rules"]), **changed)

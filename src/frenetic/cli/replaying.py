@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from frenetic.cli.console import Log, Results, announced_compilation
+from frenetic.cli.console import Log, Results, announced_compilation, counted
 from frenetic.cli.grouping import GroupedCommand
 from frenetic.cli.options import (
     as_usage_error,
@@ -139,7 +139,7 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
     if not total:
         click.echo(f"no {what} to drive again")
         return
-    click.echo(f"{total} {what}{'' if total == 1 else 's'} driven again: {told}")
+    click.echo(f"{counted(total, what)} driven again: {told}")
     if is_the_same_drive:
         click.echo(f"{replayed.same} of {total} ended exactly as before")
 

@@ -13,6 +13,7 @@ import click
 from frenetic.cli.console import (
     Log,
     announced_compilation,
+    counted,
     live_progress,
     print_failures,
     shell,
@@ -298,7 +299,7 @@ def _search(
             more = {"distinct_failures": len(clusters), "seed": seed}
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
-            _print_summary(summary)
+            _print_summary(summary, _first_error(store))
         if listed and not as_json:
             print_failures(clusters, store.counts().by_outcome[Outcome.FAIL], len(listed))
         if summary is not None and not as_json:
@@ -316,6 +317,8 @@ def _search(
         raise trouble
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
+    if summary is not None and summary.errors and not summary.passed + summary.failed:
+        raise click.exceptions.Exit(1)
 
 
 def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | None:
@@ -330,13 +333,23 @@ def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | 
         return None
 
 
-def _print_summary(summary: Summary) -> None:
+def _first_error(store: CampaignStore) -> str:
+    """Why a drive broke first; nothing if none did."""
+    from frenetic.outcome import Outcome
+
+    return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
+
+
+def _print_summary(summary: Summary, first_error: str) -> None:
     least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
-        f"{stopped}{summary.simulations} simulations in {format_duration(summary.seconds)}"
-        f" ({summary.tests_per_second:.0f} tests/s): {summary.failed} failures,"
-        f" {summary.passed} passed, {summary.invalid} invalid, {summary.errors} errors{least}"
+        f"{stopped}{counted(summary.simulations, 'simulation')} in"
+        f" {format_duration(summary.seconds)} ({summary.tests_per_second:.0f} tests/s):"
+        f" {counted(summary.failed, 'failure')}, {summary.passed} passed,"
+        f" {summary.invalid} invalid, {counted(summary.errors, 'error')}{least}"
     )
+    if first_error:
+        click.echo(f"The first error: {first_error}")
     if summary.ended:
         click.echo(f"The strategy ended the search: {summary.ended}")

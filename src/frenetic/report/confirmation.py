@@ -72,19 +72,17 @@ def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path
     if names.recorded == names.other:
         names = Names(f"{names.recorded}, recorded", f"{names.other}, other options")
     folder = store.folder / pictures_of(confirmation)
+    pairs = {test.test_id: _pair(store, confirmation, test) for test in confirmation.tests}
+    driven = {test_id: pair for test_id, pair in pairs.items() if pair is not None}
+    if not driven:
+        return None
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise CampaignError(f"{folder} cannot be made: {error.strerror or error}") from None
-    pairs = []
-    for test in confirmation.tests:
-        pair = _pair(store, confirmation, test)
-        if pair is not None:
-            draw_pair(pair, folder / f"{file_stem(test.test_id)}.png", names)
-            pairs.append(pair)
-    if not pairs:
-        return None
-    draw_pairs(pairs[:_MOST], folder / GALLERY, names)
+    for test_id, pair in driven.items():
+        draw_pair(pair, folder / f"{file_stem(test_id)}.png", names)
+    draw_pairs(list(driven.values())[:_MOST], folder / GALLERY, names)
     return folder / GALLERY
 
 

@@ -41,3 +41,23 @@ class Simulator(Protocol):
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road."""
+
+
+def check_pair(simulator: Simulator, driver: Driver) -> None:
+    """Finds out before anything is driven whether a driver can drive in a simulator.
+
+    Asks the driver's method ``check_simulator(simulator)``, that of the driver under its layers,
+    and the simulator's ``check_driver(driver)``, as far as they have these.
+
+    Raises:
+        DriverError: what they raise, if it cannot.
+    """
+    asked: object = driver
+    while asked is not None:
+        check = getattr(asked, "check_simulator", None)
+        if callable(check):
+            check(simulator)
+        asked = getattr(asked, "driver", None)
+    check = getattr(simulator, "check_driver", None)
+    if callable(check):
+        check(driver)

@@ -12,6 +12,7 @@ from typing import ClassVar, NoReturn
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.layers import Delayed, LimitedView, Noisy
 from frenetic.errors import DriverError
+from frenetic.simulators.simulator import Simulator
 
 
 class MetaDriveDriver:
@@ -19,6 +20,17 @@ class MetaDriveDriver:
 
     name: ClassVar[str]
     """In the registry."""
+
+    def check_simulator(self, simulator: Simulator) -> None:
+        """Refuses simulators that do not know MetaDrive's drivers.
+
+        Raises:
+            DriverError: it is such a one.
+        """
+        from frenetic.simulators.metadrive.simulator import MetaDriveSimulator  # it needs these
+
+        if not isinstance(simulator, MetaDriveSimulator):
+            self._refuse()
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002 - asked by a foreign simulator
         """Refuses: see `act`.
@@ -84,6 +96,6 @@ def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
     if inner is not driver:
         raise DriverError(
             f"{inner.name} looks at MetaDrive's own world, where noise, delay and view do not"
-            " reach it: leave them out"
+            " reach it: leave them out, those of a campaign with --noise 0, --delay 0 or --view inf"
         )
     return inner

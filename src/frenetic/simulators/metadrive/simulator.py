@@ -135,6 +135,14 @@ class MetaDriveSimulator(StartingPlace):
 
         return checks(self)
 
+    def check_driver(self, driver: Driver) -> None:
+        """Refuses MetaDrive's own drivers under layers.
+
+        Raises:
+            DriverError: it is such a one.
+        """
+        metadrive_driver(driver)
+
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
 
