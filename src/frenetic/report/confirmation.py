@@ -21,6 +21,7 @@ from frenetic.campaign.stored import stored_test
 from frenetic.errors import CampaignError
 from frenetic.oracle import assess, judge
 from frenetic.report.failures import file_stem
+from frenetic.report.parts import part_text
 from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive
@@ -68,9 +69,7 @@ def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path
         CampaignError: the folder cannot be made.
         FreneticError: a picture cannot be written.
     """
-    names = Names(_short(store.config.get("simulator")), _short(confirmation.simulator))
-    if names.recorded == names.other:
-        names = Names(f"{names.recorded}, recorded", f"{names.other}, other options")
+    names = _names(store, confirmation)
     folder = store.folder / pictures_of(confirmation)
     pairs = {test.test_id: _pair(store, confirmation, test) for test in confirmation.tests}
     driven = {test_id: pair for test_id, pair in pairs.items() if pair is not None}
@@ -88,7 +87,8 @@ def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path
 
 def pictures_of(confirmation: Confirmation) -> Path:
     """The folder of a confirmation's pictures, seen from the campaign's: one file per test."""
-    return Path(CONFIRMED) / f"{_short(confirmation.simulator)}-{confirmation.key}"
+    name = part_text(confirmation.simulator)
+    return Path(CONFIRMED) / f"{name}-{confirmation.key}"
 
 
 def _pair(store: CampaignStore, confirmation: Confirmation, test: ConfirmedTest) -> Pair | None:
@@ -99,10 +99,15 @@ def _pair(store: CampaignStore, confirmation: Confirmation, test: ConfirmedTest)
     return Pair(stored.road, stored.drive, other, f"Test {test.test_id}: {test.agreement}")
 
 
-def _short(part: object) -> str:
-    """A simulator's class without its module."""
-    text = str(part.get("class", "")) if isinstance(part, dict) else ""
-    return text.rpartition(":")[2] or "unknown"
+def _names(store: CampaignStore, confirmation: Confirmation) -> Names:
+    """The simulators, with their drivers if these differ."""
+    recorded = store.config.get("simulator"), store.config.get("driver")
+    here, driver_here = map(part_text, recorded)
+    there = part_text(confirmation.simulator, recorded[0])
+    driver_there = part_text(confirmation.driver, recorded[1])
+    if driver_here != driver_there:
+        here, there = f"{driver_here} in {here}", f"{driver_there} in {there}"
+    return Names(f"{here} (campaign)" if here == there else here, there)
 
 
 def draw_pair(pair: Pair, path: Path, names: Names) -> None:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
 from frenetic.analysis.confirming import Agreement, Confirmation, read_confirmations
+from frenetic.campaign.store import JSONValue
 from frenetic.errors import CampaignError
 from frenetic.report.html.blocks import Block, Column, Paragraph, Picture, Section, Table
+from frenetic.report.parts import part_text
 
 MOST_BYTES: Final = 2_000_000
 """Of a picture that is put into the page; a larger one stays a file."""
@@ -24,21 +26,28 @@ _COLUMNS: Final = (
 )
 
 
-def confirmed_sections(folder: Path) -> tuple[Section, ...]:
-    """A section about the failures that were driven in other simulators; none if none were."""
+def confirmed_sections(folder: Path, config: Mapping[str, JSONValue]) -> tuple[Section, ...]:
+    """A section about the failures that were driven in other simulators; none if none were.
+
+    Args:
+        folder: of the campaign.
+        config: the campaign's configuration.
+    """
     try:
         confirmations = read_confirmations(folder)
     except CampaignError as error:
         blocks: tuple[Block, ...] = (Paragraph(str(error)),)
     else:
-        blocks = tuple(block for one in confirmations for block in _blocks(folder, one))
+        blocks = tuple(block for one in confirmations for block in _blocks(folder, config, one))
     if not blocks:
         return ()
     lead = "What fails in two simulators says something of the driver."
     return (Section("confirmed", "In other simulators", blocks, lead),)
 
 
-def _blocks(folder: Path, confirmation: Confirmation) -> Iterator[Block]:
+def _blocks(
+    folder: Path, config: Mapping[str, JSONValue], confirmation: Confirmation
+) -> Iterator[Block]:
     # Its pictures are drawn by matplotlib, which takes its time to import.
     from frenetic.report.confirmation import GALLERY, pictures_of
 
@@ -51,7 +60,8 @@ def _blocks(folder: Path, confirmation: Confirmation) -> Iterator[Block]:
         f" (p {correlation.p:.2g}, {correlation.pairs} roads)."
     )
     yield Paragraph(
-        f"{_name(confirmation.driver)} in {_name(confirmation.simulator)}: {counted};"
+        f"{part_text(confirmation.driver, config.get('driver'))} in"
+        f" {part_text(confirmation.simulator, config.get('simulator'))}: {counted};"
         f" {confirmation.alike} at the same place.{ranks}"
     )
     rows = tuple(
@@ -84,11 +94,6 @@ def _picture(path: Path) -> str | None:
     if not data.startswith(b"\x89PNG\r\n\x1a\n"):
         return None
     return f"data:image/png;base64,{base64.b64encode(data).decode()}"
-
-
-def _name(described: object) -> str:
-    name = described.get("class") if isinstance(described, dict) else None
-    return str(name).rpartition(":")[2] if name else "unknown"
 
 
 def _metres(value: float | None) -> str:

@@ -132,7 +132,7 @@ def campaign_report(
             map_section(table.ids, measured, tests),
             family_section(clusters, opened),
             operators_section(tests, clusters),
-            *confirmed_sections(store.folder),
+            *confirmed_sections(store.folder, config),
             repeat_section(config, facts),
             *sections,
         ),

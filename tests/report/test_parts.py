@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import pytest
+
+from frenetic.campaign.campaign import describe
+from frenetic.drivers import Delayed, LimitedView, Planner
+from frenetic.report.parts import part_text
+from frenetic.simulators import EmbeddedSimulator
+
+
+def test_the_driver_is_that_under_its_layers() -> None:
+    driver = LimitedView(Delayed(Planner(), seconds=0.05), distance=20.0)
+    text = "Planner, limitedview (distance 20), delayed (seconds 0.05)"
+    assert part_text(describe(driver)) == text
+    assert part_text(describe(Planner())) == "Planner"
+
+
+def test_options_that_differ_are_named() -> None:
+    usual, slippery = (describe(EmbeddedSimulator(friction=value)) for value in (1.0, 0.8))
+    assert part_text(slippery, usual) == "EmbeddedSimulator, friction 0.8"
+    assert part_text(usual, usual) == "EmbeddedSimulator"
+    assert part_text(slippery, {"class": "m:Other"}) == "EmbeddedSimulator"
+    calm = Delayed(Planner(aggression=0.8), seconds=0.1)
+    text = "Planner, aggression 0.8, delayed (seconds 0.1)"
+    assert part_text(describe(calm), describe(Planner())) == text
+
+
+def test_of_many_options_some_are_named() -> None:
+    part = {"class": "m:Part", "options": {"a": 1, "b": 2, "c": {"d": 3, "e": 4}}}
+    assert part_text(part, {"class": "m:Part"}) == "Part, a 1, b 2, d 3, …"
+
+
+@pytest.mark.parametrize("part", [None, 3, {}, {"class": None}, {"driver": {"driver": 3}}])
+def test_what_is_no_description_is_unknown(part: object) -> None:
+    assert part_text(part).startswith(("unknown", "None"))
+    assert part_text(part, part).startswith(("unknown", "None"))
