@@ -20,6 +20,24 @@ def test_less_friction_confirms_failures(frenetic: Frenetic, campaign: str) -> N
     assert (Path(campaign) / "confirmations.json").is_file()
     (gallery,) = (Path(campaign) / "confirmed").glob("*/gallery.png")
     assert f"At a glance: {gallery}" in answer.out
+    assert "to see it: frenetic report c" in answer.out
+    assert "own simulator" not in answer.err
+
+
+def test_where_no_drive_can_be_judged_there_is_no_picture_and_the_exit_code_is_1(
+    frenetic: Frenetic, campaign: str
+) -> None:
+    Path("broken.py").write_text(
+        "from frenetic import Planner\n\n"
+        "class Broken(Planner):\n"
+        "    def reset(self, setup):\n"
+        "        raise RuntimeError('no idea')\n"
+    )
+    parts = ["--simulator", "embedded", "--driver", "broken.py:Broken"]
+    answer = frenetic("confirm", campaign, *parts, "--top", "2")
+    assert answer.code == 1
+    assert "no idea" in answer.out
+    assert not (Path(campaign) / "confirmed").exists()
 
 
 def test_chosen_tests_as_json(frenetic: Frenetic, campaign: str) -> None:
@@ -29,6 +47,7 @@ def test_chosen_tests_as_json(frenetic: Frenetic, campaign: str) -> None:
     assert [str(test["test"]) for test in answer.json["tests"]] == ids[:2]
     assert answer.json["confirmed"] == answer.json["alike"] == 2
     assert "trajectory" not in answer.json["tests"][0]
+    assert "own simulator and driver" in answer.err
 
 
 def test_it_has_to_be_another_simulator(frenetic: Frenetic, campaign: str) -> None:

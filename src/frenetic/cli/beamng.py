@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, ParamSpec, TypeVar
 
 import click
@@ -15,6 +15,8 @@ R = TypeVar("R")
 NAME: Final = "beamng"
 GROUP: Final = "BeamNG.tech options (with --simulator beamng)"
 _GIVEN: Final = "frenetic.beamng"
+# Options of a BeamNG.tech that is started.
+_STARTING: Final = ("home", "user", "headless", "no_gpu", "restart_every")
 # Name of the parameter -> of the simulator's option.
 _OPTIONS: Final = {
     "beamng_home": "home",
@@ -34,8 +36,8 @@ def is_beamng(simulator: str) -> bool:
     return simulator == NAME or simulator.endswith(":BeamngSimulator")
 
 
-def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options of BeamNG.tech, which become options of the simulator."""
+def place_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options that say where BeamNG.tech is and change no drive."""
     options = [
         _option(
             "--beamng-home",
@@ -52,6 +54,13 @@ def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
             metavar="PORT",
             help="Where it listens. [default: 25252, or a free one if it is started]",
         ),
+    ]
+    return _with_all(options, command)
+
+
+def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options of BeamNG.tech, which become options of the simulator."""
+    options = [
         _option("--beamng-vehicle", metavar="MODEL", help="The car. [default: etk800]"),
         _option(
             "--aggression", type=float, help="Of BeamNG.AI, --driver beamng-ai. [default: 0.7]"
@@ -63,6 +72,12 @@ def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
             help="Steps of a simulated second, a multiple of 20. [default: 60]",
         ),
     ]
+    return place_options(_with_all(options, command))
+
+
+def _with_all(
+    options: list[Callable[[Callable[P, R]], Callable[P, R]]], command: Callable[P, R]
+) -> Callable[P, R]:
     for option in reversed(options):
         command = option(command)
     return command
@@ -94,15 +109,38 @@ def with_beamng(
     Raises:
         click.UsageError: the simulator is another.
     """
-    given: dict[str, tuple[str, Any]] = ctx.meta.get(_GIVEN, {})
+    given = _given(ctx, ctx.params.get("simulator"))
     if not given:
         return value
-    simulator = ctx.params.get("simulator")
-    if simulator is not None and not is_beamng(simulator):
+    assert param.name is not None
+    ctx.set_parameter_source(param.name, click.core.ParameterSource.COMMANDLINE)
+    return (*value, *given.items())
+
+
+def moved(simulator: str, recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """A campaign's options of its simulator, with what `place_options` say in their place.
+
+    Where BeamNG.tech was started and is now to be connected to, or the other way round, what is
+    recorded for that does not hold any more.
+
+    Raises:
+        click.UsageError: the simulator is another.
+    """
+    given = _given(click.get_current_context(), simulator)
+    ended: tuple[str, ...] = ()
+    if "host" in given:
+        ended = _STARTING
+    elif "home" in given and "home" not in recorded:
+        ended = ("host", "port")
+    return {name: value for name, value in recorded.items() if name not in ended} | given
+
+
+def _given(ctx: click.Context, simulator: str | None) -> dict[str, Any]:
+    """The options of BeamNG.tech that were given, by their names for the simulator."""
+    given: dict[str, tuple[str, Any]] = ctx.meta.get(_GIVEN, {})
+    if given and simulator is not None and not is_beamng(simulator):
         (option, _), *_ = given.values()
         raise click.UsageError(
             f"{option} is for --simulator {NAME}, but the simulator is {simulator!r}"
         )
-    assert param.name is not None
-    ctx.set_parameter_source(param.name, click.core.ParameterSource.COMMANDLINE)
-    return (*value, *((_OPTIONS[name], one) for name, (_, one) in given.items()))
+    return {_OPTIONS[name]: value for name, (_, value) in given.items()}

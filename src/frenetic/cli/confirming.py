@@ -56,6 +56,7 @@ def confirm(
     from frenetic.analysis.confirming import CONFIRMATIONS, confirmation_document
     from frenetic.analysis.confirming import confirm as confirm_failures
     from frenetic.campaign import CampaignStore
+    from frenetic.campaign.campaign import describe
     from frenetic.report.failures import LISTED, telling_failures
 
     if test_ids and top is not None:
@@ -67,6 +68,7 @@ def confirm(
         )
     with CampaignStore.open(campaign) as store:
         parts = recorded_parts(store, given)
+        recorded = store.config.get("simulator"), store.config.get("driver")
         chosen = list(dict.fromkeys(test_ids))
         if not chosen:
             failures = telling_failures(store, top or LISTED)
@@ -76,6 +78,8 @@ def confirm(
         return
     driver, simulator = parts.make_driver(), parts.make_simulator()
     log = Log()
+    if recorded == (describe(simulator), describe(driver)):
+        log.print("These are the campaign's own simulator and driver: what fails is to fail again.")
     with (
         announced_compilation(log) as compiled,
         counted_progress(log, "Driving") as show,

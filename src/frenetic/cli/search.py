@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
+from frenetic.cli.beamng import moved, place_options
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -175,12 +176,16 @@ def run(
     _search(campaign, campaign.run, text, as_json, seed)
 
 
-@click.command(short_help="Go on with a campaign that was interrupted or is to be extended.")
+@click.command(
+    cls=GroupedCommand,
+    short_help="Go on with a campaign that was interrupted or is to be extended.",
+)
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
 @_worker_options
+@place_options
 @json_option
 def resume(
     campaign: Path,
@@ -196,7 +201,8 @@ def resume(
 
     Its log is replayed to a fresh strategy, so that an interrupted campaign ends as it would have
     without the interruption, exactly so if it has one worker or is ordered and its budget counts
-    simulations or failures. With options, its budget becomes what is spent and so much more.
+    simulations or failures. With a budget, its own becomes what is spent and so much more. Where
+    BeamNG.tech is may be said anew, for this time.
     """
     from frenetic.campaign import Budget, CampaignStore
     from frenetic.campaign.configuration import recorded_budget, recorded_command
@@ -235,8 +241,11 @@ def resume(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
+    simulator_options = moved(
+        command.options["simulator"], command.options["simulator_options"]
+    )
     the_campaign = make_campaign(
-        command.options,
+        {**command.options, "simulator_options": simulator_options},
         seed=command.seed,
         map_size=command.map_size,
         budget=budget,

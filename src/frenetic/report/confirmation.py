@@ -36,7 +36,9 @@ RECORDED_COLOUR, OTHER_COLOUR = "#d1232a", "#1f6fb4"
 _WIDTH: Final = 9.0  # inches
 _ACROSS: Final = 3  # pictures in a row of a gallery
 _CELL: Final = 3.4  # inches
+_HEAD: Final = 0.9  # inches above the pictures of a gallery
 _MOST: Final = 60  # pictures in a gallery
+_LETTERS: Final = 110  # that fit into a line
 
 
 @dataclass(frozen=True)
@@ -119,17 +121,18 @@ def draw_pair(pair: Pair, path: Path, names: Names) -> None:
     form = form_of(path)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(_WIDTH, 8.0), dpi=DPI, facecolor="white")
-        above = figure.add_axes((0.06, 0.33, 0.9, 0.54))
+        above = figure.add_axes((0.06, 0.33, 0.9, 0.52))
         _draw_from_above(above, pair)
         below = figure.add_axes((0.08, 0.08, 0.88, 0.18))
         _draw_oob_distances(below, pair)
-        figure.text(0.06, 0.945, pair.title, size=16, weight="bold", color=INK)
+        figure.text(0.06, 0.96, pair.title, size=16, weight="bold", color=INK)
         for drive, name, colour, y in (
-            (pair.recorded, names.recorded, RECORDED_COLOUR, 0.918),
-            (pair.other, names.other, OTHER_COLOUR, 0.893),
+            (pair.recorded, names.recorded, RECORDED_COLOUR, 0.936),
+            (pair.other, names.other, OTHER_COLOUR, 0.894),
         ):
+            figure.text(0.06, y, name[:_LETTERS], size=9.5, weight="bold", color=colour)
             reason = judge(pair.road, drive).reason
-            figure.text(0.06, y, f"{name}: {reason}"[:130], size=9.5, color=colour)
+            figure.text(0.06, y - 0.019, reason[:_LETTERS], size=9.5, color=colour)
         write_figure(figure, path, form)
 
 
@@ -141,21 +144,21 @@ def draw_pairs(pairs: Sequence[Pair], path: Path, names: Names) -> None:
     """
     form = form_of(path)
     rows = math.ceil(len(pairs) / _ACROSS)
-    width, height = _ACROSS * _CELL, rows * (_CELL + 0.35) + 0.7
+    width, height = _ACROSS * _CELL, rows * (_CELL + 0.35) + _HEAD
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
         for i, pair in enumerate(pairs):
             row, column = divmod(i, _ACROSS)
-            top = height - 0.7 - row * (_CELL + 0.35)
+            top = height - _HEAD - row * (_CELL + 0.35)
             left = (column + 0.04) / _ACROSS
             box = (left, (top - _CELL) / height, 0.92 / _ACROSS, (_CELL - 0.1) / height)
             _draw_from_above(figure.add_axes(box), pair)
             figure.text(left, top / height, pair.title, size=10, weight="bold", color=INK)
         lines = [
-            Line2D([], [], color=RECORDED_COLOUR, label=names.recorded),
-            Line2D([], [], color=OTHER_COLOUR, linestyle="--", label=names.other),
+            Line2D([], [], color=RECORDED_COLOUR, label=names.recorded[:_LETTERS]),
+            Line2D([], [], color=OTHER_COLOUR, linestyle="--", label=names.other[:_LETTERS]),
         ]
-        figure.legend(handles=lines, loc="upper left", ncols=2, frameon=False, fontsize=11)
+        figure.legend(handles=lines, loc="upper left", frameon=False, fontsize=11)
         write_figure(figure, path, form)
 
 
