@@ -24,8 +24,9 @@ def no_drift(road: Road) -> float:  # noqa: ARG001
 class DummySimulator:
     """Moves a car along the ego lane at a steady speed, drifting from its centre; no physics.
 
-    The driver is reset but never asked. Where the drift takes the car out of the lane it has
-    failed, so the outcome is a function of the road.
+    The driver is reset but never asked, the car moves from the first record on, and the drive is
+    recorded to the road's last point. Where the drift takes the car out of the lane it has failed,
+    so the outcome is a function of the road.
 
     Args:
         drift: m to the left of the ego lane's centre that the car reaches in the middle of the
@@ -89,7 +90,7 @@ class DummySimulator:
                 heading=heading,
                 speed=np.full(n, self.speed),
                 lateral_speed=zeros,
-                yaw_rate=zeros,
+                yaw_rate=np.gradient(heading, period),
                 steering=zeros,
                 steering_input=zeros,
                 throttle=zeros,

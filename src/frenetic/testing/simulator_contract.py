@@ -3,30 +3,43 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
-from frenetic.drivers import Controls, Driver, DriveSetup, Observation
-from frenetic.oracle import judge
+from frenetic.arrays import FloatArray
+from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
+from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators.drive import CarBody, Drive, Rules
+from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
+from frenetic.testing.dummy import DummyDriver
+from frenetic.testing.probes import Broken, Circling, Watch, Weaving
 
 RECORD_RATE = 10.0
 """Hz, the least at which a drive has to be recorded."""
 
+_ENDS = {
+    RUNNING: "stopped before a rule ended it",
+    REACHED: "reached the road's end",
+    LEFT_LANE: "left the lane",
+    STUCK: "was stuck",
+    TIMED_OUT: "took too long",
+}
 
-class _Broken:
-    """A driver that raises in the middle of its drive."""
-
-    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
-        self.calls = 0
-
-    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
-        self.calls += 1
-        if self.calls > 5:
-            raise RuntimeError("no idea where I am")
-        return Controls(0.0, throttle=0.3)
+# How far what a driver sees may be from what is recorded, beside latency.
+_SLACKS: dict[str, float | FloatArray] = {
+    "speed": 0.1,  # m/s
+    "yaw_rate": 0.05,  # rad/s
+    "steering": 0.02,  # rad
+    "lateral_offset": 0.05,  # m
+    "heading_error": 0.02,  # rad
+    "ahead": 0.1 + 0.01 * AHEAD_SPACING * np.arange(AHEAD_POINTS, dtype=np.float64)[:, None],  # m
+    "curvature_ahead": 0.005,  # 1/m
+}
 
 
 class SimulatorContract:
@@ -39,10 +52,22 @@ class SimulatorContract:
         class TestMine(SimulatorContract):
             def make(self, rules):
                 return MySimulator(rules=rules)
+
+    Where a simulator rightly cannot do what is asked of all, its class says so in an attribute.
     """
 
     asks_driver = True
     """False for a simulator that drives by itself and never asks the driver."""
+    start_speed = 0.0
+    """m/s at which a drive starts, for a simulator whose car does not start at rest."""
+    repeats_within = 0.0
+    """m by which two drives of the same road may be apart at the same time; 0: bit for bit."""
+    latency = 0.1
+    """s by which what a driver sees may be older than the record, and a record of what it does."""
+    ends_within = 0.5
+    """s for which a drive may be recorded after a rule has ended it."""
+    wall_limit = 600.0
+    """s of wall time that one drive of this suite may take."""
 
     def make(self, rules: Rules) -> Simulator:
         """A simulator with the given rules."""
@@ -50,98 +75,341 @@ class SimulatorContract:
 
     def driver(self) -> Driver:
         """A driver that manages a gentle road."""
-        from frenetic.drivers import Stanley
-
         return Stanley()
 
     @pytest.fixture
     def road(self) -> Road:
         """A gentle road of 100 m somewhere on the map."""
-        values = np.array([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, -0.01, -0.02, -0.01, 0.0, 0.0])
-        return Road(values, pose=Pose(80.0, 50.0, 1.0))
+        return gentle_road()
 
-    def drive(self, road: Road, rules: Rules | None = None) -> Drive:
-        """One drive in a simulator of its own."""
+    def drive(self, road: Road, rules: Rules | None = None, driver: Driver | None = None) -> Drive:
+        """One drive in a simulator of its own, without an error."""
         with self.make(rules or Rules()) as simulator:
-            return simulator.drive(road, self.driver())
+            drive = self.drive_in(simulator, road, driver or self.driver())
+        assert drive.error is None, drive.error
+        assert len(drive.trajectory) > 1, "the drive has fewer than two records"
+        return drive
+
+    def drive_in(self, simulator: Simulator, road: Road, driver: Driver) -> Drive:
+        """One drive."""
+        try:
+            with wall_limit(self.wall_limit):
+                return simulator.drive(road, driver)
+        except WallLimitExceeded:
+            pytest.fail(f"a drive did not end within {self.wall_limit:g} s of wall time")
 
     def test_is_a_simulator(self) -> None:
         """It has the protocol's methods and attributes."""
         simulator = self.make(Rules(speed_limit=50.0))
-        assert isinstance(simulator, Simulator)
-        assert simulator.rules == Rules(speed_limit=50.0)
-        assert isinstance(simulator.car, CarBody)
+        assert isinstance(simulator, Simulator), (
+            "it needs rules, car and drive, and has to be a context manager"
+        )
+        assert simulator.rules == Rules(speed_limit=50.0), "it keeps other rules than it was given"
+        assert isinstance(simulator.car, CarBody), "car is no CarBody"
 
     def test_gentle_road_is_passed(self, road: Road) -> None:
         """A driver that knows its trade passes a gentle road."""
-        drive = self.drive(road)
-        assert drive.error is None
-        result = judge(road, drive)
+        result = judge(road, self.drive(road))
         assert result.outcome is Outcome.PASS, result.reason
 
     def test_starts_at_rest_in_the_ego_lane(self, road: Road) -> None:
-        """The car starts on the ego lane's centre at the first point, along the road."""
+        """The car starts at rest on the ego lane's centre at the first point, along the road."""
         start = self.drive(road).trajectory
         ((s, d),) = road.track([[start.x[0], start.y[0]]])
-        assert abs(s) < 0.5
-        assert abs(d + 0.5 * road.lane_width) < 0.1
-        turned = start.heading[0] - road.pose.heading
-        assert abs(np.arctan2(np.sin(turned), np.cos(turned))) < 0.05
+        assert abs(s) < 0.5, f"the car starts {s:.2f} m along the road"
+        left = d + 0.5 * road.lane_width
+        assert abs(left) < 0.1, f"the car starts {left:.2f} m left of the ego lane's centre"
+        turned = wrap(start.heading[0] - road.pose.heading)
+        assert abs(turned) < 0.05, f"the car starts turned by {turned:.2f} rad to the left"
+        assert abs(start.speed[0] - self.start_speed) < 0.2, (
+            f"the car starts at {start.speed[0]:.1f} m/s instead of {self.start_speed:g}"
+        )
+        assert abs(start.lateral_speed[0]) < 0.2, (
+            f"the car starts moving sideways at {start.lateral_speed[0]:.1f} m/s"
+        )
 
     def test_records_at_a_fixed_rate(self, road: Road) -> None:
         """Time starts at 0 and goes on in equal steps."""
-        steps = np.diff(self.drive(road).trajectory.time)
-        assert self.drive(road).trajectory.time[0] == 0.0
-        assert np.allclose(steps, steps[0], atol=1e-6)
-        assert steps[0] <= 1.0 / RECORD_RATE + 1e-9
+        time = self.drive(road).trajectory.time
+        steps = np.diff(time)
+        assert time[0] == 0.0, f"the first record is at {time[0]} s"
+        assert np.allclose(steps, steps[0], atol=1e-6), "the steps of time are not equal"
+        assert steps[0] <= 1.0 / RECORD_RATE + 1e-9, f"only one record every {steps[0]:g} s"
 
-    def test_trajectory_is_consistent(self, road: Road) -> None:
-        """Positions change as speed and heading say."""
+    def test_places_change_as_speed_and_heading_say(self, road: Road) -> None:
+        """Positions change as speed and heading say, and headings are unwrapped."""
         t = self.drive(road).trajectory
-        moved = np.hypot(np.diff(t.x), np.diff(t.y))
-        speed = np.hypot(t.speed, t.lateral_speed)
-        middle = 0.5 * (speed[1:] + speed[:-1])
-        assert np.allclose(moved, middle * np.diff(t.time), atol=0.05)
+        cosine, sine = np.cos(t.heading), np.sin(t.heading)
+        for place, rate, name in (
+            (t.x, t.speed * cosine - t.lateral_speed * sine, "x"),
+            (t.y, t.speed * sine + t.lateral_speed * cosine, "y"),
+        ):
+            expected = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t.time)
+            wrong = np.abs(np.diff(place) - expected).max()
+            assert wrong <= 0.05, (
+                f"from one record to the next, {name} differs by up to {wrong:.2f} m from what"
+                " speed, lateral_speed and heading say"
+            )
         assert np.all(np.abs(np.diff(t.heading)) < 1.0), "headings have to be unwrapped"
+
+    def test_heading_changes_as_the_yaw_rate_says(self, road: Road) -> None:
+        """The yaw rate is that of the heading."""
+        t = self.drive(road).trajectory
+        turning = np.gradient(t.heading, t.time)
+        wrong = np.abs(t.yaw_rate - turning).max()
+        assert wrong <= 0.02 + 0.25 * np.abs(turning).max(), (
+            f"yaw_rate differs by up to {wrong:.2f} rad/s from how fast the heading changes"
+        )
 
     def test_same_road_same_drive(self, road: Road) -> None:
         """Driving the same road twice gives the same drive, also in one simulator."""
-        first = self.drive(road).trajectory.to_rows()
+        first = self.drive(road)
         with self.make(Rules()) as simulator:
-            again = [simulator.drive(road, self.driver()).trajectory.to_rows() for _ in range(2)]
-        for rows in again:
-            assert np.array_equal(rows, first)
+            for _ in range(2):
+                self._assert_alike(first, self.drive_in(simulator, road, self.driver()))
 
     def test_rules_and_car_are_handed_on(self, road: Road) -> None:
         """The drive says by which rules it was driven and which box the car covers."""
         rules = Rules(oob_tolerance=0.5)
         with self.make(rules) as simulator:
-            drive = simulator.drive(road, self.driver())
-            assert drive.rules == rules
-            assert drive.car == simulator.car
+            drive = self.drive_in(simulator, road, self.driver())
+            assert drive.rules == rules, "the drive has other rules than the simulator"
+            assert drive.car == simulator.car, "the drive has another car than the simulator"
 
     def test_rules_may_be_set_between_drives(self, road: Road) -> None:
         """The next drive is by the new rules, as if the simulator had been made with them."""
         rules = Rules(speed_limit=25.0)
         with self.make(Rules()) as simulator:
-            simulator.drive(road, self.driver())
+            self.drive_in(simulator, road, self.driver())
             simulator.rules = rules
-            drive = simulator.drive(road, self.driver())
-        assert drive.rules == rules
-        assert np.array_equal(
-            drive.trajectory.to_rows(), self.drive(road, rules).trajectory.to_rows()
-        )
+            drive = self.drive_in(simulator, road, self.driver())
+        assert drive.rules == rules, "the drive has other rules than were set"
+        self._assert_alike(self.drive(road, rules), drive)
 
     def test_broken_driver_leaves_the_next_drive_clean(self, road: Road) -> None:
         """A driver that raises is an error of its drive, and of no other."""
-        clean = self.drive(road).trajectory.to_rows()
+        clean = self.drive(road)
         with self.make(Rules()) as simulator:
-            broken = simulator.drive(road, _Broken())
+            broken = self.drive_in(simulator, road, Broken())
             if self.asks_driver:
-                assert broken.error is not None
-                assert "no idea where I am" in broken.error
+                assert broken.error is not None, "a driver raised, but the drive has no error"
+                assert Broken.message in broken.error, f"the error does not say why: {broken.error}"
                 assert judge(road, broken).outcome is Outcome.ERROR
             else:
-                assert broken.error is None
-            after = simulator.drive(road, self.driver())
-        assert np.array_equal(after.trajectory.to_rows(), clean)
+                assert broken.error is None, broken.error
+            after = self.drive_in(simulator, road, self.driver())
+        self._assert_alike(clean, after)
+
+    def test_driver_is_told_the_car_the_lane_and_the_limits(self, road: Road) -> None:
+        """Before each drive the driver is told what holds for that one."""
+        self._needs_driver()
+        watch = Watch(DummyDriver())
+        with self.make(Rules()) as simulator:
+            for lane_width, speed_limit in ((4.0, 36.0), (3.5, 54.0)):
+                # Over after a moment.
+                simulator.rules = Rules(
+                    speed_limit=speed_limit, timeout_base=0.5, timeout_speed=1e3
+                )
+                driven = Road(road.curvatures, road.step, road.pose, lane_width=lane_width)
+                drive = self.drive_in(simulator, driven, watch)
+                assert drive.error is None, drive.error
+                setup = watch.setups[-1]
+                _assert_told(setup, "lane_width", lane_width)
+                _assert_told(setup, "speed_limit", speed_limit / 3.6)
+                _assert_told(setup, "car_length", simulator.car.length)
+                _assert_told(setup, "car_width", simulator.car.width)
+            assert len(watch.setups) == 2, "the driver has to be reset once before each drive"
+        assert 0.0 < setup.period <= 1.0 / RECORD_RATE + 1e-9, f"period is {setup.period} s"
+        assert setup.front_axle > 0.0, f"front_axle is {setup.front_axle} m"
+        assert setup.rear_axle > 0.0, f"rear_axle is {setup.rear_axle} m"
+        assert setup.wheelbase < setup.car_length, "the axles are farther apart than the bumpers"
+        assert 0.1 < setup.max_steering < 1.57, f"max_steering is {setup.max_steering} rad"
+        for name in ("max_acceleration", "max_deceleration"):
+            value = getattr(setup, name)
+            assert 0.1 < value < 50.0, f"{name} is {value} m/s^2"
+
+    def test_driver_sees_its_car_on_the_road(self, road: Road) -> None:
+        """What the driver sees is where the recorded car is on the road, and how it moves."""
+        watch, drive = self._weave(road)
+        t, period = drive.trajectory, watch.setups[-1].period
+        asked = np.array([observation.time for observation in watch.seen])
+        assert abs(asked[0]) <= self.latency, f"the driver is asked first at {asked[0]:.2f} s"
+        warm = round(self.latency / period)  # until then sensors that are late have nothing new
+        assert np.allclose(np.diff(asked)[warm:], period, atol=1e-3), (
+            f"the driver is not asked every {period:g} s, as setup.period says"
+        )
+        expected = _observations(road, drive)
+        for seen in watch.seen:
+            near = self._near(t.time, seen.time)
+            assert len(near), f"the driver is asked at {seen.time:.2f} s, where nothing is recorded"
+            for name, slack in _SLACKS.items():
+                value = np.asarray(getattr(seen, name))
+                wanted = np.array([getattr(expected[i], name) for i in near])
+                assert value.shape == wanted.shape[1:], f"{name} has shape {value.shape}"
+                assert _lies_among(value, wanted, slack), (
+                    f"at {seen.time:.2f} s the driver sees {name} = {_shown(value)}, but by the"
+                    f" record it is {_shown(wanted[len(near) // 2])}"
+                )
+
+    def test_records_hold_what_the_driver_asked_for(self, road: Road) -> None:
+        """steering_input, throttle and brake are the driver's answers."""
+        watch, drive = self._weave(road)
+        most = watch.setups[-1].max_steering
+        times = np.array([observation.time for observation in watch.seen])
+        t = drive.trajectory
+        for name, recorded, given in (
+            (
+                "steering_input",
+                np.clip(t.steering_input, -most, most),
+                np.clip([controls.steering for controls in watch.given], -most, most),
+            ),
+            ("throttle", t.throttle, np.array([controls.throttle for controls in watch.given])),
+            ("brake", t.brake, np.array([controls.brake for controls in watch.given])),
+        ):
+            # The last record may come after the last answer.
+            for at, value in zip(t.time[:-1], recorded[:-1], strict=True):
+                near = self._near(times, at)
+                if len(near):
+                    assert _lies_among(value, given[near], 0.01), (
+                        f"at {at:.2f} s {name} = {value:.3f} is recorded, but the driver answered"
+                        f" {given[near[len(near) // 2]]:.3f}"
+                    )
+
+    def test_controls_beyond_the_limits_are_cut(self, road: Road) -> None:
+        """Wheels turn to the largest angle at most, pedals go from 0 to 1."""
+        self._needs_driver()
+        watch = Watch(DummyDriver(steering=10.0, throttle=2.0, brake=-1.0))
+        t = self.drive(road, driver=watch).trajectory
+        most, widest = watch.setups[-1].max_steering, np.abs(t.steering).max()
+        assert widest <= most + 0.02, (
+            f"the wheels turn by {widest:.2f} rad, farther than max_steering = {most:.2f}"
+        )
+        for name, pedal in (("throttle", t.throttle), ("brake", t.brake)):
+            assert np.all((pedal >= 0.0) & (pedal <= 1.0)), f"{name} is recorded beyond 0 to 1"
+
+    def test_car_turns_as_its_wheels_and_axles_say(self) -> None:
+        """At low speed the car drives the circle of its front wheels' angle and its wheelbase."""
+        self._needs_driver()
+        watch = Watch(Circling())
+        road = Road(np.zeros(7), pose=Pose(80.0, 50.0, 1.0))
+        t = self.drive(road, driver=watch).trajectory
+        turns = next(
+            (
+                seen.time
+                for seen, done in zip(watch.seen, watch.given, strict=True)
+                if done.steering
+            ),
+            np.inf,
+        )
+        steady = np.flatnonzero(t.time > turns + 1.0)
+        driven = float(np.hypot(np.diff(t.x[steady]), np.diff(t.y[steady])).sum())
+        assert driven > 2.0, (
+            f"a driver that steers to the left at 3 m/s gets only {driven:.1f} m far"
+        )
+        curvature = (t.heading[steady[-1]] - t.heading[steady[0]]) / driven
+        angle = float(np.mean(t.steering[steady]))
+        expected = np.tan(angle) / watch.setups[-1].wheelbase
+        assert curvature > 0.0, "steering above 0 turns the car to the right"
+        assert 0.8 * expected <= curvature <= 1.2 * expected, (
+            f"at {np.mean(t.speed[steady]):.1f} m/s the car drives a curvature of {curvature:.3f}"
+            f" 1/m; the recorded steering of {angle:.3f} rad and the wheelbase of"
+            f" {watch.setups[-1].wheelbase:.2f} m make {expected:.3f}"
+        )
+
+    def test_ends_at_the_roads_end(self, road: Road) -> None:
+        """The drive is recorded until the goal is reached, and no longer."""
+        self._assert_ends(road, self.drive(road), REACHED)
+
+    def test_ends_outside_the_lane(self, road: Road) -> None:
+        """The drive ends where the car has left its lane."""
+        self._needs_driver()
+        drive = self.drive(road, driver=DummyDriver(steering=0.3, throttle=0.5))
+        self._assert_ends(road, drive, LEFT_LANE)
+
+    def test_ends_when_the_car_is_stuck(self, road: Road) -> None:
+        """A car that does not move ends the drive."""
+        self._needs_driver()
+        drive = self.drive(road, Rules(stuck_time=2.0), DummyDriver(brake=1.0))
+        self._assert_ends(road, drive, STUCK)
+
+    def test_ends_at_the_timeout(self, road: Road) -> None:
+        """A driver that does nothing has had its time some day."""
+        self._needs_driver()
+        rules = Rules(timeout_base=3.0, timeout_speed=road.length)
+        self._assert_ends(road, self.drive(road, rules, DummyDriver()), TIMED_OUT)
+
+    def _needs_driver(self) -> None:
+        if not self.asks_driver:
+            pytest.skip("this simulator never asks the driver")
+
+    def _weave(self, road: Road) -> tuple[Watch, Drive]:
+        """A drive in which what a driver sees and does changes all the time."""
+        self._needs_driver()
+        watch = Watch(Weaving(Stanley()))
+        drive = self.drive(road, driver=watch)
+        assert len(watch.seen) > 20, f"the driver was asked only {len(watch.seen)} times"
+        return watch, drive
+
+    def _near(self, times: FloatArray, time: float) -> npt.NDArray[np.intp]:
+        """Indices of the times that latency cannot tell from a time."""
+        return np.flatnonzero(np.abs(times - time) <= self.latency + 1e-6)
+
+    def _assert_ends(self, road: Road, drive: Drive, end: int) -> None:
+        seen = assess(road, drive)
+        assert seen.end == end, f"the drive {_ENDS[seen.end]}; a drive that {_ENDS[end]} was due"
+        time = drive.trajectory.time
+        late = time[-1] - time[len(seen.distance) - 1]
+        assert late <= self.ends_within, (
+            f"the drive is recorded for another {late:.1f} s after the car {_ENDS[end]}"
+        )
+
+    def _assert_alike(self, first: Drive, again: Drive) -> None:
+        one, other = first.trajectory, again.trajectory
+        if self.repeats_within == 0.0:
+            assert np.array_equal(one.to_rows(), other.to_rows()), (
+                "the same road and driver did not give the same drive bit for bit"
+            )
+            return
+        n = min(len(one), len(other))
+        apart = np.hypot(one.x[:n] - other.x[:n], one.y[:n] - other.y[:n]).max()
+        assert apart <= self.repeats_within, (
+            f"two drives of the same road and driver are {apart:.2f} m apart"
+        )
+        assert abs(one.time[-1] - other.time[-1]) <= 1.0, (
+            "two drives of the same road and driver do not end at the same time"
+        )
+
+
+def gentle_road() -> Road:
+    """A gentle road of 100 m somewhere on the map."""
+    values = np.array([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, -0.01, -0.02, -0.01, 0.0, 0.0])
+    return Road(values, pose=Pose(80.0, 50.0, 1.0))
+
+
+def _assert_told(setup: DriveSetup, name: str, expected: float) -> None:
+    told = getattr(setup, name)
+    assert abs(told - expected) <= 0.05, (
+        f"the driver is told {name} = {told:.2f}, but it is {expected:.2f}"
+    )
+
+
+def _observations(road: Road, drive: Drive) -> list[Observation]:
+    """What a driver has to see at each record."""
+    t = drive.trajectory
+    observer = Observer(road, drive.rules, drive.car, len(t))
+    seen = []
+    for i in range(len(t)):
+        observer.see(t.time[i], t.x[i], t.y[i], t.heading[i])
+        seen.append(observer.observation(t.speed[i], t.yaw_rate[i], t.steering[i]))
+    return seen
+
+
+def _lies_among(value: npt.ArrayLike, values: FloatArray, slack: float | FloatArray) -> bool:
+    """Whether nothing in ``value`` is beyond all of ``values`` by more than the slack."""
+    low, high = values.min(axis=0) - slack, values.max(axis=0) + slack
+    return bool(np.all((value >= low) & (value <= high)))
+
+
+def _shown(value: FloatArray) -> str:
+    """A number, or the beginning of an array."""
+    return np.array2string(value.ravel()[:4], precision=3)
