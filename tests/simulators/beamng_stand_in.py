@@ -9,6 +9,9 @@ what it does not know it answers with an error, as BeamNG.tech does. Like BeamNG
 - counts steering to the right as positive,
 - lets its own driver move only on roads with a drivability and to waypoints that exist.
 
+Whether BeamNG.tech can listen on a port that it has just used is not known; the stand-in cannot
+until the port is free.
+
 As a program (``python beamng_stand_in.py -tport PORT``) it serves one client until it is told to
 quit, so that it can be launched in place of BeamNG.tech.
 """
@@ -275,7 +278,10 @@ class _EndError(Exception):
 
 
 class StandIn:
-    """The server: `port` is where it listens, `said` what it was told, in order."""
+    """The server: `port` is where it listens, `said` what it was told, in order.
+
+    `connections` counts those that were made.
+    """
 
     def __init__(
         self,
@@ -291,6 +297,7 @@ class StandIn:
         self.is_licensed = is_licensed
         self.trouble = trouble
         self.said: list[tuple[str, Message]] = []
+        self.connections = 0
         self.has_quit = threading.Event()
         self._counts: Counter[str] = Counter()
         self._sockets: list[socket.socket] = []
@@ -338,6 +345,7 @@ class StandIn:
                     return
                 client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 with self._lock:
+                    self.connections += 1
                     self._sockets.append(client)
                 threading.Thread(target=self._talk, args=(client, answer), daemon=True).start()
 

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
+import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import beamngpy
+import beamngpy.connection
 import numpy as np
 import pytest
 from beamng_stand_in import DROP, HANG, StandIn, Trouble, World, program
+from beamngpy.connection.prefixed_length_socket import PrefixedLengthSocket
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.doctor import Health, examine
@@ -26,6 +32,7 @@ from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, Rules
 from frenetic.simulators.beamng import BeamngError, BeamngSimulator
+from frenetic.simulators.beamng.link import _free_port, _is_taken
 from frenetic.testing import DummyDriver, SimulatorContract
 
 ROAD = Road([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, 0.0], pose=Pose(80.0, 50.0, 1.0))
@@ -243,6 +250,68 @@ def test_hang_while_loading_is_noticed(trouble: Trouble, monkeypatch: pytest.Mon
         pass
 
 
+def test_silent_car_is_noticed_outside_the_main_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("frenetic.simulators.beamng.link.LOAD_LIMIT", 0.5)
+    raised: list[BaseException] = []
+    with StandIn(trouble=on("Hello", 2, HANG)) as server:
+
+        def enter() -> None:
+            try:
+                with connected(server):
+                    pass
+            except BaseException as error:
+                raised.append(error)
+
+        thread = threading.Thread(target=enter, daemon=True)
+        thread.start()
+        thread.join(60.0)
+        assert not thread.is_alive()
+    assert isinstance(raised[0], BeamngError)
+    assert "did not answer in time, loading the road and etk800" in str(raised[0])
+
+
+def test_port_that_is_silent_is_asked_once() -> None:
+    with (
+        StandIn(trouble=on("Hello", 1, HANG)) as server,
+        pytest.raises(BeamngError, match=r"in time, connecting to 127\.0\.0\.1"),
+        connected(server, reply_limit=0.2),
+    ):
+        pass
+    assert server.connections == 1
+
+
+def test_port_of_the_car_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    with StandIn() as server:
+        port = _free_port()
+        monkeypatch.setattr(
+            server, "_ge_StartVehicleConnection", lambda _: {"vid": "ego", "result": port}
+        )
+        monkeypatch.setattr("beamngpy.connection.connection.sleep", lambda _: None)
+        with (
+            pytest.raises(BeamngError, match=rf"the car's port {port} .*: BeamNG.tech opens one"),
+            connected(server),
+        ):
+            pass
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        on("StopScenario", 2, "it is stuck"),
+        on("StopScenario", 2, DROP),
+        on("StopScenario", 2, HANG),
+        on("DeleteScenario", 2, "there is no such file"),
+    ],
+)
+def test_drive_counts_whatever_becomes_of_its_road(trouble: Trouble, tmp_path: Path) -> None:
+    with StandIn(trouble=trouble) as server:
+        summary = campaign(connected(server, reply_limit=3.0), tmp_path).run()
+        assert server.types().count("GetSystemInfo") == 3, "measured, driven once, the rest"
+    assert summary.errors == 0
+    with CampaignStore.open(tmp_path) as store:
+        assert {record.attempts for record in store.tests() if record.outcome.is_driven} == {1}
+
+
 def test_error_of_the_simulator_is_told_in_its_words(stand_in: StandIn) -> None:
     with (
         pytest.raises(BeamngError, match=r"Vehicle not found: tank"),
@@ -254,7 +323,7 @@ def test_error_of_the_simulator_is_told_in_its_words(stand_in: StandIn) -> None:
 def test_other_version_is_told_with_what_to_do() -> None:
     with (
         StandIn(protocol="v1.22") as server,
-        pytest.raises(BeamngError, match=r"v1\.27 .*v1\.22; install the version of beamngpy"),
+        pytest.raises(BeamngError, match=r"v1\.27 .*v1\.22: install the version of beamngpy"),
         connected(server),
     ):
         pass
@@ -302,20 +371,84 @@ def test_given_box_has_to_be_the_true_one(stand_in: StandIn) -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"steps_per_second": 50}, "a multiple of 20"),
-        ({"aggression": 0.0}, "above 0 and up to 2"),
+        ({"steps_per_second": 50}, "steps_per_second is 50: a multiple of 20 is needed"),
+        ({"aggression": 0.0}, "aggression is 0.0: a number above 0 and up to 2 is needed"),
+        ({"aggression": True}, "aggression is True: a number above 0 and up to 2 is needed"),
         ({"level": "italy"}, "give its height with ground"),
-        ({"port": 0}, "from 1 to 65535"),
-        ({"wall_limit": 0.0}, "positive number of seconds"),
+        ({"level": None}, "level is None: a name is needed"),
+        ({"ground": math.nan}, "ground is nan: a number of m is needed"),
+        ({"ground": "abc"}, "ground is 'abc': a number of m is needed"),
+        ({"port": 0}, "port is 0: a whole number from 1 to 65535 is needed"),
+        ({"port": "abc"}, "port is 'abc': a whole number from 1 to 65535 is needed"),
+        ({"host": 5}, "host is 5: a name is needed"),
+        ({"vehicle": 5}, "vehicle is 5: a name is needed"),
+        ({"headless": "yes"}, "headless is 'yes': true or false is needed"),
+        ({"wall_limit": 0.0}, "wall_limit is 0.0: a positive number of seconds is needed"),
+        ({"reply_limit": "abc"}, "reply_limit is 'abc': a positive number of seconds is needed"),
         ({"car_length": 4.0}, "have to be given together"),
+        (
+            {"car_length": -3, "car_width": 2},
+            "car_length is -3: a number of m above 1 and below 30 is needed",
+        ),
         ({"headless": True}, "give --beamng-home, too"),
+        ({"restart_every": 5}, "give --beamng-home, too"),
+        ({"restart_every": 0}, "restart_every is 0: a whole number of at least 1 is needed"),
+        ({"home": ""}, "home is '': the name of a folder is needed"),
         ({"home": "/opt/b", "host": "10.0.0.1"}, "exclude each other"),
         ({"home": "/opt/b", "user": "/a b"}, "no folder with a space"),
     ],
 )
 def test_options_are_checked(options: dict[str, object], text: str) -> None:
-    with pytest.raises((ValueError, BeamngError), match=text):
+    with pytest.raises((ValueError, BeamngError)) as raised:
         BeamngSimulator(**({"port": 25252} | options if "home" not in options else options))  # type: ignore[arg-type]
+    assert text in str(raised.value)
+
+
+def test_space_in_the_folder_around_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a b").mkdir()
+    monkeypatch.chdir(tmp_path / "a b")
+    with pytest.raises(BeamngError, match=r"a b/user': BeamNG\.tech takes no folder with a space"):
+        BeamngSimulator(home="/opt/b", user="user")
+
+
+@pytest.mark.parametrize(
+    ("number", "is_known"), [("1.35", False), ("1.36", True), ("2.0.dev1", True)]
+)
+def test_beamngpy_that_is_too_old_is_told(
+    stand_in: StandIn, monkeypatch: pytest.MonkeyPatch, number: str, is_known: bool
+) -> None:
+    monkeypatch.setattr("frenetic.simulators.beamng.link.version", lambda _: number)
+    if is_known:
+        with connected(stand_in):
+            return
+    with (
+        pytest.raises(BeamngError, match=rf"beamngpy {number} is too old: 1\.36 or newer"),
+        connected(stand_in),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("owner", "name"),
+    [
+        (beamngpy.BeamNGpy, "_start_beamng"),
+        (beamngpy.connection.Connection, "hello"),
+        (PrefixedLengthSocket, "reconnect"),
+    ],
+)
+def test_beamngpy_that_lacks_what_is_used_is_told(
+    stand_in: StandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, owner: type, name: str
+) -> None:
+    monkeypatch.delattr(owner, name)
+    simulator = connected(stand_in)
+    if name == "_start_beamng":
+        program(tmp_path)
+        simulator = BeamngSimulator(home=str(tmp_path))
+    text = rf"is not as Frenetic knows it: its {owner.__name__} has no {name}: use beamngpy"
+    with pytest.raises(BeamngError, match=text), simulator:
+        pass
 
 
 def test_somebody_has_to_say_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -331,12 +464,14 @@ def test_somebody_has_to_say_where_it_is(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def campaign(simulator: BeamngSimulator, folder: Path, **options: object) -> Campaign:
     return Campaign(
-        strategy=RandomSearch(seed=1),
-        simulator=simulator,
-        driver=Stanley(),
-        budget=Budget(simulations=3),
-        folder=folder,
-        **options,  # type: ignore[arg-type]
+        **{
+            "strategy": RandomSearch(seed=1),
+            "simulator": simulator,
+            "driver": Stanley(),
+            "budget": Budget(simulations=3),
+            "folder": folder,
+            **options,
+        },  # type: ignore[arg-type]
     )
 
 
@@ -419,6 +554,64 @@ def test_it_is_started_again_after_it_was_killed(tmp_path: Path) -> None:
 
 
 @linux
+def test_campaign_has_a_port_of_its_own(tmp_path: Path) -> None:
+    program(tmp_path / "home")
+    simulator = BeamngSimulator(home=str(tmp_path / "home"), port=_free_port())
+    summary = campaign(simulator, tmp_path / "c").run()
+    assert (summary.simulations, summary.errors) == (3, 0)
+
+
+@linux
+@pytest.mark.parametrize("has_port", [False, True])
+def test_campaign_goes_on_after_a_crash(tmp_path: Path, has_port: bool) -> None:
+    program(tmp_path / "home")
+    port = _free_port() if has_port else None
+    simulator = BeamngSimulator(home=str(tmp_path / "home"), port=port)
+
+    class Killing(Stanley):
+        drives = 0
+
+        def reset(self, setup: DriveSetup) -> None:
+            super().reset(setup)
+            Killing.drives += 1
+            if Killing.drives == 2:
+                os.kill(started_process(simulator), 9)
+
+    summary = campaign(simulator, tmp_path / "c", driver=Killing()).run()
+    assert (summary.simulations, summary.errors) == (3, 0)
+    assert Killing.drives == 4
+
+
+@linux
+def test_it_is_started_anew_after_so_many_drives(tmp_path: Path) -> None:
+    program(tmp_path / "home")
+    processes = []
+    with BeamngSimulator(
+        home=str(tmp_path / "home"), port=_free_port(), restart_every=2
+    ) as simulator:
+        for _ in range(5):
+            assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
+            processes.append(started_process(simulator))
+    a, b, c, d, e = processes
+    assert a == b != c == d != e
+    assert not any(is_alive(one) for one in processes)
+
+
+@linux
+def test_port_of_connections_that_have_ended_is_not_taken() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        assert _is_taken(port)
+        with socket.create_connection(("127.0.0.1", port)) as client:
+            served, _ = listener.accept()
+            served.close()  # first, so that the port is kept on this side
+            assert not client.recv(1)
+    with socket.socket() as plain, pytest.raises(OSError, match="in use"):
+        plain.bind(("127.0.0.1", port))
+    assert not _is_taken(port)
+
+
+@linux
 def test_program_that_ends_at_once_is_told(tmp_path: Path) -> None:
     program(tmp_path).write_text("#!/bin/sh\nexit 3\n")
     with (
@@ -463,7 +656,7 @@ def test_launch_says_what_the_options_say(tmp_path: Path, monkeypatch: pytest.Mo
     ("make", "text"),
     [
         (lambda home: home / "nowhere", "there is no folder"),
-        (lambda home: home, "No BeamNG binary found"),
+        (lambda home: home, r"there is no program of BeamNG\.tech in .*: give --beamng-home"),
     ],
 )
 def test_home_without_a_program(tmp_path: Path, make: Callable[[Path], Path], text: str) -> None:
@@ -514,12 +707,16 @@ def test_doctor_says_what_is_wrong(
     assert first.name == name
     assert text in f"{first.found}; {first.remedy}"
     assert first.remedy
+    assert first.remedy not in first.found
 
 
 @linux
 def test_doctor_checks_the_installation(tmp_path: Path) -> None:
     examination = examine("beamng", {"home": str(tmp_path)})
-    assert [check.name for check in examination.failed] == ["installation"]
+    (check,) = examination.failed
+    assert check.name == "installation"
+    assert check.found == f"there is no program of BeamNG.tech in {tmp_path}"
+    assert check.remedy == "give --beamng-home the folder into which BeamNG.tech was unpacked"
     program(tmp_path)
     examination = examine("beamng", {"home": str(tmp_path)})
     assert examination.health is Health.OK, examination.failed

@@ -89,6 +89,66 @@ def test_campaign_and_its_resumption(frenetic: Frenetic, stand_in: StandIn) -> N
     assert frenetic("check", "c")[0] == 0, "the stored verdicts are those of the stored drives"
 
 
+def test_resumption_at_another_place(frenetic: Frenetic, stand_in: StandIn, tmp_path: Path) -> None:
+    search = ("run", "--simulations", "2", "--seed", "1", "--out", "c", "--json")
+    assert frenetic(*search, *beamng(stand_in), "--aggression", "0.9")[0] == 0
+    stand_in.close()
+    more = ("resume", "c", "--simulations", "1", "--json")
+    code, _, err = frenetic(*more)
+    assert code == 2
+    assert "nothing answers" in err
+    with StandIn() as other:
+        code, out, err = frenetic(*more, "--beamng-port", str(other.port))
+    assert code == 0, err
+    assert json.loads(out)["simulations"] == 3
+    if sys.platform == "linux":
+        program(tmp_path / "home")
+        code, out, err = frenetic(*more, "--beamng-home", "home", "--headless")
+        assert code == 0, err
+        assert json.loads(out)["simulations"] == 4
+    assert configuration("c")["command"]["simulator_options"]["port"] == stand_in.port
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the program is a shell script")
+def test_what_was_started_is_gone_on_with_where_one_runs(
+    frenetic: Frenetic, stand_in: StandIn, tmp_path: Path
+) -> None:
+    program(tmp_path / "home")
+    search = ("run", "--simulations", "1", "--seed", "1", "--out", "c", "--simulator", "beamng")
+    options = ("--beamng-home", "home", "--headless", "--simulator-option", "restart_every=9")
+    code, _, err = frenetic(*search, *options)
+    assert code == 0, err
+    place = ("--beamng-host", "127.0.0.1", "--beamng-port", str(stand_in.port))
+    code, _, err = frenetic("resume", "c", "--simulations", "1", *place)
+    assert code == 0, err
+    assert "Step" in stand_in.types()
+
+
+def test_place_is_for_no_campaign_of_another_simulator(frenetic: Frenetic) -> None:
+    assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c")[0] == 0
+    code, _, err = frenetic("resume", "c", "--simulations", "1", "--beamng-port", "25252")
+    assert code == 2
+    assert err.strip().splitlines() == [
+        "frenetic: --beamng-port is for --simulator beamng, but the simulator is 'embedded'"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("setting", "text"),
+    [
+        ("ground=nan", "ground is nan: a number of m is needed"),
+        ("reply_limit=abc", "reply_limit is 'abc': a positive number of seconds is needed"),
+        ("host=5", "host is 5: a name is needed"),
+    ],
+)
+def test_wrong_value_is_one_line(frenetic: Frenetic, setting: str, text: str) -> None:
+    code, _, err = frenetic(
+        "drive", "road.json", "--simulator", "beamng", "--simulator-option", setting
+    )
+    assert code == 2
+    assert err.strip().splitlines() == [f"frenetic: simulator 'beamng': {text}"]
+
+
 def test_seed_gives_the_same_campaign(frenetic: Frenetic, stand_in: StandIn) -> None:
     tests = []
     for folder in ("a", "b"):
@@ -114,14 +174,16 @@ def test_its_options_are_for_no_other_simulator(
     ]
 
 
-@pytest.mark.parametrize("command", ["run", "drive", "minimise", "replay", "rerun", "confirm"])
+@pytest.mark.parametrize(
+    "command", ["run", "resume", "drive", "minimise", "replay", "rerun", "confirm"]
+)
 def test_help_shows_its_options_as_a_group(frenetic: Frenetic, command: str) -> None:
     code, out, _ = frenetic(command, "--help")
     assert code == 0
     first, group = out.split("BeamNG.tech options (with --simulator beamng):")
     assert "--beamng-home DIR" in group
     assert "--beamng-home" not in first
-    assert "--driver" in first
+    assert "--driver" in first or command == "resume"
 
 
 def test_nobody_says_where_it_is(frenetic: Frenetic) -> None:
@@ -136,6 +198,16 @@ def test_it_does_not_start(frenetic: Frenetic, stand_in: StandIn) -> None:
     assert code == 2
     assert f"the simulator does not start: nothing answers at 127.0.0.1:{stand_in.port}" in err
     assert not Path("c").exists(), "nothing is left behind"
+
+
+def test_driver_that_does_not_suit_is_refused_before_anything_is_driven(
+    frenetic: Frenetic, stand_in: StandIn
+) -> None:
+    search = ("run", *beamng(stand_in), "--driver", "beamng-ai", "--noise", "0.1", "--out", "c")
+    code, _, err = frenetic(*search)
+    assert code == 2
+    assert "BeamNG.AI takes no noise, delay or view" in err
+    assert not Path("c").exists()
 
 
 def test_drive_draws_what_happened(frenetic: Frenetic, stand_in: StandIn) -> None:

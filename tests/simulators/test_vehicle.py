@@ -295,7 +295,7 @@ class TestTyres:
         assert max(force(wet, slip) for slip in slips) == pytest.approx(0.5 * peak, rel=1e-4)
 
     @given(states(), SHARE, SHARE, finite(0.2, 1.5))
-    @settings(max_examples=500, deadline=None)
+    @settings(max_examples=500)
     def test_no_axle_leaves_its_friction_circle(
         self, state: FloatArray, throttle: float, brake: float, friction: float
     ) -> None:
@@ -406,7 +406,7 @@ class TestEnergy:
         assert rates(CAR, at(20.0))[SPEED] == pytest.approx(-expected)
 
     @given(states(), finite(-1.2, 1.2), SHARE)
-    @settings(max_examples=500, deadline=None)
+    @settings(max_examples=500)
     def test_nothing_but_the_engine_adds_energy(
         self, state: FloatArray, steering: float, brake: float
     ) -> None:
@@ -415,7 +415,7 @@ class TestEnergy:
         assert power(CAR, state, rate) <= 1e-12 * scale
 
     @given(states(), finite(-1.2, 1.2), SHARE)
-    @settings(max_examples=50, deadline=None)
+    @settings(max_examples=50)
     def test_a_slide_ends_at_rest(self, state: FloatArray, steering: float, brake: float) -> None:
         driven = simulate(CAR, state, held(steering, 0.0, max(brake, 0.2)), 30.0)
         energy = kinetic_energy(CAR, driven)
@@ -423,7 +423,7 @@ class TestEnergy:
         assert energy[-1] < 1e-6
 
     @given(states(), finite(-1.2, 1.2), SHARE, SHARE)
-    @settings(max_examples=300, deadline=None)
+    @settings(max_examples=300)
     def test_the_engine_gives_no_more_than_its_power(
         self, state: FloatArray, steering: float, throttle: float, brake: float
     ) -> None:
@@ -564,7 +564,7 @@ class TestIntegration:
         assert np.array_equal(moved[:, SPEED:], plain[:, SPEED:])
 
     @given(states(), finite(-1.2, 1.2), SHARE, SHARE)
-    @settings(max_examples=200, deadline=None)
+    @settings(max_examples=200)
     def test_a_step_is_rk4_of_the_derivative(
         self, state: FloatArray, steering: float, throttle: float, brake: float
     ) -> None:
@@ -603,7 +603,7 @@ class TestIntegration:
         st.lists(st.tuples(finite(-3.0, 3.0), SHARE, SHARE), min_size=1, max_size=20),
         finite(0.1, 1.5),
     )
-    @settings(max_examples=100, deadline=None)
+    @settings(max_examples=100)
     def test_any_inputs_leave_the_state_finite(
         self, state: FloatArray, inputs: list[tuple[float, float, float]], friction: float
     ) -> None:

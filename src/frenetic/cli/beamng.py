@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, ParamSpec, TypeVar
 
 import click
@@ -76,7 +76,7 @@ def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
 
 
 def _with_all(
-    options: list[Callable[[Callable[P, R]], Callable[P, R]]], command: Callable[P, R]
+    options: Sequence[Callable[[Callable[P, R]], Callable[P, R]]], command: Callable[P, R]
 ) -> Callable[P, R]:
     for option in reversed(options):
         command = option(command)

@@ -241,9 +241,7 @@ def resume(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    simulator_options = moved(
-        command.options["simulator"], command.options["simulator_options"]
-    )
+    simulator_options = moved(command.options["simulator"], command.options["simulator_options"])
     the_campaign = make_campaign(
         {**command.options, "simulator_options": simulator_options},
         seed=command.seed,

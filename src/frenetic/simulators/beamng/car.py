@@ -13,6 +13,10 @@ from frenetic.simulators.drive import CarBody
 
 WHEELBASE_PER_LENGTH: Final = 0.6
 """BeamNG.tech does not tell where the axles are."""
+LENGTHS: Final = (1.0, 30.0)
+"""m, between which the length of a car is."""
+WIDTHS: Final = (0.5, 5.0)
+"""m, likewise its width."""
 
 
 @dataclass(frozen=True)

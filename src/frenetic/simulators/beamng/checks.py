@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib.metadata import version
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from frenetic.doctor import Check, broken, drive_checks
+from frenetic.doctor import Check, drive_checks
 from frenetic.drivers import BeamngAi
 from frenetic.simulators.beamng.errors import BeamngError
-from frenetic.simulators.beamng.link import EXTRA, Link, beamngpy, executable
+from frenetic.simulators.beamng.link import Link, beamngpy, executable
 
 if TYPE_CHECKING:
     from frenetic.simulators.beamng.simulator import BeamngSimulator
 
-_BY_HAND = "the message says what to do; 'frenetic --debug doctor' says more"
+_MORE: Final = "see the message; 'frenetic --debug doctor' says more"
 
 
 def checks(simulator: BeamngSimulator) -> Iterator[Check]:
@@ -22,7 +22,7 @@ def checks(simulator: BeamngSimulator) -> Iterator[Check]:
     try:
         beamngpy()
     except BeamngError as error:
-        yield Check("package", False, str(error), EXTRA)
+        yield _broken("package", error)
         return
     yield Check("package", True, f"beamngpy {version('beamngpy')}")
     place = simulator.place
@@ -30,13 +30,13 @@ def checks(simulator: BeamngSimulator) -> Iterator[Check]:
         try:
             yield Check("installation", True, str(executable(place.home)))
         except BeamngError as error:
-            yield broken("installation", error, "give --beamng-home the folder of BeamNG.tech")
+            yield _broken("installation", error)
             return
     name = "port" if place.home is None else "start"
     try:
         simulator.connect()
     except BeamngError as error:
-        yield broken(name, error, _BY_HAND)
+        yield _broken(name, error)
         return
     try:
         yield Check(name, True, f"BeamNG.tech {simulator.link.version} answers")
@@ -44,6 +44,10 @@ def checks(simulator: BeamngSimulator) -> Iterator[Check]:
         yield from _driving(simulator)
     finally:
         simulator.__exit__(None, None, None)
+
+
+def _broken(name: str, error: BeamngError) -> Check:
+    return Check(name, False, error.found, error.remedy or _MORE)
 
 
 def _licence(link: Link) -> Check:
@@ -71,7 +75,7 @@ def _driving(simulator: BeamngSimulator) -> Iterator[Check]:
         simulator.measure()
         car = simulator.measured
     except BeamngError as error:
-        yield broken("car", error, _BY_HAND)
+        yield _broken("car", error)
         return
     side = "left" if car.steering > 0.0 else "right"
     yield Check(

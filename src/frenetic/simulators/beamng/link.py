@@ -9,8 +9,10 @@ from __future__ import annotations
 import importlib
 import logging
 import os
+import re
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import threading
@@ -18,6 +20,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib.metadata import version
 from itertools import count
 from pathlib import Path
 from typing import Any, Final
@@ -29,7 +32,6 @@ from frenetic.errors import describe_error
 from frenetic.simulators.beamng.car import CarState
 from frenetic.simulators.beamng.errors import BeamngError
 from frenetic.simulators.beamng.scene import MARKING_WIDTH, Scene
-from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 DEFAULT_PORT: Final = 25252
 """On which BeamNG.tech listens unless it is told otherwise."""
@@ -37,10 +39,12 @@ LOOPBACK: Final = "127.0.0.1"
 HOME_VARIABLE: Final = "BNG_HOME"
 """Environment variable that says where BeamNG.tech is installed."""
 EXTRA: Final = 'pip install "frenetic-roads[beamng]"'
+OLDEST: Final = (1, 36)
+"""The first version of BeamNGpy that will do; it belongs to BeamNG.tech 0.39."""
 START_LIMIT: Final = 180.0
 """s that BeamNG.tech may take to start."""
 LOAD_LIMIT: Final = 300.0
-"""s that BeamNG.tech may take to load a level."""
+"""s that BeamNG.tech may take for each answer while it loads a level."""
 
 ROAD: Final = "frenetic_road"
 GOAL: Final = "frenetic_goal"
@@ -50,6 +54,7 @@ _SURFACE: Final = "track_editor_C_center"
 _LINE: Final = "m_line_white"
 _ALL_WAYS: Final = (0.0, 0.0, 0.0, 1.0)
 _POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
+_CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
 _QUIT_LIMIT: Final = 10.0  # s to end when asked, and as much again when told
 # In the order of `frenetic.simulators.beamng.car.measured_box`.
 _CORNERS: Final = tuple(
@@ -97,49 +102,73 @@ class Place:
             home = os.environ.get(HOME_VARIABLE) or None
         if home is not None and host is not None:
             raise BeamngError(
-                f"home {home!r} and host {host!r} exclude each other: a home starts BeamNG.tech on"
-                " this machine, a host connects to one that runs"
+                f"home {str(home)!r} and host {host!r} exclude each other",
+                "give a home to start BeamNG.tech on this machine, or a host to connect to one that"
+                " runs",
             )
         if home is None and host is None and port is None:
             raise BeamngError(
-                "nothing says where BeamNG.tech is: give --beamng-home its folder, set"
-                f" {HOME_VARIABLE}, or give --beamng-port (and --beamng-host) of one that runs"
+                "nothing says where BeamNG.tech is",
+                f"give --beamng-home its folder, set {HOME_VARIABLE}, or give --beamng-port (and"
+                " --beamng-host) of one that runs",
             )
         if home is None and (user or headless or no_gpu):
             raise BeamngError(
-                "user, headless and no_gpu are for a BeamNG.tech that is started: give"
-                " --beamng-home, too"
+                "user, headless and no_gpu are for a BeamNG.tech that is started",
+                "give --beamng-home, too",
             )
-        if user is not None and " " in user:
-            raise BeamngError(
-                f"user {user!r}: BeamNG.tech takes no folder with a space in its name"
-            )
-        return cls(
+        place = cls(
             None if home is None else Path(home).expanduser(),
             None if user is None else Path(user).expanduser(),
             host or LOOPBACK,
-            port if port is not None or home is not None else DEFAULT_PORT,
+            int(port) if port is not None else DEFAULT_PORT if home is None else None,
             headless,
             no_gpu,
         )
+        place.user_folder()
+        return place
+
+    def user_folder(self) -> str | None:
+        """The path of `user` as BeamNG.tech is told it on this machine.
+
+        Raises:
+            BeamngError: BeamNG.tech cannot take it.
+        """
+        if self.user is None:
+            return None
+        folder = str(self.user.resolve())
+        if " " in folder:
+            raise BeamngError(
+                f"user {folder!r}: BeamNG.tech takes no folder with a space in its path",
+                "give --beamng-user another",
+            )
+        return folder
 
 
 def beamngpy() -> Any:
     """The package BeamNGpy.
 
     Raises:
-        BeamngError: it is not installed.
+        BeamngError: it is not installed, or too old.
     """
     # It says much, and prints its warnings where nobody listens; those that matter become errors.
     theirs = logging.getLogger("beamngpy")
     theirs.addHandler(_silence)
     theirs.propagate = logger.isEnabledFor(logging.DEBUG)
     try:
-        return importlib.import_module("beamngpy")
+        package = importlib.import_module("beamngpy")
     except ModuleNotFoundError as error:
         if error.name != "beamngpy":
             raise
-        raise BeamngError(f"BeamNG.tech needs the package beamngpy: {EXTRA}") from None
+        raise BeamngError("BeamNG.tech needs the package beamngpy", EXTRA) from None
+    number = re.match(r"(\d+)\.(\d+)", version("beamngpy"))
+    if number is not None and (int(number[1]), int(number[2])) < OLDEST:
+        raise BeamngError(
+            f"beamngpy {version('beamngpy')} is too old: 1.36 or newer is needed, and the"
+            " BeamNG.tech to which it belongs, 0.39 or newer",
+            EXTRA,
+        )
+    return package
 
 
 def executable(home: Path) -> Path:
@@ -148,12 +177,16 @@ def executable(home: Path) -> Path:
     Raises:
         BeamngError: there is none.
     """
+    remedy = "give --beamng-home the folder into which BeamNG.tech was unpacked"
     if not home.is_dir():
-        raise BeamngError(f"there is no folder {home}: give --beamng-home that of BeamNG.tech")
+        raise BeamngError(f"there is no folder {home}", remedy)
     beamngpy()
-    filesystem: Any = importlib.import_module("beamngpy.beamng.filesystem")
-    with _asking("looking for its program"):
-        found: Path = filesystem.determine_binary(home)
+    from beamngpy.logging import BNGError
+
+    try:
+        found: Path = _module("beamng.filesystem").determine_binary(home)
+    except BNGError:
+        raise BeamngError(f"there is no program of BeamNG.tech in {home}", remedy) from None
     return found
 
 
@@ -174,23 +207,29 @@ class Link:
         self._process: subprocess.Popen[bytes] | None = None
         self._scenario: Any = None
         self._ego: Any = None
+        self.user_folder = ""
+        """Where it writes, on its machine; also where its licence lies."""
+        self.is_licensed = False
+        """Whether it found its licence, so that it is BeamNG.tech."""
         if place.home is not None:
             executable(place.home)
         port = place.port if place.port is not None else _free_port()
         where = f"{place.host}:{port}"
-        self._bng: Any = self._package.BeamNGpy(
-            place.host,
-            port,
-            home=None if place.home is None else str(place.home.resolve()),
-            user=None if place.user is None else str(place.user.resolve()),
-            headless=place.headless,
-            nogpu=place.no_gpu,
-            quit_on_close=False,
-            socket_timeout=reply_limit,
-        )
+        try:
+            self._bng: Any = self._package.BeamNGpy(
+                place.host,
+                port,
+                home=None if place.home is None else str(place.home.resolve()),
+                user=place.user_folder(),
+                headless=place.headless,
+                nogpu=place.no_gpu,
+                quit_on_close=False,
+            )
+        except TypeError as error:
+            raise _unfamiliar(str(error)) from error
         try:
             if place.home is None:
-                self._open(where)
+                self._open(where, reply_limit)
             else:
                 self._start(where, port)
         except BaseException:
@@ -203,60 +242,52 @@ class Link:
     def _start(self, where: str, port: int) -> None:
         if _is_taken(port):
             raise BeamngError(
-                f"port {port} is taken, maybe by a BeamNG.tech that still runs: end it, choose"
-                " another --beamng-port, or leave out --beamng-home to use it"
+                f"port {port} is taken, maybe by a BeamNG.tech that still runs",
+                "end it, choose another --beamng-port, or leave out --beamng-home to use it",
             )
+        start = _part(self._bng, "_start_beamng")
         with _asking("starting it"), _child_deaf_to_interrupt():
-            self._bng._start_beamng(None, "-tcom-listen-ip", LOOPBACK)
-        self._process = self._bng.process
+            start(None, "-tcom-listen-ip", LOOPBACK)
+        process: subprocess.Popen[bytes] = _part(self._bng, "process")
+        self._process = process
         deadline = time.monotonic() + START_LIMIT
         while True:
-            code = self._bng.process.poll()
+            code = process.poll()
+            by_hand = f"start it by hand to see why ({self._bng.get_launch_arguments()})"
             if code is not None:
                 raise BeamngError(
-                    f"BeamNG.tech ended while it started, with exit code {code}: start it by hand"
-                    f" to see why ({self._bng.last_command_line})"
+                    f"BeamNG.tech ended while it started, with exit code {code}", by_hand
                 )
             try:
-                return self._open(where)
+                # While it starts, it may take long for its first answer, too.
+                return self._open(where, max(START_LIMIT, self._reply_limit))
             except _UnreachableError:
                 if time.monotonic() > deadline:
                     raise BeamngError(
-                        f"BeamNG.tech did not listen on port {port} within {START_LIMIT:g} s:"
-                        " start it by hand to see why"
+                        f"BeamNG.tech did not listen on port {port} within {START_LIMIT:g} s",
+                        by_hand,
                     ) from None
             time.sleep(_POLL)
 
-    def _open(self, where: str) -> None:
-        from beamngpy.logging import BNGDisconnectedError
-
-        try:
-            self._bng.open(launch=False)
-        except BNGDisconnectedError as error:
-            # BeamNGpy's own words say no more.
-            raise _UnreachableError(
-                f"nothing answers at {where}: is BeamNG.tech running there, started with -tcom"
-                " -tport PORT?"
-            ) from error
-        except Exception as error:
-            with _asking(f"connecting to {where}"):
-                raise error
-        _never_reconnect(self._bng.connection)
+    def _open(self, where: str, limit: float) -> None:
+        """Connects; the first answer may take as long as the limit in s."""
+        bng = self._bng
+        # BeamNGpy's own way of opening waits for an answer twice.
+        bng.connection = _connection(bng.host, bng.port, limit)
+        with _asking(f"connecting to {where}"):
+            if not bng.connection.connect_to_beamng(tries=1, log_tries=False):
+                raise _UnreachableError(
+                    f"nothing answers at {where}",
+                    "is BeamNG.tech running there, started with -tcom -tport PORT?",
+                )
+            self._limit(self._reply_limit)
+            self.is_licensed = bool(bng.system.get_info()["tech"])
+            self.user_folder = str(bng.system.get_environment_paths()["user"])
 
     @property
     def version(self) -> str:
         """BeamNG.tech's, as far as the name of its user folder says it."""
-        return Path(str(self._bng.user_with_version or "").replace("\\", "/")).name or "unknown"
-
-    @property
-    def user_folder(self) -> str:
-        """Where it writes, on its machine; also where its licence lies."""
-        return str(self._bng.user_with_version or "")
-
-    @property
-    def is_licensed(self) -> bool:
-        """Whether it found its licence, so that it is BeamNG.tech."""
-        return bool(self._bng.tech_enabled())
+        return Path(self.user_folder.replace("\\", "/")).name or "unknown"
 
     def levels(self) -> tuple[str, ...]:
         """The names of its levels."""
@@ -273,11 +304,15 @@ class Link:
         process, self._process = self._process, None
         self._scenario = self._ego = None
         try:
+            # What is broken need not be left well.
             if process is not None and process.poll() is None:
-                self._limit(_QUIT_LIMIT)
                 with suppress(Exception):
+                    self._limit(_QUIT_LIMIT)
                     self._bng.control.quit_beamng()
-            with suppress(Exception):  # what is broken need not be left well
+            if process is not None:
+                with suppress(Exception):
+                    _free_at_once(self._bng.connection)
+            with suppress(Exception):
                 self._bng.disconnect()
         finally:
             if process is not None:
@@ -288,7 +323,7 @@ class Link:
         for holder in (self._bng, self._ego):
             connection = getattr(holder, "connection", None)
             if connection is not None and connection.skt is not None:
-                connection.skt.skt.settimeout(seconds)
+                _part(connection, "skt", "skt").settimeout(seconds)
 
     # A scenario
 
@@ -312,22 +347,40 @@ class Link:
             package.ScenarioObject(GOAL, GOAL, "BeamNGWaypoint", goal, (4.0,) * 3, _ALL_WAYS)
         )
         ego = package.Vehicle(EGO, model=vehicle)
-        ego.sensors.attach("electrics", importlib.import_module("beamngpy.sensors").Electrics())
+        ego.sensors.attach("electrics", _module("sensors").Electrics())
         scenario.add_vehicle(ego, pos=scene.position, rot_quat=scene.rotation, safe_spawn=False)
         self._limit(LOAD_LIMIT)
         what = f"loading the road and {vehicle} in level {level}"
-        # BeamNGpy would wait for a vehicle's first word for ever.
-        with _asking(what), _patience(LOAD_LIMIT, what):
+        with _asking(what):
             scenario.make(self._bng)
             self._scenario = scenario
             self._bng.settings.set_deterministic(steps_per_second)
-            self._bng.scenario.load(scenario)
-            _never_reconnect(ego.connection)
+            self._bng.scenario.load(
+                scenario, connect_player_vehicle=False, connect_existing_vehicles=False
+            )
+            self._connect(ego)
             self._ego = ego
             self._bng.control.pause()
             self._bng.scenario.start()
             self._bng.control.pause()
         self._limit(self._reply_limit)
+
+    def _connect(self, ego: Any) -> None:
+        """Connects to the car; BeamNGpy alone would wait for its first word for ever."""
+        from beamngpy.logging import BNGError
+
+        host = self._bng.host
+        port = int(self._bng.vehicles.start_connection(ego, ego.extensions)["result"])
+        ego.connection = _connection(host, port, LOAD_LIMIT)
+        try:
+            ego.connect(self._bng)
+        except BNGError as error:
+            if ego.connection.skt is not None:
+                raise
+            raise BeamngError(
+                f"the car's port {port} at {host} cannot be reached",
+                "BeamNG.tech opens one for every car, which a firewall has to let through",
+            ) from error
 
     def unload(self) -> None:
         """Takes the scene away again, if there is one."""
@@ -409,7 +462,13 @@ def _asking(what: str) -> Iterator[None]:
     except (BNGError, BNGValueError) as error:
         text = " ".join(str(error).split())
         if "protocol versions" in text:
-            text += "; install the version of beamngpy that belongs to this BeamNG.tech"
+            ours, theirs, *_ = [*re.findall(r"\bv\d+\.\d+\b", text), "?", "?"]
+            raise BeamngError(
+                f"beamngpy {version('beamngpy')} and this BeamNG.tech do not belong together: their"
+                f" protocols are {ours} and {theirs}",
+                "install the version of beamngpy that belongs to this BeamNG.tech: 1.36 to 0.39, a"
+                " newer one to a newer one; an older BeamNG.tech has to be updated",
+            ) from error
         raise BeamngError(f"BeamNG.tech reported an error, {what}: {text}") from error
     except (AssertionError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise BeamngError(
@@ -417,25 +476,74 @@ def _asking(what: str) -> Iterator[None]:
         ) from error
 
 
-@contextmanager
-def _patience(seconds: float, what: str) -> Iterator[None]:
-    try:
-        with wall_limit(seconds):
-            yield
-    except WallLimitExceeded:
-        raise BeamngError(f"BeamNG.tech did not finish in time, {what}") from None
+# BeamNGpy's own parts, some of which are not meant for others
 
 
-def _never_reconnect(connection: Any) -> None:
-    """Lets a connection that is lost or silent be an error at once.
+def _unfamiliar(lacks: str) -> BeamngError:
+    return BeamngError(
+        f"beamngpy {version('beamngpy')} is not as Frenetic knows it: {lacks}",
+        "use beamngpy 1.36, with which Frenetic is tested, and BeamNG.tech 0.39, to which it"
+        " belongs",
+    )
 
-    BeamNGpy would connect again and wait for an answer to what it never said there.
+
+def _module(name: str) -> Any:
+    """A module of BeamNGpy.
+
+    Raises:
+        BeamngError: it has none of that name.
     """
+    try:
+        return importlib.import_module(f"beamngpy.{name}")
+    except ModuleNotFoundError as error:
+        raise _unfamiliar(f"it has no module {name}") from error
+
+
+def _part(of: Any, *names: str) -> Any:
+    """What has the last of the names, each being an attribute of the one before.
+
+    Raises:
+        BeamngError: there is no such thing.
+    """
+    for name in names:
+        found = getattr(of, name, None)
+        if found is None:
+            raise _unfamiliar(f"its {type(of).__name__} has no {name}")
+        of = found
+    return of
+
+
+def _connection(host: str, port: int, limit: float) -> Any:
+    """A connection that is still to be made, whose answers may take as long as the limit in s.
+
+    A connection that is lost or silent is an error at once. BeamNGpy would connect again and wait
+    for an answer to what it never said there.
+    """
+    try:
+        connection = _module("connection").Connection(host, port, timeout=_CONNECT_LIMIT)
+    except TypeError as error:
+        raise _unfamiliar(str(error)) from error
+    greet = _part(connection, "hello")
 
     def refuse() -> None:
         raise sys.exception() or ConnectionError("it is lost")
 
-    connection.skt.reconnect = refuse
+    def hello() -> None:
+        _part(connection, "skt", "skt").settimeout(limit)
+        _part(connection, "skt", "reconnect")
+        connection.skt.reconnect = refuse
+        greet()
+
+    connection.hello = hello
+    return connection
+
+
+def _free_at_once(connection: Any) -> None:
+    """Lets the other side's port be free as soon as it ends, not a minute later."""
+    form = "hh" if sys.platform == "win32" else "ii"
+    _part(connection, "skt", "skt").setsockopt(
+        socket.SOL_SOCKET, socket.SO_LINGER, struct.pack(form, 1, 0)
+    )
 
 
 @contextmanager
@@ -472,7 +580,11 @@ def _free_port() -> int:
 
 
 def _is_taken(port: int) -> bool:
+    """Whether something listens; what is left of connections that have ended does not count."""
+    # Each system has a word of its own for that.
+    option = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, option, 1)
         try:
             probe.bind((LOOPBACK, port))
         except OSError:

@@ -15,9 +15,16 @@ from frenetic.drivers import BeamngAi, Delayed, Driver, DriveSetup, LimitedView,
 from frenetic.drivers.driver import checked_controls
 from frenetic.errors import DriverError, describe_error
 from frenetic.road import Road
-from frenetic.simulators.beamng.car import CarState, MeasuredCar, measured_box
+from frenetic.simulators.beamng.car import (
+    LENGTHS,
+    WIDTHS,
+    CarState,
+    MeasuredCar,
+    measured_box,
+)
 from frenetic.simulators.beamng.errors import BeamngError
 from frenetic.simulators.beamng.link import Link, Place
+from frenetic.simulators.beamng.options import RECORD_RATE, check_options
 from frenetic.simulators.beamng.scene import (
     LEVELS,
     WIDEST_AI_LANE,
@@ -32,8 +39,6 @@ from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 if TYPE_CHECKING:
     from frenetic.doctor import Check
 
-RECORD_RATE: Final = 20
-"""Hz, of records and of a driver's decisions."""
 PERIOD: Final = 1.0 / RECORD_RATE
 """s between two records."""
 WALL_LIMIT: Final = 600.0
@@ -79,10 +84,12 @@ class BeamngSimulator:
         car_width: m, without what sticks out of the bounding box.
         wall_limit: s of wall time that a drive may take.
         reply_limit: s that BeamNG.tech may take for an answer.
+        restart_every: drives after which a BeamNG.tech that was started is started anew; by default
+            it goes on as long as it works.
 
     Raises:
         ValueError: an option is out of range.
-        BeamngError: nothing says where BeamNG.tech is.
+        BeamngError: nothing says where BeamNG.tech is, or what does contradicts itself.
     """
 
     needs: Final = ("beamngpy",)
@@ -110,18 +117,26 @@ class BeamngSimulator:
         car_width: float | None = None,
         wall_limit: float = WALL_LIMIT,
         reply_limit: float = _REPLY_LIMIT,
+        restart_every: int | None = None,
     ) -> None:
-        for name, limit in (("wall_limit", wall_limit), ("reply_limit", reply_limit)):
-            if not (math.isfinite(limit) and limit > 0.0):
-                raise ValueError(f"{name} is {limit}: a positive number of seconds is needed")
-        if port is not None and (port != int(port) or not 0 < port < 65536):
-            raise ValueError(f"port is {port}: a whole number from 1 to 65535 is needed")
-        if not 0.0 < aggression <= 2.0:
-            raise ValueError(f"aggression is {aggression}: a number above 0 and up to 2 is needed")
-        if steps_per_second < RECORD_RATE or steps_per_second % RECORD_RATE:
-            raise ValueError(
-                f"steps_per_second is {steps_per_second}: a multiple of {RECORD_RATE} is needed"
-            )
+        check_options(
+            home=home,
+            user=user,
+            host=host,
+            port=port,
+            headless=headless,
+            no_gpu=no_gpu,
+            vehicle=vehicle,
+            aggression=aggression,
+            steps_per_second=steps_per_second,
+            level=level,
+            ground=ground,
+            car_length=car_length,
+            car_width=car_width,
+            wall_limit=wall_limit,
+            reply_limit=reply_limit,
+            restart_every=restart_every,
+        )
         if ground is None and level not in LEVELS:
             raise ValueError(
                 f"level is {level!r}, whose ground is not known: give its height with ground, or"
@@ -130,6 +145,10 @@ class BeamngSimulator:
         if (car_length is None) is not (car_width is None):
             raise ValueError("car_length and car_width have to be given together")
         self.place = Place.of(home, user, host, port, headless, no_gpu)
+        if restart_every is not None and self.place.home is None:
+            raise BeamngError(
+                "restart_every is for a BeamNG.tech that is started", "give --beamng-home, too"
+            )
         self.rules = rules or Rules()
         self.vehicle = vehicle
         self.aggression = float(aggression)
@@ -138,12 +157,15 @@ class BeamngSimulator:
         self.ground = LEVELS[level] if ground is None else float(ground)
         self.wall_limit = wall_limit
         self.reply_limit = reply_limit
+        self.restart_every = restart_every
         self.car = CarBody()
         self._given_car = car_length is not None
         if car_length is not None and car_width is not None:
             self.car = CarBody(float(car_length), float(car_width))
         self._measured: MeasuredCar | None = None
         self._link: Link | None = None
+        self._drives = 0  # since it was connected
+        self._is_worn = False  # so that it is entered again before the next drive
 
     @property
     def options(self) -> dict[str, Any]:
@@ -201,6 +223,7 @@ class BeamngSimulator:
     def connect(self) -> None:
         """Starts BeamNG.tech or connects to it, and no more; the rest of entering is `measure`."""
         self._link = Link(self.place, reply_limit=self.reply_limit)
+        self._drives, self._is_worn = 0, False
 
     def _leave(self) -> None:
         link, self._link = self._link, None
@@ -238,13 +261,24 @@ class BeamngSimulator:
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
 
+        A BeamNG.tech that cannot take the road away after the drive, or has driven as often as it
+        should, is entered again before the next one.
+
         Raises:
             BeamngError: BeamNG.tech broke or cannot be reached any more.
         """
         try:
-            by_ai = self._drives_itself(driver, road)
+            by_ai = self._drives_itself(driver)
+            if by_ai and road.lane_width >= WIDEST_AI_LANE:
+                raise DriverError(
+                    f"lanes of {road.lane_width:g} m are two lanes each to BeamNG.AI: less than"
+                    f" {WIDEST_AI_LANE:g} m are needed"
+                )
         except DriverError as error:
             return Drive(Trajectory.empty(), self.car, self.rules, str(error))
+        if self._is_worn:
+            self._leave()
+            self.connect()
         self._place_car(road)
         recording = _Recording(self, road)
         error_text: str | None = None
@@ -268,8 +302,18 @@ class BeamngSimulator:
             error_text = str(error)
         except _DriverBrokeError as error:
             error_text = f"the driver raised {describe_error(error.cause)}"
-        self.link.unload()
+        self._finish()
         return Drive(recording.trajectory(), self.car, self.rules, error_text)
+
+    def _finish(self) -> None:
+        """Takes the road away; what was driven counts even if that does not succeed."""
+        self._drives += 1
+        self._is_worn = self._drives == self.restart_every
+        try:
+            self.link.unload()
+        except BeamngError as trouble:
+            logger.info("BeamNG.tech is entered again before the next drive: %s", trouble)
+            self._is_worn = True
 
     def checks(self) -> Iterator[Check]:
         """What 'frenetic doctor' looks at."""
@@ -277,12 +321,16 @@ class BeamngSimulator:
 
         return checks(self)
 
-    def _drives_itself(self, driver: Driver, road: Road) -> bool:
-        """Whether BeamNG.AI drives.
+    def check_driver(self, driver: Driver) -> None:
+        """Refuses to let BeamNG.AI do what it cannot.
 
         Raises:
-            DriverError: it is asked for what it cannot do.
+            DriverError: it is asked to.
         """
+        self._drives_itself(driver)
+
+    def _drives_itself(self, driver: Driver) -> bool:
+        """Whether the driver is BeamNG.AI; raises a `DriverError` if it is with what it lacks."""
         inner = driver
         while isinstance(inner, Noisy | Delayed | LimitedView):
             inner = inner.driver
@@ -290,17 +338,13 @@ class BeamngSimulator:
             return False
         if inner is not driver:
             raise DriverError(
-                "BeamNG.AI takes no noise, delay or view: leave them out, or choose another driver"
+                "BeamNG.AI takes no noise, delay or view: leave them out, those of a campaign with"
+                " --noise 0, --delay 0 or --view inf, or choose another driver"
             )
         if inner != BeamngAi():
             raise DriverError(
                 "in BeamNG.tech beamng-ai is BeamNG.AI itself, which has no options of a driver:"
                 " use --aggression and --speed-limit"
-            )
-        if road.lane_width >= WIDEST_AI_LANE:
-            raise DriverError(
-                f"lanes of {road.lane_width:g} m are two lanes each to BeamNG.AI: less than"
-                f" {WIDEST_AI_LANE:g} m are needed"
             )
         return True
 
@@ -342,7 +386,7 @@ class BeamngSimulator:
         """Measures the car's box and its steering, whatever is known of them."""
         state = self._load(open_field(), 0.0, 0.0)
         length, width, ahead, left = measured_box(self.link.box(), state)
-        if not (1.0 < length < 30.0 and 0.5 < width < 5.0):
+        if not (LENGTHS[0] < length < LENGTHS[1] and WIDTHS[0] < width < WIDTHS[1]):
             raise BeamngError(
                 f"the box of {self.vehicle} is {length:g} by {width:g} m: is it a car?"
             )
