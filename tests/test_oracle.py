@@ -146,7 +146,7 @@ def test_a_car_that_drifts_out_of_its_lane_fails_there(
 
 
 @given(offset=st.floats(1.3, 2.7), left=st.booleans())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_share_equal_to_the_tolerance_is_tolerated(offset: float, left: bool) -> None:
     distances = steady(STRAIGHT)
     offsets = np.where(distances > 50.0, offset if left else -offset, 0.0)
@@ -414,7 +414,7 @@ def test_a_car_keeps_to_its_piece_of_road_where_another_one_passes_close_by() ->
     turn=st.floats(-7.0, 7.0),
     drift=st.floats(0.005, 0.06) | st.floats(-0.06, -0.005),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_moving_and_turning_the_world_changes_no_verdict(
     seed: int, x: float, y: float, turn: float, drift: float
 ) -> None:

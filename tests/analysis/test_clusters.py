@@ -90,7 +90,7 @@ def test_difference_of_roads_is_the_distance_of_their_points() -> None:
     assert difference(base, bent) == pytest.approx(expected, abs=1e-6)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.floats(-300.0, 300.0), st.floats(-300.0, 300.0), st.floats(-math.pi, math.pi))
 def test_moving_and_turning_a_road_makes_no_difference(x: float, y: float, heading: float) -> None:
     here, there = failure(LEFT), failure(LEFT, pose=Pose(x, y, heading))
@@ -185,7 +185,7 @@ def test_failures_beyond_a_batch_join_or_are_linked_in_turn(
         assert cluster_failures(failures[::-1]) == cluster_failures(failures)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.lists(st.floats(0.2, 8.0), min_size=2, max_size=5))
 def test_a_larger_threshold_never_gives_more_clusters(thresholds: list[float]) -> None:
     numbers = [

@@ -106,7 +106,7 @@ def test_an_unknown_feature_is_refused_with_those_there_are() -> None:
         feature("curviness")
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(ROADS, st.floats(-500.0, 500.0), st.floats(-500.0, 500.0), st.floats(-math.pi, math.pi))
 def test_moving_and_turning_a_road_changes_no_feature(
     values: list[float], x: float, y: float, heading: float
@@ -117,7 +117,7 @@ def test_moving_and_turning_a_road_changes_no_feature(
         assert getattr(there, item.name) == pytest.approx(getattr(here, item.name), abs=1e-6)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(ROADS)
 def test_features_stay_within_their_bounds_and_mirroring_flips_offsets(values: list[float]) -> None:
     left = features_of(departing(Road(values), 50.0, "left"))

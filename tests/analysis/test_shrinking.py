@@ -22,7 +22,7 @@ from frenetic.analysis.shrinking import (
 
 ENOUGH = 20_000
 
-unhurried = settings(max_examples=50, deadline=None)
+some = settings(max_examples=50)
 
 values = st.floats(-0.07, 0.07, allow_nan=False)
 shapes = st.builds(Shape, st.lists(values, min_size=2, max_size=20).map(tuple), st.just(10.0))
@@ -105,7 +105,7 @@ def test_rounding_away_never_gets_closer_to_0(value: float, digits: int) -> None
 # What is promised, whatever the property
 
 
-@unhurried
+@some
 @given(shapes, st.integers(0, 2**32), st.booleans(), st.integers(0, 300))
 def test_nothing_is_asked_twice_and_no_trial_too_many(
     start: Shape, seed: int, refusing: bool, max_trials: int
@@ -128,7 +128,7 @@ def test_nothing_is_asked_twice_and_no_trial_too_many(
     assert shrunk.shape == start or ask(shrunk.shape) is Answer.YES
 
 
-@unhurried
+@some
 @given(shapes, st.integers(0, 2**32))
 def test_every_improvement_is_smaller_than_the_one_before(start: Shape, seed: int) -> None:
     ask = at_random(seed)
@@ -142,7 +142,7 @@ def test_every_improvement_is_smaller_than_the_one_before(start: Shape, seed: in
     assert trials == sorted(trials)
 
 
-@unhurried
+@some
 @given(shapes, st.integers(0, 2**32))
 def test_nothing_is_left_that_can_be_left_out(start: Shape, seed: int) -> None:
     ask = at_random(seed)
@@ -156,7 +156,7 @@ def test_nothing_is_left_that_can_be_left_out(start: Shape, seed: int) -> None:
         assert straighter.rank >= best.rank or ask(straighter) is Answer.NO
 
 
-@unhurried
+@some
 @given(shapes, st.integers(0, 2**32), st.integers(0, 300))
 def test_same_answers_same_result(start: Shape, seed: int, max_trials: int) -> None:
     def again() -> Shrunk:
@@ -165,7 +165,7 @@ def test_same_answers_same_result(start: Shape, seed: int, max_trials: int) -> N
     assert again() == again()
 
 
-@unhurried
+@some
 @given(shapes, st.integers(0, 2**32))
 def test_more_trials_are_never_worse(start: Shape, seed: int) -> None:
     ranks = [
@@ -178,7 +178,7 @@ def test_more_trials_are_never_worse(start: Shape, seed: int) -> None:
 # Properties of which the smallest shape is known
 
 
-@unhurried
+@some
 @given(shapes.filter(sharp(0.05)))
 def test_one_sharp_sample(start: Shape) -> None:
     best = shrink(start, when(sharp(0.05)), max_trials=ENOUGH).shape
@@ -186,14 +186,14 @@ def test_one_sharp_sample(start: Shape) -> None:
     assert best.values in {(0.05, 0.05), (-0.05, -0.05)}
 
 
-@unhurried
+@some
 @given(shapes.filter(sharp(0.0432)))
 def test_the_sharp_sample_is_as_round_as_can_be(start: Shape) -> None:
     best = shrink(start, when(sharp(0.0432)), max_trials=ENOUGH).shape
     assert best.values in {(0.05, 0.05), (-0.05, -0.05)}
 
 
-@unhurried
+@some
 @given(shapes, st.integers(2, 20))
 def test_length_alone_is_a_straight_road(start: Shape, samples: int) -> None:
     enough = when(lambda shape: len(shape) >= samples)
@@ -201,14 +201,14 @@ def test_length_alone_is_a_straight_road(start: Shape, samples: int) -> None:
     assert best.values == (0.0,) * min(samples, len(start)) or len(start) < samples
 
 
-@unhurried
+@some
 @given(shapes.filter(lambda shape: sum(value >= 0.03 for value in shape.values) >= 3))
 def test_three_samples_that_turn_left(start: Shape) -> None:
     three = when(lambda shape: sum(value >= 0.03 for value in shape.values) >= 3)
     assert shrink(start, three, max_trials=ENOUGH).shape.values == (0.03, 0.03, 0.03)
 
 
-@unhurried
+@some
 @given(shapes.filter(lambda shape: shape.curves >= 2))
 def test_two_curves(start: Shape) -> None:
     best = shrink(start, when(lambda shape: shape.curves >= 2), max_trials=ENOUGH).shape

@@ -99,13 +99,13 @@ def test_edit_distance_worked_out_by_hand(one: Steps, other: Steps, edits: float
     assert edit_distance(line(one, 33.0), line(other, -170.0)) == pytest.approx(edits, abs=1e-9)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(LINES, LINES)
 def test_edit_distance_is_that_of_the_definition(one: FloatArray, other: FloatArray) -> None:
     assert edit_distance(one, other) == pytest.approx(reference(one, other), abs=1e-6)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(LINES, LINES)
 def test_edit_distance_is_symmetric_and_at_most_the_longer_line(
     one: FloatArray, other: FloatArray
@@ -167,7 +167,7 @@ def test_fewer_than_two_failures_have_no_sparseness() -> None:
         assert diversity(few) == Diversity(None, None)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.lists(LINES, min_size=2, max_size=6))
 def test_diversity_is_a_share(lines: list[FloatArray]) -> None:
     found = diversity(lines)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations
+from itertools import combinations, permutations
 
 import numpy as np
 import pytest
@@ -214,9 +214,22 @@ def test_spearman_by_hand() -> None:
     # Ranks 1 2 3 4 5 and 2 1 4 3 5: the squared differences sum to 4, 1 - 6 * 4 / (5 * 24) = 0.8.
     rho, _ = spearman([10.0, 20.0, 30.0, 40.0, 50.0], [0.2, 0.1, 0.4, 0.3, 0.9])
     assert rho == pytest.approx(0.8)
+    # Two of the 120 orders of five are as close: the same and the opposite one.
+    opposite = spearman([1.0, 2.0, 3.0, 4.0, 5.0], [9.0, 8.0, 7.0, 6.0, 5.0])
+    assert opposite == pytest.approx((-1.0, 2 / 120))
 
 
-@given(st.integers(3, 30), st.integers(0, 999))
+@given(st.integers(3, 5), st.integers(0, 999))
+def test_spearman_of_few_pairs_is_exact(n: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    x, y = rng.integers(0, 4, n).astype(float), rng.integers(0, 4, n).astype(float)
+    if np.ptp(x) > 0.0 and np.ptp(y) > 0.0:
+        rho, p = spearman(x, y)
+        every = [abs(stats.spearmanr(x, order).statistic) for order in permutations(y)]
+        assert p == pytest.approx(np.mean([one >= abs(rho) - 1e-9 for one in every]))
+
+
+@given(st.integers(9, 30), st.integers(0, 999))
 def test_spearman_agrees_with_scipy(n: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     x, y = rng.integers(0, 9, n).astype(float), rng.normal(size=n)

@@ -129,7 +129,7 @@ def test_built_in_drivers_and_layers_are_drivers(driver: Driver) -> None:
 
 
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Driver]) -> None:
     seen = random_observation(seed)
     mirrored = replace(
@@ -146,7 +146,7 @@ def test_a_mirrored_world_is_steered_mirrored(seed: int, make: Callable[..., Dri
 
 
 @given(seed=st.integers(0, 2**32 - 1), make=st.sampled_from(BUILT_IN))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_controls_are_within_bounds_and_never_both_pedals(
     seed: int, make: Callable[..., Driver]
 ) -> None:
@@ -234,7 +234,7 @@ def test_stanleys_law_term_by_term() -> None:
     smoothing=st.sampled_from([0.0, 2.0, 4.0, 10.0, 200.0]),
     n=st.integers(2, AHEAD_POINTS),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_the_plan_keeps_every_budget_and_gives_nothing_away(
     seed: int, make: Callable[..., Planner], aggression: float, smoothing: float, n: int
 ) -> None:

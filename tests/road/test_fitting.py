@@ -246,7 +246,7 @@ coordinate = st.integers(-300, 300).map(float) | st.floats(-300, 300)
 
 
 @given(st.lists(st.tuples(coordinate, coordinate), min_size=1, max_size=12))
-@settings(derandomize=True, max_examples=500, deadline=None)
+@settings(max_examples=500)
 def test_any_points_are_fitted_or_too_large(points: list[tuple[float, float]]) -> None:
     line = np.array(points)
     motion = fit_to_map(line)

@@ -308,7 +308,7 @@ def test_road_points_lie_every_two_metres_on_the_exact_centre_line() -> None:
     offset=st.floats(-8.0, 8.0),
     spacing=st.sampled_from([0.5, 2.0, 3.7]),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_sampled_points_face_the_centre_line_at_the_offset(
     seed: int, offset: float, spacing: float
 ) -> None:
@@ -350,7 +350,7 @@ def test_lanes_lie_side_by_side_at_constant_distances(lane_width: float) -> None
     place=st.floats(-0.2, 1.2),
     share=st.floats(-0.85, 0.85),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_projecting_a_point_gives_the_place_that_it_was_made_from(
     seed: int, place: float, share: float
 ) -> None:
@@ -608,7 +608,7 @@ def test_a_closed_square_may_return_to_its_start() -> None:
     sharpest=st.floats(0.0, 5.0),
     n=st.integers(2, 20),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_sub_steps_are_short_and_turn_little(step: float, sharpest: float, n: int) -> None:
     road = Road(np.linspace(-sharpest, sharpest, n), step)
     ds = road.sub_step

@@ -299,7 +299,6 @@ clothoids = st.one_of(
 )
 
 
-@settings(deadline=None)
 @given(st.lists(clothoids, min_size=1, max_size=6))
 def test_a_road_keeps_within_a_centimetre_of_a_line_whose_curvature_jumps(
     pieces: list[tuple[float, float, float]],
@@ -534,7 +533,7 @@ OURS = [
 ]
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.data())
 def test_a_damaged_file_gives_a_road_or_one_line(data: st.DataObject) -> None:
     text = data.draw(st.sampled_from(OURS))

@@ -168,7 +168,7 @@ def test_few_points_are_joined_by_a_spline_of_lower_degree(
     n=st.integers(2, 20),
     spread=st.floats(0.1, 0.8),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_no_bend_that_a_car_could_drive_leaves_the_spline(seed: int, n: int, spread: float) -> None:
     rng = np.random.default_rng(seed)
     heading = np.cumsum(rng.uniform(-spread, spread, n))

@@ -69,7 +69,7 @@ def made_by(candidate: Candidate) -> tuple[str, tuple[int, ...]]:
 
 
 @given(st.integers(1, 300), st.sampled_from([0.05, 0.2, 0.5, 1 / 3]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_random_phase_takes_its_share_of_the_budget(tests: int, share: float) -> None:
     script = Script(random_budget=share)
 
@@ -831,7 +831,7 @@ def listing_1(
     cross_freq=st.integers(0, 45),
     cross_num=st.integers(2, 25),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_asked_and_told_one_by_one_it_is_listing_1(
     seed: int,
     shares: tuple[int, ...],

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -32,7 +32,6 @@ from frenetic.search.operators import (
 
 BOUND, MAX_CHANGE = 0.07, 0.05
 
-no_deadline = settings(deadline=None)  # a busy machine is no defect
 
 seeds = st.integers(0, 2**32 - 1)
 curvatures_1_m = st.floats(-0.15, 0.15, allow_nan=False, allow_subnormal=False)
@@ -58,7 +57,6 @@ def is_subsequence(short: FloatArray, long: FloatArray) -> bool:
 # Random roads
 
 
-@no_deadline
 @given(seeds, st.integers(1, 60), st.floats(0.001, 0.2), st.floats(0.001, 0.2))
 def test_random_values_stay_within_the_bound_and_the_change(
     seed: int, n: int, bound: float, max_change: float
@@ -112,7 +110,6 @@ def test_next_curvature_spans_the_intersection(previous: float, low: float, high
 # Mutations of roads that passed
 
 
-@no_deadline
 @given(seeds, roads(max_size=12))
 def test_nothing_is_modified_or_shared(seed: int, road: FloatArray) -> None:
     before = road.copy()
@@ -130,7 +127,6 @@ def test_nothing_is_modified_or_shared(seed: int, road: FloatArray) -> None:
             assert not np.shares_memory(result, road)
 
 
-@no_deadline
 @given(seeds, roads())
 def test_a_mutation_is_a_function_of_the_generator_and_the_road(
     seed: int, road: FloatArray
@@ -143,7 +139,6 @@ def test_a_mutation_is_a_function_of_the_generator_and_the_road(
             np.testing.assert_array_equal(first, second)
 
 
-@no_deadline
 @given(seeds, roads())
 def test_append_continues_from_the_last_value(seed: int, road: FloatArray) -> None:
     mutant = append(rng_of(seed), road)
@@ -159,7 +154,6 @@ def test_append_continues_from_the_last_value(seed: int, road: FloatArray) -> No
         assert added[0] == math.copysign(BOUND, road[-1])
 
 
-@no_deadline
 @given(seeds, distinct_roads(min_size=7))
 def test_remove_random_keeps_the_order_of_the_rest(seed: int, road: FloatArray) -> None:
     mutant = remove_random(rng_of(seed), road)
@@ -181,7 +175,6 @@ def test_remove_random_removes_anywhere() -> None:
     assert removed == set(road.tolist())
 
 
-@no_deadline
 @given(seeds, roads(min_size=7))
 def test_remove_front_and_end_leave_the_other_end(seed: int, road: FloatArray) -> None:
     back, front = remove_front(rng_of(seed), road), remove_end(rng_of(seed), road)
@@ -195,7 +188,6 @@ def test_remove_front_and_end_leave_the_other_end(seed: int, road: FloatArray) -
 
 
 @pytest.mark.parametrize("name", ["P2", "P3", "P4"])
-@no_deadline
 @given(seed=seeds, n=st.integers(3, 6))
 def test_removing_leaves_two_values(name: str, seed: int, n: int) -> None:
     five = MutationOptions(min_changed=5, max_changed=5)
@@ -211,7 +203,6 @@ def test_removing_does_not_apply_to_two_values(name: str) -> None:
     assert PASS_OPERATORS[name](rng_of(1), np.zeros(2), LISTING_1) is None
 
 
-@no_deadline
 @given(seeds, roads())
 def test_replace_random_draws_relative_to_the_value_before(seed: int, road: FloatArray) -> None:
     mutant = replace_random(rng_of(seed), road)
@@ -243,7 +234,6 @@ def test_replace_random_replaces_at_most_all() -> None:
     assert np.all(mutant != 0.2)
 
 
-@no_deadline
 @given(seeds, roads())
 def test_scale_multiplies_all_values_by_one_factor(seed: int, road: FloatArray) -> None:
     mutant = scale(rng_of(seed), road)
@@ -297,14 +287,12 @@ def test_options_out_of_range_are_refused(options: dict[str, float], message: st
 # Mutations of roads that failed
 
 
-@no_deadline
 @given(roads())
 def test_f1_f2_and_f4_undo_themselves(road: FloatArray) -> None:
     for vary in (reverse_road, reverse_values, flip):
         np.testing.assert_array_equal(vary(vary(road)), road)
 
 
-@no_deadline
 @given(distinct_roads())
 def test_f3_undoes_itself_for_an_even_number_of_values(road: FloatArray) -> None:
     twice = swap_halves(swap_halves(road))
@@ -342,7 +330,6 @@ def centre_line(
     return np.vstack((start, start + np.cumsum(moves, axis=0))), theta[::2]
 
 
-@no_deadline
 @given(arrays(np.float64, st.integers(2, 12), elements=st.floats(-0.07, 0.07)))
 def test_f1_is_the_same_road_driven_from_its_other_end(road: FloatArray) -> None:
     points, headings = centre_line(road, 10.0, (0.0, 0.0), math.pi / 2)
@@ -356,7 +343,6 @@ def test_f1_is_the_same_road_driven_from_its_other_end(road: FloatArray) -> None
 # Crossover
 
 
-@no_deadline
 @given(seeds, distinct_roads(), distinct_roads())
 def test_mix_takes_each_value_from_either_parent(
     seed: int, first: FloatArray, second: FloatArray
@@ -377,7 +363,6 @@ def test_mix_takes_half_from_each_parent_independently() -> None:
     assert np.max(np.abs(neighbours)) < 0.08
 
 
-@no_deadline
 @given(distinct_roads(), distinct_roads())
 def test_splice_joins_a_front_half_and_a_back_half(first: FloatArray, second: FloatArray) -> None:
     one, other = splice(first, second)
@@ -389,7 +374,6 @@ def test_splice_joins_a_front_half_and_a_back_half(first: FloatArray, second: Fl
     assert other.tolist() == second.tolist()[: m // 2] + first.tolist()[n // 2 :]
 
 
-@no_deadline
 @given(distinct_roads(), distinct_roads())
 def test_splice_loses_no_value(first: FloatArray, second: FloatArray) -> None:
     one, other = splice(first, second)

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from frenetic.arrays import FloatArray
@@ -46,7 +46,6 @@ def test_roads_are_random_ones() -> None:
     assert candidate.step == 7.5
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32), st.floats(0.001, 0.2), st.floats(0.001, 0.2))
 def test_values_stay_within_the_bound_and_the_change(
     seed: int, curvature_bound: float, max_change: float
