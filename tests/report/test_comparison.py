@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from frenetic.analysis.comparing import Comparison, compare_measured
 from frenetic.analysis.measuring import CampaignMeasures
 from frenetic.errors import FreneticError
-from frenetic.report.comparison import draw_comparison
+from frenetic.report.comparison import _draw_measure, draw_comparison
 
 
 def campaign(failures: int, simulations: int = 40, first: float | None = None) -> CampaignMeasures:
@@ -84,6 +86,21 @@ def test_whatever_there_is_can_be_drawn(
     assert svg.count("campaigns</text>") + svg.count("campaign</text>") == len(groups)
     if len(groups) == 2 and len(groups["a"]) < 5:
         assert "too few repeats to tell" in svg
+
+
+@pytest.mark.parametrize("value", [0.0, 0.25, 3.0])
+def test_a_measure_that_is_equal_everywhere_has_an_axis_from_zero(value: float) -> None:
+    comparison = comparison_of(a=SIX, b=FIVE)
+    (measured,) = (one for one in comparison.telling if one.measure.name == "invalid_share")
+    equal = {name: (value,) * len(values) for name, values in measured.values.items()}
+    axes = Figure().add_subplot()
+    _draw_measure(axes, replace(measured, values=equal))
+    ticks = axes.get_xticks().tolist()
+    assert 2 <= len(ticks) <= 7
+    assert ticks[0] == 0.0
+    assert ticks[-1] == pytest.approx(value or 1.0, rel=0.35)
+    assert -0.1 * (value or 1.0) < axes.get_xlim()[0] < 0.0  # room for the points
+    assert axes.get_xlim()[1] > value
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])

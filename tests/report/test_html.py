@@ -18,7 +18,7 @@ from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make
 from frenetic.analysis.clusters import Cluster, Clusters
 from frenetic.analysis.confirming import confirm
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.rerunning import Repeat, Rerun, write_reruns
+from frenetic.analysis.rerunning import Repeat, Rerun, Variation, write_reruns
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import CampaignStore
@@ -39,18 +39,20 @@ from frenetic.report.html import (
     Report,
     Section,
     Series,
+    Table,
     campaign_report,
     render,
     write_report,
 )
 from frenetic.report.html.drives import RoadData
-from frenetic.report.html.feature_map import NOT_MEASURED, choose_mapped
-from frenetic.report.html.operators import operator_results
+from frenetic.report.html.feature_map import NOT_MEASURED
+from frenetic.report.html.operators import operator_results, operators_section
 from frenetic.report.html.repeating import repeat_command, repeatability
 from frenetic.report.html.timeline import POINTS, Timeline, timeline_section
 from frenetic.report.html.told import TestTable, Told, ancestors
 from frenetic.road import Road
 from frenetic.search import Origin
+from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import World
 
@@ -315,6 +317,19 @@ def test_operators_are_counted_by_hand() -> None:
     assert mutated.interval == proportion_interval(1, 2)
 
 
+def test_every_operator_is_explained(searched: Path) -> None:
+    assert {"random", *PASS_OPERATORS, *FAIL_OPERATORS, "C1", "C2"} == DOES.keys()
+    with CampaignStore.open(searched) as store:
+        report = campaign_report(store)
+    assert report.tests is not None
+    assert report.tests.operators_do == tuple(DOES[name] for name in report.tests.operators)
+    (section,) = (section for section in report.sections if section.id == "operators")
+    (table,) = (block for block in section.blocks if isinstance(block, Table))
+    assert [row[1] for row in table.rows] == [DOES[row[0]] for row in table.rows]
+    strange = operators_section([told(1, Outcome.FAIL, "mine")], Clusters((), 2.0))
+    assert strange.lead == "Which operators of the strategy paid off."
+
+
 def test_map_has_the_bins_of_the_features(searched: Path, tmp_path: Path) -> None:
     data = page_of(write_report(searched, tmp_path / "r.html")).data
     block, ids = block_of(data, "featureMap"), data["tests"]["ids"]
@@ -330,19 +345,6 @@ def test_map_has_the_bins_of_the_features(searched: Path, tmp_path: Path) -> Non
                 whole = features_of(segment.whole())
                 assert int(axes[name]["whole"][row], 36) == feature.bin_of(whole)
     assert measured == sum(letter != NOT_MEASURED for letter in axes["length"]["segment"])
-
-
-def test_of_too_many_tests_the_most_severe_and_a_spread_of_the_others_are_mapped() -> None:
-    tests = [told(i, Outcome.FAIL if i % 2 else Outcome.PASS) for i in range(1, 1001)]
-    chosen = choose_mapped(tests, limit=100)
-    failed = [test for test in chosen if test.outcome is Outcome.FAIL]
-    passed = [test.id for test in chosen if test.outcome is Outcome.PASS]
-    assert len(chosen) == 100
-    assert len(failed) == 50
-    assert min(test.moobd for test in failed if test.moobd is not None) == -99.9
-    assert passed[0] == 2
-    assert passed[-1] == 1000
-    assert choose_mapped(tests) == tests
 
 
 def test_ancestors_are_found_nearest_first_and_once() -> None:
@@ -370,7 +372,20 @@ def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) ->
     folder = make_hostile(tmp_path, searched)
     recorded = Repeat(World(), Outcome.FAIL, -1.0)
     passed = Repeat(World(), Outcome.PASS, 1.0)
-    write_reruns(folder, [Rerun(1, recorded, (), 0, {}, {}, (recorded, *[passed] * 19))])
+    with CampaignStore.open(folder) as store:
+        driver, simulator = store.config["driver"], store.config["simulator"]
+    assert isinstance(driver, dict)
+    assert isinstance(simulator, dict)
+    again = (recorded, *[passed] * 19)
+    varied = (Variation("friction", 0.8, 0.8),)
+    write_reruns(
+        folder,
+        [
+            Rerun(1, recorded, varied, 0, driver, simulator, again),
+            Rerun(1, recorded, varied, 0, driver, {"class": "another"}, (passed,) * 20),
+            Rerun(1, recorded, (), 0, driver, simulator, (recorded,) * 20),
+        ],
+    )
     (folder / "minimised").mkdir()
     (folder / "minimised" / "test-00001.json").write_text('{"curvatures": [0, 0.05, 0]}')
     (folder / "minimised" / "test-00002.json").write_text("no road")
@@ -381,8 +396,10 @@ def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) ->
     assert repeats["test"] == 1
     assert repeats["stability"] == "fragile"
     assert repeats["share"] == pytest.approx(0.05)
+    assert "friction 0.8" in repeats["text"]
     drives = {drive["id"]: drive for drive in data["drives"]}
-    assert drives[1]["minimised"]["curvatures"] == [0.0, 0.05, 0.0]
+    assert drives[1]["minimised"]["road"]["curvatures"] == [0.0, 0.05, 0.0]
+    assert drives[1]["minimised"]["file"] == "minimised/test-00001.json"
     assert drives[2]["minimised"] is None
     assert drives[1]["road_file"] is None
     assert drives[2]["road_file"] == "failures/test-00002.json"
@@ -405,7 +422,8 @@ def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
         write_confirmation(store, there)
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     text, table, picture = section["blocks"]
-    assert text["text"].startswith("Planner in EmbeddedSimulator: 3 confirmed, 0 not confirmed")
+    told = "Planner in EmbeddedSimulator, friction 0.8: 3 confirmed, 0 not confirmed"
+    assert text["text"].startswith(told)
     assert [row[0] for row in table["rows"]] == [str(number) for number in failures]
     assert picture["source"].startswith("data:image/png;base64,")
     (folder / "confirmations.json").write_text("{")

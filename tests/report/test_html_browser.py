@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import shlex
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +20,8 @@ from playwright.sync_api import Browser, Page, expect
 
 from frenetic.campaign import CampaignStore
 from frenetic.cli import cli
-from frenetic.report.failures import stored_test
+from frenetic.outcome import Outcome
+from frenetic.report.failures import distinct_failures, road_document, stored_test
 from frenetic.report.html import (
     Bars,
     Chart,
@@ -31,6 +35,7 @@ from frenetic.report.html import (
     Table,
     write_report,
 )
+from frenetic.search import Origin
 
 pytest_plugins = ["browsing"]
 
@@ -78,7 +83,7 @@ def test_page_has_all_parts(page: Page) -> None:
         "Configuration",
     ]
     expect(page.locator(".chart .main-svg").first).to_be_visible()
-    assert page.locator(".chart .plot-container").count() == 2
+    expect(page.locator(".chart .plot-container")).to_have_count(2)
     assert page.locator(".gallery .card svg .path").count() > 5
 
 
@@ -289,6 +294,7 @@ def test_dark_colours_follow_the_system_and_the_switch(
     show: Callable[..., Page], searched: Path
 ) -> None:
     page = show(searched / "report.html", color_scheme="dark")
+    expect(page.locator(".xtitle").first).to_be_visible()
     assert background(page) < 150
     ink = "getComputedStyle(document.querySelector('.xtitle')).fill"
     dark = page.evaluate(ink)
@@ -331,6 +337,183 @@ def test_paper_is_white_and_has_no_switches(show: Callable[..., Page], searched:
     page.emulate_media(media="screen")
     assert background(page) < 150
     assert len(page.pdf(format="A4")) > 20_000
+
+
+def test_printing_leaves_the_open_player_out(show: Callable[..., Page], searched: Path) -> None:
+    page = show(searched / "report.html")
+    page.locator(".gallery .card").first.click()
+    dialog = page.locator("#player")
+    expect(dialog).to_be_visible()
+    page.emulate_media(media="print")
+    expect(dialog).to_be_hidden()
+    expect(page.locator("#failures .card").first).to_be_visible()
+    page.emulate_media(media="screen")
+    expect(dialog).to_be_visible()
+
+
+def test_paper_shows_what_is_folded(page: Page) -> None:
+    details = page.locator("#configuration details")
+    details.nth(1).locator("summary").click()
+    folded = "els => els.map(el => el.open)"
+    before = details.evaluate_all(folded)
+    assert before.count(True) == 1
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert all(details.evaluate_all(folded))
+    page.evaluate("window.dispatchEvent(new Event('afterprint'))")
+    assert details.evaluate_all(folded) == before
+
+
+def test_charts_are_on_paper_even_before_they_are_on_the_screen(
+    show: Callable[..., Page], searched: Path
+) -> None:
+    page = show(searched / "report.html")
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    assert page.locator(".chart .plot-container").count() == 2
+
+
+def test_a_page_without_charts_does_not_start_plotly(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    page = show(write_report(make_empty(tmp_path / "empty", searched)))
+    page.wait_for_timeout(50)
+    assert page.evaluate("window.Plotly === undefined")
+
+
+def test_player_fits_on_a_phone(show: Callable[..., Page], searched: Path) -> None:
+    page = show(searched / "report.html", viewport={"width": 390, "height": 844}, has_touch=True)
+    page.locator(".gallery .card").first.click()
+    area = page.locator("#profiles").bounding_box()
+    assert area is not None
+    assert area["y"] + area["height"] < 844
+    # The widest value that there is.
+    page.locator(".plot-name .now").evaluate_all(
+        "els => els.forEach(el => { el.textContent = '\u22120.044\u00a01/m'; })"
+    )
+    ends = page.locator(".plot-name > span:not(.high):not(.low)").evaluate_all(
+        "els => els.map(el => { const r = document.createRange(); r.selectNodeContents(el);"
+        " return r.getBoundingClientRect().right; })"
+    )
+    assert len(ends) == 8
+    assert max(ends) <= area["x"]
+    labels = page.locator(".plot-name .high, .plot-name .low")
+    assert labels.count() == 8
+    lefts = labels.evaluate_all("els => els.map(el => el.getBoundingClientRect().left)")
+    assert min(lefts) > area["x"]
+
+
+def test_roads_of_a_tapped_cell_come_into_sight(show: Callable[..., Page], searched: Path) -> None:
+    page = show(searched / "report.html", viewport={"width": 390, "height": 844}, has_touch=True)
+    cell = page.locator(".cell[class*=severity]").first
+    cell.tap()
+    expect(page.locator(".map-panel h3")).to_be_in_viewport()
+    expect(page.locator(".map-panel .card").first).to_be_in_viewport()
+
+
+@pytest.mark.parametrize(("width", "more"), [(390, True), (1280, False)])
+def test_navigation_hints_at_more_to_the_right(
+    show: Callable[..., Page], searched: Path, width: int, more: bool
+) -> None:
+    page = show(searched / "report.html", viewport={"width": width, "height": 844})
+    page.wait_for_function("goes => document.querySelector('.goes-on') ? goes : !goes", arg=more)
+    page.locator("nav").evaluate("nav => nav.scrollTo({ left: 1e4, behavior: 'instant' })")
+    expect(page.locator(".goes-on")).to_have_count(0)
+
+
+def test_counts_of_the_map_stand_at_the_middle_of_their_cells(page: Page) -> None:
+    page.select_option("#map-across", "bends")
+    labels = page.locator(".edges-x span")
+    assert labels.all_text_contents() == [*map(str, range(9)), "9+"]
+    middle = "const b = el.getBoundingClientRect(); return b.x + b.width / 2;"
+    centre = f"els => els.map(el => {{ {middle} }})"
+    cells = page.locator(".cell-row").first.locator(".cell").evaluate_all(centre)
+    assert labels.evaluate_all(centre) == pytest.approx(cells, abs=1.5)
+    last = page.locator(".cell-row").first.locator(".cell").last
+    expect(last).to_have_attribute("title", re.compile("^Number of bends 9 or more, "))
+
+
+def test_profile_ticks_stand_where_they_say(page: Page, searched: Path) -> None:
+    page.locator(".gallery .card").first.click()
+    number = int(re.findall(r"\d+", page.locator("#player-title").text_content() or "")[0])
+    with CampaignStore.open(searched) as store:
+        length = stored_test(store, store.test(number)).road.length
+    area, tick = page.locator("#profiles").bounding_box(), page.locator(".plot-ticks span").last
+    box = tick.bounding_box()
+    assert area is not None
+    assert box is not None
+    place = float(tick.text_content() or "") / length
+    assert box["x"] + box["width"] / 2 == pytest.approx(area["x"] + place * area["width"], abs=1.5)
+
+
+def test_operators_are_explained(page: Page) -> None:
+    row = page.locator("#operators tbody tr", has_text="random")
+    expect(row).to_contain_text("draws a new road")
+    expect(page.locator("#family .tree-box")).to_contain_text("random: draws a new road")
+    node = page.locator("#family .node", has_text="random").first
+    expect(node).to_have_attribute("title", re.compile("^random: draws a new road"))
+
+
+def test_a_minimised_road_can_be_driven_again(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(searched, tmp_path / "it's small")
+    with CampaignStore.open(folder) as store:
+        worst = distinct_failures(store)[0].most_severe
+        road = road_document(stored_test(store, store.test(worst)), store.config)
+    file = folder / "minimised" / f"test-{worst:05d}.json"
+    file.parent.mkdir()
+    file.write_text(json.dumps(road), encoding="utf-8")
+    page = show(write_report(folder))
+    page.locator(".gallery .card").first.click()
+    expect(page.locator(".minimised .file")).to_have_text(shlex.quote(str(file)))
+    line = page.locator("dialog .command", has_text="Drive the minimised road").locator("code")
+    assert shlex.split(line.text_content() or "") == ["frenetic", "drive", str(file)]
+
+
+def test_a_test_that_is_not_in_the_page_is_said_to_be_elsewhere(
+    show: Callable[..., Page], searched: Path
+) -> None:
+    page = show(searched / "report.html", fragment="#test-99999")
+    notice = page.get_by_role("status").filter(has_text="The drive of test 99999 is not in this")
+    expect(notice.locator("code")).to_have_text(f"frenetic show {searched} 99999")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    notice.get_by_role("button", name="Close").click()
+    expect(notice).to_have_count(0)
+    assert page.evaluate("location.hash") == ""
+    page.evaluate("location.hash = '#test-88888'")
+    expect(page.locator("#notice")).to_contain_text("88888")
+
+
+def test_failures_like_another_that_cannot_be_opened_say_why(
+    show: Callable[..., Page], searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.report.html.writing.DRIVES_SIZE", 20_000)
+    page = show(write_report(searched, tmp_path / "r.html"))
+    closed = page.locator("p.alike").first
+    expect(closed).to_have_text(re.compile("(its drive is|their drives are) not in this"))
+
+
+def test_a_few_failures_are_counted_in_whole_numbers(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    make_empty(tmp_path / "few", searched)
+    with CampaignStore.open(searched) as store:
+        (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
+        passed = list(store.tests(Outcome.PASS, limit=19))
+    with CampaignStore.open(tmp_path / "few", readonly=False) as store:
+        for number, like in enumerate([failure, *passed], start=1):
+            candidate = replace(like.candidate, id=number, origin=Origin("random"))
+            store.asked(candidate)
+            store.told(replace(like, candidate=candidate, told=number, elapsed=float(number)))
+    page = show(write_report(tmp_path / "few"))
+    ticks = page.locator(".block-timeline .ytick text")
+    expect(ticks.first).to_be_visible()
+    assert all(re.fullmatch(r"\d+", text) for text in ticks.all_text_contents())
+    widths = page.locator(".block-timeline .scatterlayer .js-line").evaluate_all(
+        "els => els.map(el => parseFloat(el.style.strokeWidth))"
+    )
+    assert widths.index(max(widths)) == len(widths) - 2  # the failures, under the distinct ones
+    bars = page.locator(".block-bars .point path").first
+    assert float(bars.evaluate("el => el.style.fillOpacity") or 1) == 1.0
 
 
 def test_no_text_from_outside_is_run(
@@ -404,5 +587,5 @@ def test_sections_of_ones_own_are_drawn(
         "Caption.",
     ):
         expect(ours).to_contain_text(text)
-    assert ours.locator(".chart .plot-container").count() == 2
+    expect(ours.locator(".chart .plot-container")).to_have_count(2)
     expect(page.locator("nav a").last).to_have_text("The bench")

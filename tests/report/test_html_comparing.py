@@ -306,3 +306,29 @@ def test_one_campaign_each_has_a_page(show: Callable[..., Page], tmp_path: Path)
     page = show(write_comparison_page(comparison, tmp_path / "page.html"))
     expect(page.locator("#summary .lead")).to_contain_text("Too few repeats to tell")
     assert page.locator(".box").count() == 0
+
+
+def test_a_measure_that_is_equal_everywhere_has_an_axis_from_zero(
+    show: Callable[..., Page], tmp_path: Path
+) -> None:
+    comparison = made(tmp_path, one=[0, 0, 0, 0, 0], other=[0, 0, 0, 0, 0])
+    page = show(write_comparison_page(comparison, tmp_path / "page.html"))
+    panels = page.locator(".spread-panel")
+    invalid = panels.filter(has=page.get_by_role("heading", name="failures", exact=True))
+    assert invalid.locator(".spread-axis .track span").all_text_contents()[0] == "0"
+    for panel in panels.all():
+        ticks = panel.locator(".spread-axis .track span").all_text_contents()
+        assert not any(text.startswith("\u2212") for text in ticks)
+
+
+def test_names_of_groups_are_not_broken_on_a_phone(
+    show: Callable[..., Page], tmp_path: Path
+) -> None:
+    comparison = made(tmp_path, Frenetic=LOW, RandomSearch=HIGH)
+    path = write_comparison_page(comparison, tmp_path / "page.html")
+    page = show(path, viewport={"width": 390, "height": 844}, has_touch=True)
+    heights = page.locator(".group-table tbody th .group > span").evaluate_all(
+        "els => els.map(el => el.getBoundingClientRect().height)"
+    )
+    assert max(heights) < 1.5 * min(heights)
+    assert max(heights) < 30

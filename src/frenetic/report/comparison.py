@@ -125,7 +125,9 @@ def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
     everything = [value for values in measured.values.values() for value in values]
     finite = [value for value in everything if math.isfinite(value)]
     low, high = min(finite, default=0.0), max(finite, default=1.0)
-    room = 0.06 * (high - low) or 0.5
+    if low == high:  # it is shown how far they are from zero
+        low, high = (0.0, 1.0) if low == 0.0 else (min(low, 0.0), max(high, 0.0))
+    room = 0.06 * (high - low)
     # Campaigns that found nothing have a place of their own behind a line, on the worse side.
     worse = -1.0 if measure.more_is_better else 1.0
     edge = low if measure.more_is_better else high
@@ -163,7 +165,8 @@ def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
     axes.set_ylim(-0.55, groups - 0.45)
     axes.set_yticks([])
     locator = MaxNLocator(4, steps=_STEPS, integer=measure.decimals == 0)
-    ticks = [tick for tick in locator.tick_values(low, high) if low - room <= tick <= high + room]
+    lowest = low - room if low < 0.0 else max(low - room, 0.0)
+    ticks = [tick for tick in locator.tick_values(low, high) if lowest <= tick <= high + room]
     axes.set_xticks(ticks)
     if has_none:
         axes.axvline(edge + 1.5 * worse * room, color=FAINT, linewidth=0.8, linestyle=(0, (3, 3)))

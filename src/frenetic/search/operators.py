@@ -1,22 +1,7 @@
 """How roads are drawn, mutated and crossed: pure functions on curvature values.
 
-The operators of Listing 1 in Castellano et al., "Frenetic at the SBST 2021 Tool Competition", under
-the names that an `Origin` carries:
-
-====  =================  ======================================================
-P1    `append`           add new values at the end
-P2    `remove_random`    remove values anywhere
-P3    `remove_front`     remove values from the front
-P4    `remove_end`       remove values from the end
-P5    `replace_random`   put new values in the place of old ones
-P6    `scale`            multiply all values by one factor
-F1    `reverse_road`     drive the road from its other end
-F2    `reverse_values`   reverse the order of the values
-F3    `swap_halves`      second half first
-F4    `flip`             left turns become right turns
-C1    `mix`              each value from either of two parents
-C2    `splice`           front half of one parent, back half of the other
-====  =================  ======================================================
+The operators of Listing 1 in Castellano et al., "Frenetic at the SBST 2021 Tool Competition"; the
+names that an `Origin` carries and what each does are in `DOES`.
 
 Roads are (N,) float64 arrays of curvatures κ in 1/m with N >= 2; nothing is modified in place, and
 no result shares memory with an argument. Whether a road is valid is judged elsewhere: P6 may leave
@@ -244,6 +229,25 @@ FAIL_OPERATORS: Mapping[str, FailOperator] = MappingProxyType(
     {"F1": reverse_road, "F2": reverse_values, "F3": swap_halves, "F4": flip}
 )
 """Mutations of a parent that failed, in the order in which they are tried."""
+
+DOES: Mapping[str, str] = MappingProxyType(
+    {
+        "random": "draws a new road",
+        "P1": "adds new values at the end",
+        "P2": "removes values anywhere",
+        "P3": "removes values from the front",
+        "P4": "removes values from the end",
+        "P5": "replaces values anywhere",
+        "P6": "multiplies all values by one factor",
+        "F1": "drives the road from its other end",
+        "F2": "reverses the order of the values",
+        "F3": "puts the second half first",
+        "F4": "mirrors the road: left becomes right",
+        "C1": "takes each value from either of two parents",
+        "C2": "joins halves of two parents",
+    }
+)
+"""Name of an operator -> what it does, in a few words for people."""
 
 
 def _continued(

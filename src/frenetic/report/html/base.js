@@ -15,6 +15,7 @@ if (report.tests !== null) {
       outcome: OUTCOMES[table.outcomes[row]],
       moobd: table.moobds[row] === null ? null : table.moobds[row] / 100,
       operator: table.operators[table.operator[row]],
+      does: table.operators_do[table.operator[row]],
       parents: table.parents[row],
     });
   });
@@ -101,6 +102,12 @@ function colour(name, alpha = 1) {
   if (alpha === 1) return found;
   const [r, g, b] = found.match(/[\d.]+/g);
   return `rgba(${r}, ${g}, ${b}, ${alpha})`;
+}
+
+/** So much of a colour on that of panels, through which nothing shines. */
+function opaque(name, share) {
+  const [over, under] = [name, "panel"].map((one) => colour(one).match(/[\d.]+/g).map(Number));
+  return `rgb(${[0, 1, 2].map((i) => Math.round(share * over[i] + (1 - share) * under[i])).join(", ")})`;
 }
 
 /** Makes the page's address end so, where a viewer lets it. */

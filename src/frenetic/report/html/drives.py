@@ -63,6 +63,15 @@ class RoadData:
 
 
 @dataclass(frozen=True)
+class MinimisedData:
+    """A minimised road."""
+
+    road: RoadData
+    file: str
+    """In the campaign's folder."""
+
+
+@dataclass(frozen=True)
 class DriveData:
     """A test with its road and its drive."""
 
@@ -89,7 +98,7 @@ class DriveData:
     """Columns of `_COLUMNS` in multiples of their resolution, as second differences."""
     road_file: str | None
     """The road's file in the campaign's folder, if there is one."""
-    minimised: RoadData | None
+    minimised: MinimisedData | None
     """The shortest road that was found to fail in the same way, if there is one."""
 
     @property
@@ -130,7 +139,7 @@ def drive_data(record: TestRecord, segment: Segment, folder: Path) -> DriveData:
         departure=None if departure is None else _rounded_departure(departure),
         columns=_columns(drive.trajectory, segment.assessment),
         road_file=f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
-        minimised=_minimised(folder / MINIMISED / name),
+        minimised=_minimised(folder, f"{MINIMISED}/{name}"),
     )
 
 
@@ -158,10 +167,11 @@ def _taken(time: FloatArray, worst: int) -> np.ndarray:
     return np.union1d(first, [worst, len(time) - 1])
 
 
-def _minimised(path: Path) -> RoadData | None:
+def _minimised(folder: Path, file: str) -> MinimisedData | None:
     """A minimised road from its file; one that is none is left out."""
+    path = folder / file
     try:
-        return RoadData.of(read_road(path).road()) if path.is_file() else None
+        return MinimisedData(RoadData.of(read_road(path).road()), file) if path.is_file() else None
     except (FreneticError, OSError):
         return None
 

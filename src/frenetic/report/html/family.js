@@ -81,7 +81,9 @@ function familyTree(id) {
   const tree = el("div", { class: "tree", tabindex: 0, role: "group", "aria-label": `Ancestors of test ${id}` }, canvas);
   requestAnimationFrame(() => (tree.scrollLeft = tree.scrollWidth));
   const note = omitted ? el("p", { class: "quiet" }, `The ${MOST_NODES - 1} nearest of its ancestors.`) : null;
-  return el("div", { class: "tree-box" }, tree, note);
+  const does = new Map(inOrder.map((node) => [tests.get(node).operator, tests.get(node).does]).filter(([, words]) => words).sort());
+  const words = does.size ? el("p", { class: "quiet" }, [...does].map(([operator, text]) => `${operator}: ${text}`).join("; "), ".") : null;
+  return el("div", { class: "tree-box" }, tree, note, words);
 }
 
 /** Makes trees no wider than so many pixels. */
@@ -99,9 +101,10 @@ function treeNode(id, isSelf, order) {
     el("span", { class: "node-result" }, text),
   ];
   const style = `node outcome-${test.outcome.toLowerCase()}${isSelf ? " is-self" : ""}`;
-  if (!drives.has(id)) return el("div", { class: `${style} is-closed`, title: "Its drive is not in this report" }, parts);
+  const does = test.does ? `${test.operator}: ${test.does}` : "";
+  if (!drives.has(id)) return el("div", { class: `${style} is-closed`, title: `${does ? `${does}. ` : ""}Its drive is not in this report` }, parts);
   const opened = order.filter((other) => drives.has(other));
-  return el("button", { type: "button", class: style, "aria-label": `Test ${id}, ${test.operator}, ${text}`, on: { click: () => player.open(id, opened) } }, parts);
+  return el("button", { type: "button", class: style, title: does || null, "aria-label": `Test ${id}, ${test.operator}, ${text}`, on: { click: () => player.open(id, opened) } }, parts);
 }
 
 function drawFamily(element, block) {

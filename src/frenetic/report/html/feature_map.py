@@ -15,7 +15,11 @@ from frenetic.report.html.blocks import Section
 from frenetic.report.html.told import Told
 
 MAPPED: Final = 3000
-"""Tests that are measured at most."""
+"""Tests that are measured: all that failed, and others up to this number."""
+MAPPED_PASSED: Final = 1000
+"""Tests that passed that are measured, if there are so many, however many failed."""
+MAPPED_FAILURES: Final = 10_000
+"""Failures that are measured at most: nearly always all, so that no cell hides one."""
 NOT_MEASURED: Final = "."
 """In place of a bin."""
 
@@ -46,6 +50,10 @@ class FeatureMap:
     """Name of the feature to the right, to begin with."""
     second: str
     """Upwards."""
+    all_driven: bool
+    """Whether all tests that were driven are in it."""
+    all_failures: bool
+    """Whether all failures are."""
 
 
 @dataclass(frozen=True)
@@ -61,19 +69,27 @@ class Measured:
         return cls(features_of(segment), features_of(segment.whole()))
 
 
-def choose_mapped(tests: Sequence[Told], limit: int = MAPPED) -> list[Told]:
-    """The tests that are measured: the most severe failures, then others evenly over time."""
+def choose_mapped(tests: Sequence[Told]) -> list[Told]:
+    """The tests that are measured: all failures, and others evenly over the campaign.
+
+    Of more than `MAPPED_FAILURES` failures some are left out, evenly from the most severe on.
+    """
     failed = sorted(
         (test for test in tests if test.outcome is Outcome.FAIL),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
-    # Half of the places at least are for those that passed, if there are so many.
+    failed = _evenly(failed, MAPPED_FAILURES)
     passed = [test for test in tests if test.outcome is Outcome.PASS]
-    failed = failed[: max(limit // 2, limit - len(passed))]
-    room = min(limit - len(failed), len(passed))
-    places = np.linspace(0, len(passed) - 1, room).round().astype(int) if room else ()
-    chosen = {test.id for test in failed} | {passed[i].id for i in places}
+    passed = _evenly(passed, max(MAPPED - len(failed), MAPPED_PASSED))
+    chosen = {test.id for test in (*failed, *passed)}
     return [test for test in tests if test.id in chosen]
+
+
+def _evenly(tests: Sequence[Told], most: int) -> list[Told]:
+    """So many of some tests, the first and the last among them."""
+    if len(tests) <= most:
+        return list(tests)
+    return [tests[i] for i in np.linspace(0, len(tests) - 1, most).round().astype(int)]
 
 
 def map_section(
@@ -107,11 +123,39 @@ def map_section(
                 "".join(bins.get(i, none)[1] for i in ids),
             )
         )
-    driven = sum(test.outcome.is_driven for test in tests)
+    failed = [test.id for test in tests if test.outcome is Outcome.FAIL]
+    passed = [test.id for test in tests if test.outcome is Outcome.PASS]
+    failures, passes = (sum(i in measured for i in ids) for ids in (failed, passed))
+    block = FeatureMap(
+        axes=tuple(axes),
+        first="max_curvature",
+        second="mean_speed",
+        all_driven=len(measured) == len(failed) + len(passed),
+        all_failures=failures == len(failed),
+    )
     lead = "What the roads are like on which the driver fails; choose a cell to see its roads."
-    if len(measured) < driven:
-        lead += (
-            f" {len(measured)} of the {driven} tests that were driven are shown: the most severe"
-            " failures, and others evenly over the campaign."
+    if not block.all_driven:
+        lead += f" {_mapped(failures, len(failed), passes, len(passed))}"
+    return Section("map", title, (block,), lead)
+
+
+def _mapped(failures: int, all_failures: int, passes: int, all_passes: int) -> str:
+    """Which tests are in the map, as a sentence."""
+    parts = []
+    if all_failures:
+        thinned = all_failures > MAPPED_FAILURES
+        parts.append(
+            _some(failures, all_failures, "failure", "failures")
+            + (", evenly from the most to the least severe," if thinned else "")
         )
-    return Section("map", title, (FeatureMap(tuple(axes), "max_curvature", "mean_speed"),), lead)
+    if all_passes:
+        parts.append(_some(passes, all_passes, "test that passed", "tests that passed"))
+    text = " and ".join(parts)
+    spread = ", evenly over the campaign," if passes < all_passes else ""
+    return f"{text[0].upper()}{text[1:]}{spread} are mapped."
+
+
+def _some(number: int, of: int, one: str, many: str) -> str:
+    if number < of:
+        return f"{number} of the {of} {many}"
+    return f"the only {one}" if of == 1 else f"all {of} {many}"

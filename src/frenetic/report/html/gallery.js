@@ -76,7 +76,7 @@ function clusterItem(cluster, order) {
   if (cluster.size > 1) {
     const hidden = cluster.size - cluster.shown.length;
     const text = `${cluster.size - 1} more like it`;
-    if (!others.length) item.append(el("p", { class: "alike" }, text));
+    if (!others.length) item.append(el("p", { class: "alike" }, `${text}, ${hidden === 1 ? "its drive is" : "their drives are"} not in this report`));
     else item.append(expander(text, others, hidden));
   }
   return item;

@@ -57,7 +57,7 @@ function drawCurves(element, block) {
   const panels = block.panels.map((panel, i) => {
     const place = chart(i === 0 ? 360 : 260, `${panel.title} over ${block.x_title}`, () => ({
       traces: panel.curves.filter((curve) => !hidden.has(curve.group.name)).flatMap(curveTraces),
-      layout: { hovermode: "x unified", showlegend: false, xaxis: { title: block.x_title, rangemode: "tozero" }, yaxis: { title: panel.title, rangemode: "tozero" } },
+      layout: { hovermode: "x unified", showlegend: false, xaxis: { title: block.x_title, rangemode: "tozero" }, yaxis: { title: panel.title, rangemode: "tozero", ...wholeTicks(Math.max(...panel.curves.flatMap(({ median, high, singles }) => [median, high, ...singles].map((line) => line.at(-1) ?? 0)))) } },
     }));
     return el("div", {}, place);
   });
@@ -104,7 +104,8 @@ function spreadScale(panel) {
   const hasNone = finite.length < values.length;
   let low = finite.length ? Math.min(...finite) : 0;
   let high = finite.length ? Math.max(...finite) : 1;
-  if (low === high) [low, high] = [low - 0.5, high + 0.5];
+  // Of values that are all the same it is shown how far they are from zero.
+  if (low === high) [low, high] = low === 0 ? [0, 1] : [Math.min(low, 0), Math.max(high, 0)];
   const [first, last] = hasNone ? (panel.none_is_low ? [14, 100] : [0, 86]) : [0, 100];
   const nowhere = panel.none_is_low ? 0 : 100;
   const at = (value) => (value === null ? nowhere : first + ((value - low) / (high - low)) * (last - first));

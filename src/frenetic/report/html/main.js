@@ -15,7 +15,12 @@ function drawBar() {
     say();
   });
   say();
-  document.getElementById("bar").append(el("a", { class: "brand", href: "#page" }, "Frenetic"), el("nav", { "aria-label": "Sections" }, links), theme);
+  const nav = el("nav", { "aria-label": "Sections" }, links);
+  document.getElementById("bar").append(el("a", { class: "brand", href: "#page" }, "Frenetic"), nav, theme);
+  // Where there are more to the right they fade out.
+  const fade = () => nav.classList.toggle("goes-on", nav.scrollLeft + nav.clientWidth < nav.scrollWidth - 2);
+  nav.addEventListener("scroll", fade, { passive: true });
+  new ResizeObserver(fade).observe(nav);
 }
 
 function drawSection(section, place) {
@@ -36,26 +41,42 @@ document.getElementById("foot").append(`Made by ${report.made_by}. This file is 
 
 themeListeners.push(() => drawCharts());
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawCharts());
-// Plotly comes after this script, so that the page is there before it.
-document.addEventListener("DOMContentLoaded", () => {
-  drawCharts();
-  openLinked();
-});
-// Paper is white, and narrower than most screens.
+// The page is there before its charts.
+document.addEventListener("DOMContentLoaded", openLinked);
+window.addEventListener("load", () => setTimeout(drawChartsSoon));
+// Paper is white, narrower than most screens, and nothing on it can be unfolded.
+let unfolded = [];
 window.addEventListener("beforeprint", () => {
   document.documentElement.classList.add("printing");
+  unfolded = [...document.querySelectorAll("main details:not([open])")];
+  for (const details of unfolded) details.open = true;
   fitTrees(PAPER);
   drawCharts(PAPER - 40);
 });
 window.addEventListener("afterprint", () => {
   document.documentElement.classList.remove("printing");
+  for (const details of unfolded) details.open = false;
   fitTrees(Infinity);
   drawCharts();
 });
 window.addEventListener("hashchange", openLinked);
 
-/** Opens the test that the page's address names. */
+/** Opens the test that the page's address names, or says that it is not there. */
 function openLinked() {
+  document.getElementById("notice")?.remove();
   const match = location.hash.match(/^#test-(\d+)$/);
-  if (match !== null) player.open(Number(match[1]));
+  if (match === null) return;
+  const id = Number(match[1]);
+  if (drives.has(id)) player.open(id);
+  else if (report.campaign) document.body.append(absence(id));
+}
+
+function absence(id) {
+  const notice = el(
+    "aside",
+    { id: "notice", role: "status" },
+    commandLine(`frenetic show ${report.campaign} ${id}`, `The drive of test ${id} is not in this report. If the campaign has this test, this shows it:`),
+    el("button", { type: "button", class: "close", on: { click: () => { notice.remove(); setFragment(""); } } }, "Close"),
+  );
+  return notice;
 }

@@ -17,7 +17,7 @@ function drawFeatureMap(element, block) {
 
   const show = () => {
     panel.replaceChildren(el("p", { class: "quiet" }, "Choose a cell: click it, or move with the arrow keys and press Enter."));
-    place.replaceChildren(mapGrid(axisOf(across), axisOf(up), scope.value, shade.value, panel));
+    place.replaceChildren(mapGrid(block, axisOf(across), axisOf(up), scope.value, shade.value, panel));
   };
   for (const select of [across, up, scope, shade]) select.addEventListener("change", show);
   const labelled = (text, select) => el("span", {}, el("label", { for: select.id }, text), select);
@@ -46,7 +46,7 @@ function mapCells(xAxis, yAxis, scope) {
   return cells;
 }
 
-function mapGrid(xAxis, yAxis, scope, shade, panel) {
+function mapGrid(block, xAxis, yAxis, scope, shade, panel) {
   const cells = mapCells(xAxis, yAxis, scope);
   const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
   const found = cells.filter((cell) => cell.failed.length);
@@ -69,16 +69,17 @@ function mapGrid(xAxis, yAxis, scope, shade, panel) {
     for (const cell of cells.slice(row * wide, (row + 1) * wide)) {
       const driven = cell.failed.length + cell.passed.length;
       const kind = cell.failed.length ? `${shade}-${shadeOf(cell)}` : driven ? "covered" : "empty";
-      const words = `${rangeText(xAxis, cell.column)}, ${rangeText(yAxis, cell.row)}: ${count(cell.failed.length, "failure")} of ${count(driven, "test")}`;
+      const words = `${rangeText(xAxis, cell.column)}, ${rangeText(yAxis, cell.row)}: ${foundText(block, cell)}`;
       const button = el(
         "button",
         { type: "button", role: "gridcell", class: `cell ${kind}`, title: words, "aria-label": words, tabindex: -1 },
         cell.failed.length ? String(cell.failed.length) : "",
       );
+      if (cell.failed.length >= 1000) button.classList.add("long");
       button.addEventListener("click", () => {
         buttons.forEach((other) => other.setAttribute("aria-selected", String(other === button)));
         buttons.forEach((other) => (other.tabIndex = other === button ? 0 : -1));
-        showCell(panel, cell, xAxis, yAxis);
+        showCell(block, panel, cell, xAxis, yAxis);
       });
       buttons.push(button);
       line.append(button);
@@ -99,11 +100,16 @@ function mapGrid(xAxis, yAxis, scope, shade, panel) {
     el(
       "figcaption",
       {},
-      `Failures in ${found.length} of ${cells.length} cells; ${covered} were reached. `,
+      `Failures in ${block.all_failures ? "" : "at least "}${found.length} of ${cells.length} cells; ${block.all_driven ? "" : "at least "}${covered} were reached. `,
       ...(found.length ? [shadeKey(shade, shade === "count" ? ["1 failure", String(mostFailed)] : [`MOOBD ${fixed(most, 2)} m`, `${fixed(least, 2)} m`])] : []),
-      el("span", { class: "key" }, el("i", { class: "covered" }), " driven without failure"),
+      el("span", { class: "key" }, el("i", { class: "covered" }), block.all_failures ? " driven without failure" : " no failure among those mapped"),
     ),
   );
+}
+
+/** What a cell holds; of tests that are not in the map it says nothing. */
+function foundText(block, { failed, passed }) {
+  return `${count(failed.length, "failure")} of ${count(failed.length + passed.length, block.all_driven ? "test" : "mapped test")}`;
 }
 
 function shadeKey(shade, [first, last]) {
@@ -120,29 +126,46 @@ function edgeText(value) {
 }
 
 function rangeText(axis, bin) {
+  if (counts(axis)) return `${axis.description} ${countText(axis, bin).replace("+", " or more")}`;
   return `${axis.description} ${edgeText(axis.edges[bin])} to ${edgeText(axis.edges[bin + 1])}${axis.unit ? ` ${axis.unit}` : ""}`;
 }
 
+/** Whether an axis counts: each of its bins is a whole number, and the last what is more, too. */
+function counts(axis) {
+  return axis.edges.every((edge, i) => edge === axis.edges[0] + i && Math.abs(edge % 1) === 0.5);
+}
+
+function countText(axis, bin) {
+  return `${axis.edges[bin] + 0.5}${bin === axis.edges.length - 2 ? "+" : ""}`;
+}
+
+/** Edges stand between cells, whole numbers at their middle. */
 function edgeLabels(axis, isUp) {
-  const labels = axis.edges.map((edge, i) => {
-    const label = el("span", { class: i % 2 ? "odd" : "" }, edgeText(edge));
-    label.style[isUp ? "bottom" : "left"] = `${(100 * i) / (axis.edges.length - 1)}%`;
+  const cells = axis.edges.length - 1;
+  const texts = counts(axis) ? axis.edges.slice(0, -1).map((_, i) => [i + 0.5, countText(axis, i)]) : axis.edges.map((edge, i) => [i, edgeText(edge)]);
+  const labels = texts.map(([place, text], i) => {
+    const label = el("span", { class: i % 2 && !counts(axis) ? "odd" : "" }, text);
+    label.style[isUp ? "bottom" : "left"] = `${(100 * place) / cells}%`;
     return label;
   });
   return el("div", { class: isUp ? "edges-y" : "edges-x", "aria-hidden": "true" }, labels);
 }
 
-function showCell(panel, cell, xAxis, yAxis) {
+function showCell(block, panel, cell, xAxis, yAxis) {
   const all = [...cell.failed].sort((a, b) => a.moobd - b.moobd).concat(cell.passed);
   const shown = all.filter((test) => drives.has(test.id));
   const pictures = shown.slice(0, CELL_PICTURES);
   const order = () => shown.map((test) => test.id);
   const others = all.filter((test) => !pictures.includes(test)).map((test) => `${test.id}${test.outcome === "FAIL" ? "" : " (pass)"}`);
   const parts = [
-    el("h3", {}, `${count(cell.failed.length, "failure")} of ${count(all.length, "test")}`),
+    el("h3", {}, foundText(block, cell)),
     el("p", { class: "quiet" }, `${rangeText(xAxis, cell.column)}; ${rangeText(yAxis, cell.row)}`),
     el("div", { class: "members" }, pictures.map((test) => card(test.id, order, { small: true }))),
   ];
   if (others.length) parts.push(el("p", { class: "quiet" }, `${pictures.length ? "Also tests" : "Tests"} ${others.slice(0, 40).join(", ")}${others.length > 40 ? `, and ${others.length - 40} more` : ""}.`));
   panel.replaceChildren(...parts);
+  // Where it stands below the map, and not beside it, half of the screen shows it.
+  const { top } = panel.getBoundingClientRect();
+  const isBelow = top >= panel.previousElementSibling.getBoundingClientRect().bottom;
+  if (isBelow && top > window.innerHeight / 2) window.scrollBy({ top: top - window.innerHeight / 2 });
 }

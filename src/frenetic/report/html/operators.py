@@ -10,6 +10,7 @@ from frenetic.analysis.statistics import proportion_interval
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Bars, Column, Section, Table
 from frenetic.report.html.told import Told
+from frenetic.search.operators import DOES
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ def operators_section(tests: Sequence[Told], clusters: Clusters) -> Section:
         return Section("operators", title, (), "Nothing was tested yet.")
     columns = (
         Column("operator"),
+        Column("what it does", text="To the values of the roads from which it makes one"),
         Column("tests", True, "Roads that it proposed and that were tested, refused ones included"),
         Column("failures", True),
         Column("of those driven", True, "Share of its drives that failed, 95 % Wilson interval"),
@@ -97,6 +99,7 @@ def operators_section(tests: Sequence[Told], clusters: Clusters) -> Section:
     rows = tuple(
         (
             one.name,
+            DOES.get(one.name, "–"),
             str(one.tests),
             str(one.failures),
             _share(one),
@@ -126,7 +129,10 @@ def operators_section(tests: Sequence[Told], clusters: Clusters) -> Section:
             " those whose first failure is its.",
         ),
     )
-    return Section("operators", title, blocks, "Which operators of the strategy paid off.")
+    lead = "Which operators of the strategy paid off."
+    if any(one.name in DOES for one in results):
+        lead += " A road is a row of values: its curvatures, from one end to the other."
+    return Section("operators", title, blocks, lead)
 
 
 def _share(one: OperatorResult) -> str:

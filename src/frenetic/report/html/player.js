@@ -2,6 +2,7 @@
 
 const SPEEDS = [0.5, 1, 2, 4, 8];
 const CLOSE_UP = 28; // m across
+const CLOSE_UP_PHONE = 16;
 
 const PROFILES = [
   { name: "oob", title: "oob distance", unit: "m", digits: 2, of: (r) => r.oob, zero: true },
@@ -120,8 +121,9 @@ const player = (() => {
       car.setAttribute("transform", move);
       car.classList.toggle("is-out", at.oob < 0);
     }
-    const tall = CLOSE_UP / shown.closeAspect;
-    shown.close.setAttribute("viewBox", `${u - CLOSE_UP / 2} ${v - tall / 2} ${CLOSE_UP} ${tall}`);
+    const wide = shown.closeWide;
+    const tall = wide / shown.closeAspect;
+    shown.close.setAttribute("viewBox", `${u - wide / 2} ${v - tall / 2} ${wide} ${tall}`);
     const place = clamp(at.distance / shown.length, 0, 1);
     shown.cursor.style.left = `${100 * place}%`;
     shown.values.forEach((value, i) => {
@@ -150,16 +152,17 @@ const player = (() => {
   function build(drive, order) {
     const records = recordsOf(drive);
     const line = centreLine(drive.road);
-    const isNarrow = window.innerWidth < 820;
-    // So that the profiles are in sight, too.
-    const aspect = isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
-    const closeAspect = isNarrow ? 2.2 : 0.85;
+    // So that the profiles are in sight, too; as in the style sheet.
+    const [isPhone, isNarrow] = [560, 820].map((width) => window.matchMedia(`(max-width: ${width}px)`).matches);
+    const aspect = isPhone ? 1.4 : isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
+    const closeAspect = isPhone ? 0.7 : isNarrow ? 2.2 : 0.85;
+    const closeWide = isPhone ? CLOSE_UP_PHONE : CLOSE_UP;
     const view = viewOf([...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))], aspect);
     const length = roadLength(drive.road);
     let furthest = -Infinity;
     const along = records.distance.map((d) => (furthest = Math.max(furthest, d)));
     const state = {
-      drive, order, records, view, length, along, closeAspect,
+      drive, order, records, view, length, along, closeAspect, closeWide,
       time: 0,
       end: records.time[records.time.length - 1] - records.time[0],
       cars: [],
@@ -201,7 +204,7 @@ const player = (() => {
         "div",
         { class: "stage" },
         el("figure", { class: "stage-main" }, main, legend()),
-        el("figure", { class: "stage-close" }, state.close, el("figcaption", {}, `${CLOSE_UP} m around the car`)),
+        el("figure", { class: "stage-close" }, state.close, el("figcaption", {}, `${closeWide} m around the car`)),
       ),
       el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
       plots,
@@ -272,9 +275,8 @@ const player = (() => {
     const ticks = el("div", { class: "plot-ticks" });
     const every = length > 160 ? 50 : length > 60 ? 20 : 10;
     for (let place = 0; place <= length; place += every) {
-      const tick = el("span", {}, place + every > length ? `${place} m` : String(place));
+      const tick = el("span", {}, place === 0 ? "0 m" : String(place));
       tick.style.left = `${(100 * place) / length}%`;
-      if (place > 0.95 * length) tick.classList.add("last");
       ticks.append(tick);
     }
     return el(
@@ -347,7 +349,7 @@ function factsOf(drive) {
     ["Left its lane", drive.departure === null ? "no" : `to the ${drive.departure.side}, at ${fixed(drive.departure.distance, 0, "m")} after ${fixed(drive.departure.time, 1, "s")}`],
     ["Duration", fixed(drive.duration, 1, "s")],
     ["Road", `${fixed(roadLength(drive.road), 0, "m")}, sharpest radius ${sharpest(drive.road)}`],
-    ["Origin", `${test.operator}${parents}, generation ${drive.generation}`],
+    ["Origin", `${test.operator}${parents}${test.does ? `: ${test.does}` : ""}; generation ${drive.generation}`],
   ];
   const repeats = repeatsOf(drive.id);
   if (repeats !== null) facts.push([`Driven again: ${repeats.stability}`, repeats.text]);
@@ -369,10 +371,15 @@ function actionsOf(drive) {
   }
   parts.push(commandLine(`frenetic show ${campaign} ${drive.id}`, "Show it in full, with a picture"));
   if (drive.outcome === "FAIL" && isNamed) parts.push(commandLine(`frenetic minimise ${campaign} ${drive.id}`, "Find the shortest road that fails like it"));
-  const minimised = drive.minimised;
-  if (minimised !== null) {
-    const text = `Minimised: ${fixed(roadLength(minimised), 0, "m")} of ${fixed(roadLength(drive.road), 0, "m")}`;
-    parts.unshift(el("figure", { class: "minimised" }, roadPicture(drive, text, minimised), el("figcaption", {}, text)));
+  if (drive.minimised !== null) {
+    const { road, file } = drive.minimised;
+    const text = `Minimised: ${fixed(roadLength(road), 0, "m")} of ${fixed(roadLength(drive.road), 0, "m")}`;
+    const place = joined(campaign, file);
+    const line = `frenetic drive ${place}`;
+    parts.unshift(
+      el("figure", { class: "minimised" }, roadPicture(drive, text, road), el("figcaption", {}, text, el("span", { class: "file" }, place))),
+      isNamed ? commandLine(`${line} ${options}`, "Drive the minimised road again") : commandLine(line, "Drive the minimised road, with the driver of your choice"),
+    );
   }
   return el("div", { class: "actions" }, parts);
 }

@@ -8,6 +8,7 @@ from typing import Final
 
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
+from frenetic.search.operators import DOES
 from frenetic.search.records import Origin
 
 LETTERS: Final[Mapping[Outcome, str]] = {outcome: str(outcome)[0] for outcome in Outcome}
@@ -58,6 +59,8 @@ class TestTable:
     """cm."""
     operators: tuple[str, ...]
     """All there are."""
+    operators_do: tuple[str, ...]
+    """What each of them does; empty where that is not known."""
     operator: tuple[int, ...]
     """Which of them, per test."""
     parents: tuple[tuple[int, ...], ...]
@@ -75,6 +78,7 @@ class TestTable:
                 None if test.moobd is None else round(100.0 * test.moobd) for test in rows
             ),
             operators=tuple(operators),
+            operators_do=tuple(DOES.get(name, "") for name in operators),
             operator=tuple(place[test.origin.operator] for test in rows),
             parents=tuple(tuple(test.origin.parents) for test in rows),
         )

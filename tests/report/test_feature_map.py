@@ -1,0 +1,124 @@
+"""Which tests are in the feature map of a report, and what it says of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from frenetic.analysis.features import Features
+from frenetic.outcome import Outcome
+from frenetic.report.html import feature_map
+from frenetic.report.html.feature_map import FeatureMap, Measured, choose_mapped, map_section
+from frenetic.report.html.told import Told
+from frenetic.search import Origin
+
+FEATURES = Features(
+    length=60.0,
+    max_curvature=0.03,
+    direction_coverage=0.2,
+    bends=2,
+    mean_speed=15.0,
+    std_speed=1.0,
+    std_steering=0.1,
+    mean_offset=0.0,
+    extreme_offset=0.5,
+)
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in {"MAPPED": 30, "MAPPED_PASSED": 10, "MAPPED_FAILURES": 40}.items():
+        monkeypatch.setattr(feature_map, name, value)
+
+
+def made(failures: int, passes: int) -> list[Told]:
+    """Tests, those that failed first, each more severe than the one before."""
+    return [
+        Told(
+            i,
+            Outcome.FAIL if i <= failures else Outcome.PASS,
+            -i / 100.0 if i <= failures else 1.0,
+            float(i),
+            Origin("random"),
+        )
+        for i in range(1, failures + passes + 1)
+    ]
+
+
+def numbers(tests: list[Told]) -> tuple[int, int]:
+    """How many failed and how many passed."""
+    failed = sum(test.outcome is Outcome.FAIL for test in tests)
+    return failed, len(tests) - failed
+
+
+def section_of(tests: list[Told]) -> tuple[str, FeatureMap]:
+    """The lead and the block."""
+    ids = [test.id for test in choose_mapped(tests)]
+    section = map_section(ids, dict.fromkeys(ids, Measured(FEATURES, FEATURES)), tests)
+    (block,) = section.blocks
+    assert isinstance(block, FeatureMap)
+    return section.lead, block
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize(
+    ("failures", "passes", "mapped"),
+    [(5, 20, (5, 20)), (5, 90, (5, 25)), (29, 90, (29, 10)), (40, 3, (40, 3)), (0, 90, (0, 30))],
+)
+def test_all_failures_are_mapped_and_passes_thinned(
+    failures: int, passes: int, mapped: tuple[int, int]
+) -> None:
+    tests = made(failures, passes)
+    chosen = choose_mapped(tests)
+    assert numbers(chosen) == mapped
+    assert chosen == [test for test in tests if test in chosen]
+    assert chosen[-1] == tests[-1]  # evenly over the campaign
+
+
+@pytest.mark.usefixtures("small")
+def test_of_too_many_failures_some_of_every_severity_are_mapped() -> None:
+    tests = made(1000, 0)
+    moobds = [test.moobd for test in choose_mapped(tests) if test.moobd is not None]
+    assert len(moobds) == 40
+    assert min(moobds) == -10.0
+    assert max(moobds) == -0.01
+    assert 18 <= sum(moobd < -5.0 for moobd in moobds) <= 22
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize(
+    ("failures", "passes", "text"),
+    [
+        (
+            25,
+            90,
+            "All 25 failures and 10 of the 90 tests that passed, evenly over the campaign, are"
+            " mapped.",
+        ),
+        (
+            1,
+            90,
+            "The only failure and 29 of the 90 tests that passed, evenly over the campaign, are"
+            " mapped.",
+        ),
+        (0, 90, "30 of the 90 tests that passed, evenly over the campaign, are mapped."),
+        (
+            50,
+            1,
+            "40 of the 50 failures, evenly from the most to the least severe, and the only test"
+            " that passed are mapped.",
+        ),
+    ],
+)
+def test_it_is_said_what_is_mapped(failures: int, passes: int, text: str) -> None:
+    lead, block = section_of(made(failures, passes))
+    assert lead.endswith(f"to see its roads. {text}")
+    assert not block.all_driven
+    assert block.all_failures is (failures < 50)
+
+
+@pytest.mark.usefixtures("small")
+def test_of_a_map_of_everything_nothing_is_said() -> None:
+    lead, block = section_of(made(10, 20))
+    assert lead.endswith("to see its roads.")
+    assert block.all_driven
+    assert block.all_failures
