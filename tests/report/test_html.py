@@ -153,6 +153,16 @@ def test_no_text_from_outside_becomes_markup(searched: Path, tmp_path: Path) -> 
     assert "\u2028" not in text
 
 
+def test_of_failures_that_are_not_compared_the_title_says_that_there_may_be_more(
+    searched: Path,
+) -> None:
+    with CampaignStore.open(searched) as store:
+        every, few = (distinct_failures(store, limit) for limit in (None, 3))
+        titles = [campaign_report(store, clusters=one).title for one in (every, few)]
+    assert titles[0].startswith(f"{len(every)} distinct failures in ")
+    assert titles[1].startswith(f"At least {len(few)} distinct failure")
+
+
 def test_title_is_escaped() -> None:
     page = Page(render(Report(title=HOSTILE, sections=(Section("a", HOSTILE, ()),))))
     assert page.title == HOSTILE

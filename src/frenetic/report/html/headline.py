@@ -90,7 +90,7 @@ def headline(
         Tile("wall time", format_duration(duration), "min:s" if duration < 3600.0 else "h:min:s")
     )
     return Headline(
-        title=_title(len(clusters), failures, counts.simulations),
+        title=_title(clusters, failures, counts.simulations),
         lead=lead,
         warning=" ".join(text for text in (_unfinished(facts), trouble) if text),
         tiles=tuple(tiles),
@@ -108,10 +108,12 @@ def headline(
 _PARTS = ("strategy", "driver", "simulator")
 
 
-def _title(distinct: int, failures: int, simulations: int) -> str:
+def _title(clusters: Clusters, failures: int, simulations: int) -> str:
     if not failures:
         return f"No failure in {_count(simulations, 'simulation')}"
-    found = _count(distinct, "distinct failure")
+    found = _count(len(clusters), "distinct failure")
+    if clusters.failures < failures:
+        found = f"At least {found}"
     return f"{found} in {_count(simulations, 'simulation')}"
 
 
