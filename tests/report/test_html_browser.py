@@ -387,7 +387,7 @@ def test_player_fits_on_a_phone(show: Callable[..., Page], searched: Path) -> No
     assert area["y"] + area["height"] < 844
     # The widest value that there is.
     page.locator(".plot-name .now").evaluate_all(
-        "els => els.forEach(el => { el.textContent = '\u22120.044\u00a01/m'; })"
+        "els => els.forEach(el => { el.textContent = '\u22120.044 1/\u2060m'; })"
     )
     ends = page.locator(".plot-name > span:not(.high):not(.low)").evaluate_all(
         "els => els.map(el => { const r = document.createRange(); r.selectNodeContents(el);"

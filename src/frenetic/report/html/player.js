@@ -129,7 +129,8 @@ const player = (() => {
     shown.values.forEach((value, i) => {
       const { digits, unit, scale } = shown.profiles[i];
       const now = shown.profiles[i].now(at);
-      value.textContent = fixed(now * scale, digits, unit);
+      // Where there is no room for it the unit comes on a line of its own.
+      value.textContent = fixed(now * scale, digits, unit).replace("\u00a0", " ");
     });
     shown.slider.value = String(shown.time);
     shown.slider.setAttribute("aria-valuetext", `${fixed(shown.time, 1)} s, at ${fixed(at.distance, 0)} m`);
@@ -245,7 +246,7 @@ const player = (() => {
     }));
     const { step, curvatures } = drive.road;
     own.push({
-      name: "curvature", title: "curvature", unit: "1/m", digits: 3, zero: true, scale: 1, limit: null,
+      name: "curvature", title: "curvature", unit: "1/\u2060m", digits: 3, zero: true, scale: 1, limit: null,
       now: (at) => curvatureAt(drive.road, at.distance),
       points: curvatures.map((value, i) => [i * step, value]),
     });
