@@ -303,13 +303,22 @@ class Counting(EmbeddedSimulator):
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent as on POSIX here")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_ends_a_run_with_its_summary_and_its_simulator(tmp_path: Path, name: str) -> None:
-    """That of Ctrl-C, of a job scheduler and of a terminal that is closed."""
+    """That of Ctrl-C, of a job scheduler and of a terminal that is closed.
+
+    What a script starts in the background does not hear Ctrl-C, but has to hear the others.
+    """
+    ctrl_c = signal.SIG_DFL if name == "SIGINT" else signal.SIG_IGN
     (tmp_path / "counting.py").write_text(COUNTING)
     folder = tmp_path / "c"
     options = ["--time", "10m", "--workers", "1", "--simulator", "counting.py:Counting"]
     command = [sys.executable, "-m", "frenetic", "run", *options, "--out", str(folder)]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, ctrl_c),
     ) as process:
         deadline = time.monotonic() + 120.0
         while not stored_tests(folder) and time.monotonic() < deadline:

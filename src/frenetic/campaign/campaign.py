@@ -18,7 +18,6 @@ from typing import Any, Final
 
 from frenetic.campaign.budget import Budget
 from frenetic.campaign.dispatch import Dispatcher, Order
-from frenetic.campaign.interrupt import Interrupt, catch_interrupt
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.replay import replay
@@ -29,6 +28,7 @@ from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
 from frenetic.compilation import compile_kernels
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.interrupt import Interrupt, catch_interrupt
 from frenetic.outcome import Outcome
 from frenetic.registry import USER_MODULE
 from frenetic.road import MAP_SIZE, MARGIN

@@ -11,13 +11,13 @@ from typing import Final
 import numpy as np
 
 from frenetic.campaign.budget import Budget
-from frenetic.campaign.interrupt import Interrupt
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.campaign.tester import Tested, untested
 from frenetic.campaign.workers.workers import Attempt, Workers
 from frenetic.errors import CampaignError, StrategyError, describe_error
+from frenetic.interrupt import Interrupt
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy

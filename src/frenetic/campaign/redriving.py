@@ -13,7 +13,6 @@ from typing import Any, Final
 from frenetic.arrays import FloatArray
 from frenetic.campaign.configuration import configuration_faults
 from frenetic.campaign.dispatch import MAX_ATTEMPTS
-from frenetic.campaign.interrupt import catch_interrupt
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.store import DATABASE, CampaignStore, TestRecord
 from frenetic.campaign.tester import RoadTester, Tested, untested
@@ -21,6 +20,7 @@ from frenetic.campaign.workers import Attempt, LocalWorkers, ThisProcess, Worker
 from frenetic.compilation import compile_kernels
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
+from frenetic.interrupt import catch_interrupt
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate, Origin

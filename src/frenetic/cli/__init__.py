@@ -8,7 +8,6 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from types import FrameType
 from typing import NoReturn
 
 import click
@@ -31,6 +30,7 @@ from frenetic.cli.roads import drive, validate
 from frenetic.cli.search import resume, run
 from frenetic.cli.watching import watch
 from frenetic.errors import FreneticError
+from frenetic.interrupt import ENDING
 
 __all__ = ["cli", "main"]
 
@@ -63,22 +63,16 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 @contextmanager
 def _ending_in_order() -> Iterator[None]:
-    """Takes the signals of a job scheduler or a closed terminal for Ctrl-C.
+    """Lets the signals of a job scheduler or a closed terminal do what Ctrl-C does.
 
     So results are stored and simulators ended. Those that are ignored, as under nohup, stay so.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:  # noqa: ARG001
-        signal.raise_signal(signal.SIGINT)
-
-    names = ("SIGTERM", "SIGHUP", "SIGBREAK")  # the second on POSIX, the third on Windows only
-    known = [getattr(signal, name) for name in names if hasattr(signal, name)]
-    taken = [number for number in known if signal.getsignal(number) is signal.SIG_DFL]
+    taken = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
     for number in taken:
-        signal.signal(number, interrupt)
+        signal.signal(number, signal.default_int_handler)
     try:
         yield
     finally:

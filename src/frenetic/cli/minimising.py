@@ -159,7 +159,7 @@ def minimise(
     smallest road found so far.
     """
     from frenetic.campaign.campaign import describe
-    from frenetic.campaign.interrupt import catch_interrupt
+    from frenetic.interrupt import catch_interrupt
     from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
 
     if source.is_dir():

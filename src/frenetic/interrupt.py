@@ -7,6 +7,14 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Final
+
+ENDING: Final = tuple(
+    signal.Signals[name]
+    for name in ("SIGTERM", "SIGHUP", "SIGBREAK")  # the second on POSIX, the third on Windows only
+    if name in signal.Signals.__members__
+)
+"""Signals, beside that of Ctrl-C, by which others end a process."""
 
 
 class Interrupt:
@@ -19,8 +27,9 @@ class Interrupt:
 def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[Interrupt]:
     """Turns the first Ctrl-C into a request; the second raises `KeyboardInterrupt` as usual.
 
-    Compiled code and databases are not left in the middle of something this way. Outside the main
-    thread, which alone receives signals, nothing changes.
+    Compiled code and databases are not left in the middle of something this way. So do the signals
+    in `ENDING` if they raise `KeyboardInterrupt`, too, as they do on the command line. Outside the
+    main thread, which alone receives signals, nothing changes.
 
     Args:
         on_request: called at the first Ctrl-C.
@@ -29,11 +38,12 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
     if threading.current_thread() is not threading.main_thread():
         yield interrupt
         return
-    before = signal.getsignal(signal.SIGINT)
-    if before is not signal.default_int_handler:
-        # Ignored, or handled by somebody else: their decision stands.
-        yield interrupt
-        return
+    # Where one is ignored, or handled by somebody else, their decision stands.
+    taken = [
+        number
+        for number in (signal.SIGINT, *ENDING)
+        if signal.getsignal(number) is signal.default_int_handler
+    ]
 
     def request(number: int, frame: FrameType | None) -> None:
         if interrupt.requested:
@@ -42,8 +52,10 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
         if on_request is not None:
             on_request()
 
-    signal.signal(signal.SIGINT, request)
+    for number in taken:
+        signal.signal(number, request)
     try:
         yield interrupt
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number in taken:
+            signal.signal(number, signal.default_int_handler)
