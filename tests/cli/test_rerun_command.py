@@ -213,6 +213,14 @@ def test_a_test_that_passed_is_said_to_be_no_failure(frenetic: Frenetic, campaig
     assert f"neither robust nor fragile: {passed}" in answer.out
 
 
+def test_a_driver_that_takes_no_noise_is_refused_before_it_drives(
+    frenetic: Frenetic, campaign: str
+) -> None:
+    parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--delay", "0"]
+    answer = frenetic("rerun", campaign, *parts, "--vary", "noise", "--workers", "2")
+    assert answer.refuses("noise, delay and view do not reach it: leave them out")
+
+
 @pytest.mark.parametrize(("stop", "kept"), [(3, [2, 1]), (4, [2, 2]), (6, [2, 2, 2])])
 def test_ctrl_c_keeps_what_is_done_and_exits_130(
     frenetic: Frenetic, campaign: str, stop: int, kept: list[int]

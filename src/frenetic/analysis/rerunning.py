@@ -36,8 +36,8 @@ from frenetic.drivers import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
-from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import QUANTITIES, World, check_can_vary
+from frenetic.simulators.simulator import Simulator, check_pair
+from frenetic.simulators.worlds import QUANTITIES, World, check_can_vary, in_world
 
 RERUNS: Final = "reruns.json"
 """Name of the file in a campaign's folder that holds how often its failures repeat."""
@@ -399,6 +399,8 @@ def rerun(
     folder = Path(folder)
     worlds = draw_worlds(variations, times, seed)
     check_can_vary(simulator, [variation.quantity for variation in variations])
+    with in_world(worlds[0], simulator, driver) as layered:  # alike in what is laid over the driver
+        check_pair(simulator, layered)
     with CampaignStore.open(folder) as store:
         if test_ids is None:
             records = list(store.tests(Outcome.FAIL, order_by="moobd"))
