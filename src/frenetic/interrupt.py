@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from types import FrameType
-from typing import Final
+from typing import Final, TypeAlias
+
+_Handler: TypeAlias = Callable[[int, FrameType | None], object] | signal.Handlers
 
 ENDING: Final = tuple(
     signal.Signals[name]
@@ -35,15 +37,6 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
         on_request: called at the first Ctrl-C.
     """
     interrupt = Interrupt()
-    if threading.current_thread() is not threading.main_thread():
-        yield interrupt
-        return
-    # Where one is ignored, or handled by somebody else, their decision stands.
-    taken = [
-        number
-        for number in (signal.SIGINT, *ENDING)
-        if signal.getsignal(number) is signal.default_int_handler
-    ]
 
     def request(number: int, frame: FrameType | None) -> None:
         if interrupt.requested:
@@ -52,10 +45,30 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
         if on_request is not None:
             on_request()
 
-    for number in taken:
-        signal.signal(number, request)
-    try:
+    with _handled((signal.SIGINT, *ENDING), signal.default_int_handler, request):
         yield interrupt
+
+
+def ending_in_order() -> AbstractContextManager[None]:
+    """Lets the signals of a job scheduler or a closed terminal do what Ctrl-C does.
+
+    So results are stored and simulators ended. Those that are ignored, as under nohup, stay so.
+    """
+    return _handled(ENDING, signal.SIG_DFL, signal.default_int_handler)
+
+
+@contextmanager
+def _handled(
+    numbers: Iterable[signal.Signals], before: _Handler, handler: _Handler
+) -> Iterator[None]:
+    """Lets signals be handled so; where they are not as said before, that decision stands."""
+    taken = []
+    if threading.current_thread() is threading.main_thread():
+        taken = [number for number in numbers if signal.getsignal(number) is before]
+    for number in taken:
+        signal.signal(number, handler)
+    try:
+        yield
     finally:
         for number in taken:
-            signal.signal(number, signal.default_int_handler)
+            signal.signal(number, before)

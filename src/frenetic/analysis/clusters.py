@@ -38,6 +38,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import frame_at, sample_line
+from frenetic.words import counted
 
 IntArray = npt.NDArray[np.int64]
 
@@ -121,8 +122,7 @@ class Cluster:
         return len(self.ids)
 
     def __str__(self) -> str:
-        number = "1 failure" if len(self) == 1 else f"{len(self)} failures"
-        return f"{self.description}: {number}, worst {self.moobd:.2f} m"
+        return f"{self.description}: {counted(len(self), 'failure')}, worst {self.moobd:.2f} m"
 
 
 @dataclass(frozen=True)

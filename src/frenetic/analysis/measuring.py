@@ -28,6 +28,7 @@ from frenetic.analysis.sparseness import competition_sparseness, diversity
 from frenetic.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.outcome import Outcome
+from frenetic.thinning import evenly
 
 Cell: TypeAlias = tuple[int, ...]
 """Of a feature map: a bin of each of its features."""
@@ -294,9 +295,7 @@ def _sparseness(cuts: Sequence[FloatArray]) -> float:
 
 def _thinned(segments: Sequence[FloatArray], most: int) -> Sequence[FloatArray]:
     """As many segments, evenly spaced, the first and the last among them."""
-    if len(segments) <= most:
-        return segments
-    return [segments[i] for i in np.linspace(0, len(segments) - 1, most).round().astype(int)]
+    return [segments[i] for i in evenly(len(segments), most)]
 
 
 def _unused(facts: Mapping[str, Any], simulations: int) -> int:

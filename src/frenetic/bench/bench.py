@@ -33,6 +33,7 @@ from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
+from frenetic.words import counted
 
 BENCHES: Final = Path("benches")
 """Where benches go that are given no folder."""
@@ -113,9 +114,8 @@ class Bench:
     @property
     def runs_in_words(self) -> str:
         """How many runs of how many simulations an entrant has."""
-        runs = "1 run" if self.repeats == 1 else f"{self.repeats} runs"
         most = "at most " if self.terms.counts_computing else ""
-        return f"{runs} of {most}{self.terms.simulations} simulations"
+        return f"{counted(self.repeats, 'run')} of {most}{self.terms.simulations} simulations"
 
     def states(self) -> list[RunState]:
         """All runs, and what has become of each.

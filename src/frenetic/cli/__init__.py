@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import logging
-import signal
 import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import NoReturn
 
 import click
@@ -30,7 +27,7 @@ from frenetic.cli.roads import drive, validate
 from frenetic.cli.search import resume, run
 from frenetic.cli.watching import watch
 from frenetic.errors import FreneticError
-from frenetic.interrupt import ENDING
+from frenetic.interrupt import ending_in_order
 
 __all__ = ["cli", "main"]
 
@@ -42,7 +39,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Runs the command line; every mistake of the user is one line on stderr and exit code 2."""
     try:
-        with _ending_in_order():
+        with ending_in_order():
             code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
     except click.exceptions.Exit as stop:
         code = stop.exit_code
@@ -59,25 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         silence(sys.stdout)
         code = 1
     sys.exit(code if isinstance(code, int) else 0)
-
-
-@contextmanager
-def _ending_in_order() -> Iterator[None]:
-    """Lets the signals of a job scheduler or a closed terminal do what Ctrl-C does.
-
-    So results are stored and simulators ended. Those that are ignored, as under nohup, stay so.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    taken = [number for number in ENDING if signal.getsignal(number) is signal.SIG_DFL]
-    for number in taken:
-        signal.signal(number, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        for number in taken:
-            signal.signal(number, signal.SIG_DFL)
 
 
 @click.group(context_settings=CONTEXT, invoke_without_command=True)

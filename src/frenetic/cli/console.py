@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from frenetic.durations import format_duration
+from frenetic.words import counted
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -143,7 +144,7 @@ def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
         failures: how many failures there are in all; more than were compared, maybe.
         listed: how many clusters are printed.
     """
-    title = "1 distinct failure" if len(clusters) == 1 else f"{len(clusters)} distinct failures"
+    title = counted(len(clusters), "distinct failure")
     if failures > clusters.failures:
         title += f" among the {clusters.failures} most severe of {failures}"
     if listed < len(clusters):
@@ -186,11 +187,6 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
     """Prints names and values, one pair a line."""
     for name, value in facts:
         click.echo(f"{name:<11}{value}")
-
-
-def counted(number: int, what: str) -> str:
-    """Such as "1 failure" and "2 failures"."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def shell(path: Path) -> str:

@@ -22,7 +22,6 @@ from frenetic.cli.console import (
     Results,
     announced_compilation,
     complain,
-    counted,
     print_facts,
     shell,
 )
@@ -31,6 +30,7 @@ from frenetic.cli.options import as_usage_error, check_map_size, driver_options,
 from frenetic.cli.parts import LAYERS, LIMITS, usual_wall_limit
 from frenetic.cli.recorded import RecordedParts, recorded_parts
 from frenetic.errors import FreneticError
+from frenetic.words import counted
 
 if TYPE_CHECKING:
     from frenetic.analysis.minimise import Minimised, MinimiseProgress
@@ -196,8 +196,7 @@ def minimise(
                     guard=guard,
                     test_id=work.test_id,
                 )
-                # As JSON has it, to compare it with what is there.
-                there = shorter_there(work.files.road, json.loads(json.dumps(document)))
+                there = shorter_there(work.files.road, document)
                 if there is None:
                     with log.status(f"Drawing {work.name}"):
                         write_minimised(minimised, work.files, document, name=work.name)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from frenetic.cli.console import Log, Results, announced_compilation, counted
+from frenetic.cli.console import Log, Results, announced_compilation
 from frenetic.cli.grouping import GroupedCommand
 from frenetic.cli.options import (
     as_usage_error,
@@ -20,6 +20,7 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.progress import counted_progress
 from frenetic.cli.recorded import part_options, recorded_parts
+from frenetic.words import counted
 
 if TYPE_CHECKING:
     from frenetic.analysis.replaying import Replay, Replayed

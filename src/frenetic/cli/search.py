@@ -14,7 +14,6 @@ from frenetic.cli.beamng import moved, place_options
 from frenetic.cli.console import (
     Log,
     announced_compilation,
-    counted,
     live_progress,
     print_failures,
     shell,
@@ -32,6 +31,7 @@ from frenetic.cli.options import (
 from frenetic.cli.parts import make_campaign
 from frenetic.durations import format_duration
 from frenetic.errors import CampaignError, FreneticError
+from frenetic.words import counted
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -302,13 +302,14 @@ def _search(
     with CampaignStore.open(folder) as store:
         clusters = distinct_failures(store)
         listed = most_severe(store, clusters)
+        counts = store.counts()
         if summary is not None and as_json:
             more = {"distinct_failures": len(clusters), "seed": seed}
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
             _print_summary(summary, _first_error(store))
         if listed and not as_json:
-            print_failures(clusters, store.counts().by_outcome[Outcome.FAIL], len(listed))
+            print_failures(clusters, counts.by_outcome[Outcome.FAIL], len(listed))
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:
@@ -317,7 +318,7 @@ def _search(
             if not as_json:
                 click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
                 click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
-        report = _write_report(log, store, clusters) if store.counts().tests else None
+        report = _write_report(log, store, clusters) if counts.tests else None
         if report is not None and not as_json:
             click.echo(f"Report:      {report}")
     if trouble is not None:

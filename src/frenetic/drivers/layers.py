@@ -227,6 +227,13 @@ class LimitedView:
         )
 
 
+def under_layers(driver: Driver) -> Driver:
+    """The driver itself, without what lies over it."""
+    while isinstance(driver, Noisy | Delayed | LimitedView):
+        driver = driver.driver
+    return driver
+
+
 @dataclass(frozen=True)
 class Compiled:
     """A built-in driver and its layers, flattened for the compiled rollout."""

@@ -17,6 +17,7 @@ from frenetic.analysis.comparing import Comparison, MeasureComparison
 from frenetic.analysis.measuring import curves
 from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, form_of, write_figure
+from frenetic.words import counted
 
 # Told apart with any kind of colour vision, and in grey by their order.
 _COLOURS: Final = ("#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200")
@@ -104,8 +105,7 @@ def _draw_curves(axes: Any, comparison: Comparison) -> None:
         else:
             for curve in found:
                 axes.plot(simulations, curve, color=colour, alpha=0.3, linewidth=0.8)
-        number = "1 campaign" if len(campaigns) == 1 else f"{len(campaigns)} campaigns"
-        label = f"{_short(name)}, {number}"
+        label = f"{_short(name)}, {counted(len(campaigns), 'campaign')}"
         axes.plot(simulations, median, color=colour, linewidth=2.0, label=label)
     axes.set_xlim(0, max(longest, 1))
     most = max(c.failures_after[-1] for campaigns in comparison.groups.values() for c in campaigns)

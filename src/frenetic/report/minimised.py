@@ -104,16 +104,21 @@ def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
     It is if it is shorter and the same driver fails on it in the same simulator, for the same
     reason, with a guard that is not weaker.
     """
+    document = json.loads(json.dumps(document))  # as it would be read
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
-        length = float(there["step"]) * (len(there["curvatures"]) - 1)
+        length = _length(there)
         is_like = all(there[key] == document[key] for key in ("driver", "simulator", "rules"))
         how, ours = there["minimised"], document["minimised"]
         is_like = is_like and how["reason"] == ours["reason"] and how["guard"] >= ours["guard"]
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return None
-    ours_length = document["step"] * (len(document["curvatures"]) - 1)
-    return length if is_like and length < ours_length else None
+    return length if is_like and length < _length(document) else None
+
+
+def _length(document: Mapping[str, Any]) -> float:
+    """M, of the road of a document."""
+    return float(document["step"]) * (len(document["curvatures"]) - 1)
 
 
 def write_minimised(

@@ -45,6 +45,7 @@ from frenetic.report.html.groups import (
 from frenetic.report.html.headline import Headline, Tile
 from frenetic.report.html.page import Report
 from frenetic.report.html.writing import REPORT, made_by, write_page
+from frenetic.thinning import evenly
 
 POINTS: Final = 400
 """Points of a curve that are kept at most."""
@@ -361,7 +362,7 @@ def _curves(comparison: Comparison, groups: tuple[Group, ...]) -> Curves:
 
 def _curve(comparison: Comparison, group: Group, what: Curve) -> GroupCurve:
     found = curves(comparison.groups[group.name], what)
-    shown = _shown(found.shape[1])
+    shown = evenly(found.shape[1], POINTS).tolist()
     low, median, high = (
         tuple(np.round(line[shown], 2).tolist())
         for line in np.quantile(found, (0.25, 0.5, 0.75), axis=0)
@@ -371,13 +372,6 @@ def _curve(comparison: Comparison, group: Group, what: Curve) -> GroupCurve:
         return GroupCurve(group, x, median, low, high)
     singles = tuple(tuple(line[shown].tolist()) for line in found)
     return GroupCurve(group, x, median, singles=singles if len(found) > 1 else ())
-
-
-def _shown(number: int) -> list[int]:
-    """Which of so many points are kept, first and last among them."""
-    places = np.linspace(0, number - 1, min(number, POINTS)).round()
-    found: list[int] = np.unique(places.astype(np.int64)).tolist()
-    return found
 
 
 def _spreads(comparison: Comparison, groups: tuple[Group, ...]) -> Spreads:

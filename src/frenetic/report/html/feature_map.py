@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-import numpy as np
-
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import Segment
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Section
 from frenetic.report.html.told import Told
+from frenetic.thinning import evenly
 
 MAPPED: Final = 3000
 """Tests that are measured: all that failed, and others up to this number."""
@@ -78,18 +77,11 @@ def choose_mapped(tests: Sequence[Told]) -> list[Told]:
         (test for test in tests if test.outcome is Outcome.FAIL),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
-    failed = _evenly(failed, MAPPED_FAILURES)
+    failed = [failed[i] for i in evenly(len(failed), MAPPED_FAILURES)]
     passed = [test for test in tests if test.outcome is Outcome.PASS]
-    passed = _evenly(passed, max(MAPPED - len(failed), MAPPED_PASSED))
+    passed = [passed[i] for i in evenly(len(passed), max(MAPPED - len(failed), MAPPED_PASSED))]
     chosen = {test.id for test in (*failed, *passed)}
     return [test for test in tests if test.id in chosen]
-
-
-def _evenly(tests: Sequence[Told], most: int) -> list[Told]:
-    """So many of some tests, the first and the last among them."""
-    if len(tests) <= most:
-        return list(tests)
-    return [tests[i] for i in np.linspace(0, len(tests) - 1, most).round().astype(int)]
 
 
 def map_section(

@@ -10,6 +10,7 @@ from frenetic.analysis.clusters import Cluster, Clusters
 from frenetic.analysis.rerunning import Rerun
 from frenetic.oracle import Side
 from frenetic.report.html.blocks import Section
+from frenetic.words import counted
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ def gallery_section(
     data = tuple(_cluster_data(cluster, moobds, shown) for cluster in clusters if cluster.ids)
     there = sum(len(cluster.shown) for cluster in data)
     lead = (
-        f"{_number(len(data), 'distinct failure')} among {clusters.failures}: failures that are"
+        f"{counted(len(data), 'distinct failure')} among {clusters.failures}: failures that are"
         " the same problem are together, by their most severe."
     )
     if clusters.failures < failures:
@@ -133,7 +134,3 @@ def _cluster_data(
         first=min(cluster.ids),
         description=cluster.description,
     )
-
-
-def _number(count: int, what: str) -> str:
-    return f"1 {what}" if count == 1 else f"{count} {what}s"

@@ -12,6 +12,7 @@ from frenetic.campaign.store import Counts, JSONValue
 from frenetic.durations import format_duration
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Fact, Role, percent
+from frenetic.words import counted
 
 
 @dataclass(frozen=True)
@@ -110,15 +111,11 @@ _PARTS = ("strategy", "driver", "simulator")
 
 def _title(clusters: Clusters, failures: int, simulations: int) -> str:
     if not failures:
-        return f"No failure in {_count(simulations, 'simulation')}"
-    found = _count(len(clusters), "distinct failure")
+        return f"No failure in {counted(simulations, 'simulation')}"
+    found = counted(len(clusters), "distinct failure")
     if clusters.failures < failures:
         found = f"At least {found}"
-    return f"{found} in {_count(simulations, 'simulation')}"
-
-
-def _count(number: int, what: str) -> str:
-    return f"1 {what}" if number == 1 else f"{number} {what}s"
+    return f"{found} in {counted(simulations, 'simulation')}"
 
 
 def _named(config: Mapping[str, JSONValue], part: str) -> str:

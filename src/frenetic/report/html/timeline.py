@@ -16,6 +16,7 @@ from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Section, percent
 from frenetic.report.html.told import Told
 from frenetic.search.random_search import RANDOM
+from frenetic.thinning import evenly
 
 POINTS: Final = 1200
 """Points of a curve that are kept at most."""
@@ -62,7 +63,7 @@ def timeline_section(tests: Sequence[Told], clusters: Clusters) -> Section:
     tested = [test for test in tests if test.outcome.is_test]
     if not tested:
         return Section("time", "Failures over time", (), "Nothing was tested yet.")
-    shown = _shown(len(tested))
+    shown = evenly(len(tested), POINTS)
     failed = np.array([test.outcome is Outcome.FAIL for test in tested])
     driven = np.array([test.outcome is not Outcome.INVALID for test in tested])
     simulations = np.cumsum(driven)[shown]
@@ -98,12 +99,6 @@ def timeline_section(tests: Sequence[Told], clusters: Clusters) -> Section:
         + _compared(clusters, int(failed.sum())),
     )
     return Section("time", "Failures over time", (timeline,))
-
-
-def _shown(number: int) -> npt.NDArray[np.int64]:
-    """Which of so many points are kept, first and last among them."""
-    places = np.linspace(0, number - 1, min(number, POINTS)).round()
-    return np.unique(places.astype(np.int64))
 
 
 def _expectation(failures: int, roads: int, counts: npt.NDArray[np.int64]) -> Expectation | None:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
-from frenetic.drivers import BeamngAi, Delayed, Driver, DriveSetup, LimitedView, Noisy
+from frenetic.drivers import BeamngAi, Driver, DriveSetup
 from frenetic.drivers.driver import checked_controls
+from frenetic.drivers.layers import under_layers
 from frenetic.errors import DriverError, describe_error
 from frenetic.road import Road
 from frenetic.simulators.beamng.car import (
@@ -331,9 +332,7 @@ class BeamngSimulator:
 
     def _drives_itself(self, driver: Driver) -> bool:
         """Whether the driver is BeamNG.AI; raises a `DriverError` if it is with what it lacks."""
-        inner = driver
-        while isinstance(inner, Noisy | Delayed | LimitedView):
-            inner = inner.driver
+        inner = under_layers(driver)
         if type(inner) is not BeamngAi:
             return False
         if inner is not driver:

@@ -10,7 +10,7 @@ import math
 from typing import ClassVar, NoReturn
 
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.layers import Delayed, LimitedView, Noisy
+from frenetic.drivers.layers import under_layers
 from frenetic.errors import DriverError
 from frenetic.simulators.simulator import Simulator
 
@@ -88,9 +88,7 @@ def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
     Raises:
         DriverError: it is one of MetaDrive's own under layers, which would not reach it.
     """
-    inner: object = driver
-    while isinstance(inner, Noisy | Delayed | LimitedView):
-        inner = inner.driver
+    inner = under_layers(driver)
     if not isinstance(inner, MetaDriveDriver):
         return None
     if inner is not driver:

@@ -1,0 +1,8 @@
+"""Words for people."""
+
+from __future__ import annotations
+
+
+def counted(number: int, what: str) -> str:
+    """Such as "1 failure" and "2 failures"."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
