@@ -33,7 +33,10 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.analysis.minimise import (
+from frenetic.campaign import RoadTester
+from frenetic.drivers import Driver, Noisy
+from frenetic.outcome import Outcome
+from frenetic.redrive.minimise import (
     GUARD,
     MAX_DRIVES,
     FailureReason,
@@ -41,10 +44,7 @@ from frenetic.analysis.minimise import (
     failure_reason,
     minimise,
 )
-from frenetic.analysis.shrinking import Ending
-from frenetic.campaign import RoadTester
-from frenetic.drivers import Driver, Noisy
-from frenetic.outcome import Outcome
+from frenetic.redrive.shrinking import Ending
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic

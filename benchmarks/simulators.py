@@ -38,7 +38,7 @@ import numpy as np
 import psutil
 from scipy import stats
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Driver, Stanley
 from frenetic.drivers.loading import load_driver

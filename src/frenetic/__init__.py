@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from frenetic.kernel_cache import ensure_kernel_cache
+from frenetic._support.kernel_cache import ensure_kernel_cache
 
 ensure_kernel_cache()  # before anything imports numba
 

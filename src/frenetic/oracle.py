@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.overlap import share_outside

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from made_drives import departing, drive
 
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis import (
     competition_features,
     competition_segment,
@@ -14,7 +15,6 @@ from frenetic.analysis import (
     segment_of,
 )
 from frenetic.analysis.competition import direction_coverage, first_record
-from frenetic.arrays import FloatArray
 from frenetic.oracle import Departure
 from frenetic.road import Road
 from frenetic.road.validity import min_radius

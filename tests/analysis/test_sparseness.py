@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis import Diversity, competition_sparseness, diversity, edit_distance
-from frenetic.arrays import FloatArray
 
 Steps = Sequence[tuple[float, float]]
 

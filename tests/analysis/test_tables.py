@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frenetic.analysis.comparing import Comparison, compare_measured
+from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.analysis.findings import findings, in_short, p_text, verdict
 from frenetic.analysis.measuring import CampaignMeasures
 from frenetic.analysis.tables import (

@@ -22,7 +22,7 @@ from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.results import write_results
 from frenetic.bench.running import assignment
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.checking import check_campaign
+from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
-from frenetic.campaign.checking import check_campaign
+from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -144,7 +144,7 @@ def test_campaign_of_errors_gives_up_and_keeps_what_it_has(tmp_path: Path) -> No
 def test_campaign_that_only_proposes_refused_roads_gives_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.campaign.dispatch.MAX_INVALID_IN_A_ROW", 25)
+    monkeypatch.setattr("frenetic.campaign.loop.MAX_INVALID_IN_A_ROW", 25)
     with pytest.raises(CampaignError, match=r"last 25 roads were refused.*self-intersecting"):
         campaign(tmp_path, Scripted(LOOP), Budget(simulations=1)).run()
 

@@ -39,7 +39,7 @@ from faulty import (
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.campaign.checking import check_campaign
+from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers.processes import PREFETCH

@@ -21,7 +21,7 @@ from pids import LIMIT, until_gone
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.campaign.campaign import LOOKAHEAD
-from frenetic.campaign.checking import check_campaign
+from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
 from frenetic.search import Candidate, Frenetic, RandomSearch

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.campaign.checking import check_campaign
+from frenetic.campaign.check import check_campaign
 
 if TYPE_CHECKING:
     from command_line import Frenetic

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 
 if TYPE_CHECKING:
     import pytest  # not there when this runs with numpy and scipy only

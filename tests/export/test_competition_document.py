@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.export import SimulationRecord, competition_document, simulation_records
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome

@@ -16,7 +16,9 @@ import pytest
 
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.stored import stored_test
-from frenetic.cli import exporting, main
+from frenetic.cli import main
+from frenetic.cli.export import FORMATS
+from frenetic.cli.export import TRAJECTORIES as OFFERED
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.export import campaigns, data_frame, export_campaign
 from frenetic.export.columns import TABLES, TESTS, TRAJECTORIES
@@ -281,5 +283,5 @@ def test_command_with_what_there_is_not(campaign: Path, option: tuple[str, ...])
 
 
 def test_the_command_offers_what_the_library_does() -> None:
-    assert get_args(campaigns.Format) == exporting.FORMATS
-    assert get_args(Which) == exporting.TRAJECTORIES
+    assert get_args(campaigns.Format) == FORMATS
+    assert get_args(Which) == OFFERED

@@ -16,19 +16,19 @@ from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
 
 from frenetic.analysis.clusters import Cluster, Clusters
-from frenetic.analysis.confirming import confirm
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.rerunning import Repeat, Rerun, Variation, write_reruns
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.store import JSONValue
 from frenetic.cli import cli
-from frenetic.cli.search import run
+from frenetic.cli.run import run
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome
+from frenetic.redrive.confirm import confirm
+from frenetic.redrive.robustness import Repeat, Rerun, Variation, write_reruns
 from frenetic.report.confirmation import write_confirmation
 from frenetic.report.failures import distinct_failures, stored_test
 from frenetic.report.html import (

@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.road import Road
 from frenetic.road.opendrive import from_opendrive, to_opendrive
 from frenetic.search.operators import (

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic
 from frenetic.search.operators import FAIL_OPERATORS

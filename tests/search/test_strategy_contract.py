@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
 from frenetic.search.strategy import Ledger

@@ -16,10 +16,10 @@ from typing import Any
 import pytest
 from beamng_stand_in import DROP, StandIn, program
 
-from frenetic.analysis.confirming import Agreement, read_confirmations
 from frenetic.campaign import CampaignStore
 from frenetic.cli import main
 from frenetic.outcome import Outcome
+from frenetic.redrive.confirm import Agreement, read_confirmations
 
 Frenetic = Callable[..., tuple[int, str, str]]
 

@@ -15,7 +15,7 @@ from vehiclemodels.utils.tire_model import formula_lateral
 from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks
 from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.simulators.drive import CarBody
 from frenetic.simulators.embedded.vehicle import (
     BRAKE_FADE_SPEED,

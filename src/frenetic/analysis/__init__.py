@@ -17,7 +17,7 @@ if TYPE_CHECKING:
         cluster_failures,
         failures_of,
     )
-    from frenetic.analysis.comparing import Comparison, compare, compare_measured
+    from frenetic.analysis.comparison import Comparison, compare, compare_measured
     from frenetic.analysis.competition import (
         CompetitionFeatures,
         CompetitionSegment,
@@ -25,11 +25,9 @@ if TYPE_CHECKING:
         competition_segment,
     )
     from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
-    from frenetic.analysis.grouping import find_campaigns, group_campaigns
+    from frenetic.analysis.groups import find_campaigns, group_campaigns
     from frenetic.analysis.measures import MEASURES, Measure
     from frenetic.analysis.measuring import CampaignMeasures, measure_campaign
-    from frenetic.analysis.replaying import Replay, replay, write_junit
-    from frenetic.analysis.rerunning import Rerun, Variation, read_reruns, rerun, telling_reruns
     from frenetic.analysis.segments import Segment, segment_of, segment_profile, segments_of
     from frenetic.analysis.sparseness import (
         CompetitionSparseness,
@@ -38,25 +36,33 @@ if TYPE_CHECKING:
         diversity,
         edit_distance,
     )
+    from frenetic.redrive.regression import Replay, replay, write_junit
+    from frenetic.redrive.robustness import Rerun, Variation, read_reruns, rerun, telling_reruns
 
 _HOMES = {
-    "bends": ("Bend", "find_bends"),
-    "clusters": ("Cluster", "Clusters", "Failure", "cluster_failures", "failures_of"),
-    "comparing": ("Comparison", "compare", "compare_measured"),
-    "competition": (
+    "frenetic.analysis.bends": ("Bend", "find_bends"),
+    "frenetic.analysis.clusters": (
+        "Cluster",
+        "Clusters",
+        "Failure",
+        "cluster_failures",
+        "failures_of",
+    ),
+    "frenetic.analysis.comparison": ("Comparison", "compare", "compare_measured"),
+    "frenetic.analysis.competition": (
         "CompetitionFeatures",
         "CompetitionSegment",
         "competition_features",
         "competition_segment",
     ),
-    "features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
-    "grouping": ("find_campaigns", "group_campaigns"),
-    "measures": ("MEASURES", "Measure"),
-    "measuring": ("CampaignMeasures", "measure_campaign"),
-    "replaying": ("Replay", "replay", "write_junit"),
-    "rerunning": ("Rerun", "Variation", "read_reruns", "rerun", "telling_reruns"),
-    "segments": ("Segment", "segment_of", "segment_profile", "segments_of"),
-    "sparseness": (
+    "frenetic.analysis.features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
+    "frenetic.analysis.groups": ("find_campaigns", "group_campaigns"),
+    "frenetic.analysis.measures": ("MEASURES", "Measure"),
+    "frenetic.analysis.measuring": ("CampaignMeasures", "measure_campaign"),
+    "frenetic.redrive.regression": ("Replay", "replay", "write_junit"),
+    "frenetic.redrive.robustness": ("Rerun", "Variation", "read_reruns", "rerun", "telling_reruns"),
+    "frenetic.analysis.segments": ("Segment", "segment_of", "segment_profile", "segments_of"),
+    "frenetic.analysis.sparseness": (
         "CompetitionSparseness",
         "Diversity",
         "competition_sparseness",
@@ -115,7 +121,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(f"{__name__}.{_HOME[name]}"), name)
+    value = getattr(importlib.import_module(_HOME[name]), name)
     globals()[name] = value
     return value
 

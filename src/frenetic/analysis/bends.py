@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.oracle import Side
 
 GENTLE: Final = 0.005

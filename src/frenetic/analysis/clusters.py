@@ -25,6 +25,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from frenetic._support.arrays import FloatArray
+from frenetic._support.words import counted
 from frenetic.analysis.bends import Bend, find_bends
 from frenetic.analysis.segments import (
     PROFILE_SPACING,
@@ -33,12 +35,10 @@ from frenetic.analysis.segments import (
     segment_profile,
     segments_of,
 )
-from frenetic.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import frame_at, sample_line
-from frenetic.words import counted
 
 IntArray = npt.NDArray[np.int64]
 

@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import splev, splprep
 
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import REACH, Segment
-from frenetic.arrays import FloatArray
 from frenetic.road.validity import as_points, min_radius
 
 _DIRECTION_EDGES: Final = 26

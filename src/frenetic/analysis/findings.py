@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from frenetic.analysis.comparing import Comparison, MeasureComparison
+from frenetic.analysis.comparison import Comparison, MeasureComparison
 from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 
 

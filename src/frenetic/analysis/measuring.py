@@ -16,6 +16,8 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from frenetic._support.arrays import FloatArray
+from frenetic._support.thinning import evenly
 from frenetic.analysis.clusters import Failure, cluster_failures
 from frenetic.analysis.competition import (
     CompetitionFeatures,
@@ -25,10 +27,8 @@ from frenetic.analysis.competition import (
 from frenetic.analysis.features import FEATURES, Feature, features_of
 from frenetic.analysis.segments import Segment, segments_of
 from frenetic.analysis.sparseness import competition_sparseness, diversity
-from frenetic.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.outcome import Outcome
-from frenetic.thinning import evenly
 
 Cell: TypeAlias = tuple[int, ...]
 """Of a feature map: a bin of each of its features."""

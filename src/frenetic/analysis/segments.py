@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis.bends import Bend, find_bends
-from frenetic.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore, Order, TestRecord
 from frenetic.campaign.stored import stored_test
 from frenetic.oracle import Assessment, Departure, Side, assess

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 
 LEAST_REPEATS: Final = 5
 """Values per group below which a difference is not judged; 5 and 5 can give a p of 0.008."""

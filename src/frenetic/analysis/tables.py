@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from frenetic.analysis.comparing import Comparison
+from frenetic.analysis.comparison import Comparison
 from frenetic.errors import FreneticError
 
 

@@ -16,7 +16,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from frenetic.analysis.comparing import Comparison, compare, compare_measured
+from frenetic._support.words import counted
+from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.measuring import measure_campaign
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant, folder_names
@@ -33,7 +34,6 @@ from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
-from frenetic.words import counted
 
 BENCHES: Final = Path("benches")
 """Where benches go that are given no folder."""

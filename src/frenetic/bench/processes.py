@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from threadpoolctl import threadpool_limits
 
+from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.proposing import Ending
 from frenetic.bench.running import Terms, run_entrant
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.workers.serving import stand_alone
 from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.interrupt import catch_interrupt
 from frenetic.registry import load_user_file, user_files
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester, Tested, road_through

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from frenetic.analysis.comparing import Comparison
+from frenetic._support.durations import format_duration
+from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.tables import write_table
 from frenetic.bench.bench import Bench
-from frenetic.durations import format_duration
 from frenetic.report.html.blocks import Fact
-from frenetic.report.html.comparing import write_comparison_page
+from frenetic.report.html.comparison import write_comparison_page
 
 PAGE: Final = "index.html"
 TABLES: Final = ("table.csv", "table.md")

@@ -20,7 +20,7 @@ from frenetic.bench.proposing import (
 )
 from frenetic.campaign.budget import Budget
 from frenetic.campaign.campaign import Campaign, describe
-from frenetic.campaign.dispatch import ask, tell
+from frenetic.campaign.loop import ask, tell
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.drivers import Driver

@@ -16,9 +16,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic.campaign.budget import Budget
-from frenetic.campaign.dispatch import Dispatcher, Order
 from frenetic.campaign.log import CampaignLog, Event
+from frenetic.campaign.loop import Dispatcher, Order
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.replay import replay
 from frenetic.campaign.store import CampaignStore, JSONValue
@@ -28,7 +29,6 @@ from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
 from frenetic.compilation import compile_kernels
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.interrupt import Interrupt, catch_interrupt
 from frenetic.outcome import Outcome
 from frenetic.registry import USER_MODULE
 from frenetic.road import MAP_SIZE, MARGIN

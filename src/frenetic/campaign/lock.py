@@ -7,8 +7,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from frenetic._support.file_locks import try_to_lock
 from frenetic.errors import CampaignError
-from frenetic.file_locks import try_to_lock
 
 # A process may lock a file twice, and loses its lock when it closes any descriptor of the file (see
 # `try_to_lock`). So a file that this process holds is not opened again.

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from frenetic.campaign.budget import Budget
-from frenetic.campaign.dispatch import ask, tell
+from frenetic.campaign.loop import ask, tell
 from frenetic.campaign.progress import Tally
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.versions import package_versions

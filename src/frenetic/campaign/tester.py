@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import TestRecord
 from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers.driver import Driver

@@ -9,25 +9,25 @@ from typing import NoReturn
 
 import click
 
-from frenetic.cli.benching import bench
-from frenetic.cli.checking import check
-from frenetic.cli.comparing import compare
-from frenetic.cli.confirming import confirm
+from frenetic._support.interrupt import ending_in_order
+from frenetic.cli.bench import bench
+from frenetic.cli.check import check
+from frenetic.cli.compare import compare
+from frenetic.cli.confirm import confirm
 from frenetic.cli.console import fail, silence
-from frenetic.cli.doctoring import doctor
+from frenetic.cli.doctor import doctor
+from frenetic.cli.export import export
 from frenetic.cli.export_road import export_road
-from frenetic.cli.exporting import export
 from frenetic.cli.listings import drivers, simulators, strategies
-from frenetic.cli.looking import show
-from frenetic.cli.minimising import minimise
-from frenetic.cli.replaying import replay
-from frenetic.cli.reporting import report
-from frenetic.cli.rerunning import rerun
+from frenetic.cli.minimise import minimise
+from frenetic.cli.regression import replay
+from frenetic.cli.report import report
 from frenetic.cli.roads import drive, validate
-from frenetic.cli.search import resume, run
-from frenetic.cli.watching import watch
+from frenetic.cli.robustness import rerun
+from frenetic.cli.run import resume, run
+from frenetic.cli.show import show
+from frenetic.cli.watch import watch
 from frenetic.errors import FreneticError
-from frenetic.interrupt import ending_in_order
 
 __all__ = ["cli", "main"]
 

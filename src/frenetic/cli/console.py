@@ -15,8 +15,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from frenetic.durations import format_duration
-from frenetic.words import counted
+from frenetic._support.durations import format_duration
+from frenetic._support.words import counted
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters

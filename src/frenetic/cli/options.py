@@ -10,8 +10,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import click
 
+from frenetic._support.durations import parse_duration
 from frenetic.cli.beamng import beamng_options, with_beamng
-from frenetic.durations import parse_duration
 
 P = ParamSpec("P")
 R = TypeVar("R")

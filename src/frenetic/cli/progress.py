@@ -8,8 +8,8 @@ from contextlib import contextmanager
 
 from rich.console import Console
 
+from frenetic._support.durations import format_duration
 from frenetic.cli.console import PLAIN_INTERVAL
-from frenetic.durations import format_duration
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
+from frenetic._support.compiled import IS_COMPILED
 from frenetic.competition.budget import TimeBudget
 from frenetic.competition.pipeline import (
     Executor,
@@ -16,7 +17,6 @@ from frenetic.competition.pipeline import (
     restart_generation_clock,
 )
 from frenetic.competition.settings import make_strategy, read_options, read_seed
-from frenetic.compiled import IS_COMPILED
 from frenetic.errors import FreneticError, RoadError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, Road, Verdict

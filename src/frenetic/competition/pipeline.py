@@ -7,7 +7,7 @@ import math
 import time
 from typing import Any, Protocol
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.drivers import laws
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 

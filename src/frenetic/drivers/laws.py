@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup
 
 PLANNER, STANLEY = range(2)

@@ -14,8 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
     AHEAD_POINTS,

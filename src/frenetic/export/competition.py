@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from operator import attrgetter
 from typing import Any, Final
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign.stored import StoredTest
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome

@@ -9,9 +9,9 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis.competition import competition_segment
 from frenetic.analysis.sparseness import competition_sparseness
-from frenetic.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.campaign.stored import StoredTest, stored_test
 from frenetic.errors import RoadError

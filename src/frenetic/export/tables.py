@@ -17,7 +17,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.trajectory_codec import decode_columns
 from frenetic.errors import CampaignError

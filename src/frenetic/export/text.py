@@ -12,7 +12,7 @@ from typing import Any, Final, TextIO
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign.trajectory_codec import RESOLUTIONS
 from frenetic.errors import RoadError
 from frenetic.export.columns import TRAJECTORIES, Column, Kind

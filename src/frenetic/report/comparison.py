@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from frenetic.analysis.comparing import Comparison, MeasureComparison
+from frenetic._support.words import counted
+from frenetic.analysis.comparison import Comparison, MeasureComparison
 from frenetic.analysis.measuring import curves
 from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, form_of, write_figure
-from frenetic.words import counted
 
 # Told apart with any kind of colour vision, and in grey by their order.
 _COLOURS: Final = ("#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200")

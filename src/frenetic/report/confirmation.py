@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
-from frenetic.analysis.confirming import Confirmation, ConfirmedTest
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.stored import stored_test
 from frenetic.errors import CampaignError
 from frenetic.oracle import assess, judge
+from frenetic.redrive.confirm import Confirmation, ConfirmedTest
 from frenetic.report.failures import file_stem
 from frenetic.report.parts import part_text
 from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure

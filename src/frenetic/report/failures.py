@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
+from frenetic._support.interrupt import catch_interrupt
 from frenetic.analysis.clusters import Clusters, cluster_failures, failures_of
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.stored import StoredTest as StoredTest
 from frenetic.campaign.stored import stored_test as stored_test
 from frenetic.errors import CampaignError
-from frenetic.interrupt import catch_interrupt
 from frenetic.outcome import Outcome
 
 FAILURES: Final = "failures"

@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic.analysis.minimise import OPERATOR, Minimised
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
+from frenetic.redrive.minimise import OPERATOR, Minimised
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""

@@ -29,7 +29,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome

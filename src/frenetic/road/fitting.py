@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.errors import RoadError
 from frenetic.road.validity import MAP_SIZE, as_points
 

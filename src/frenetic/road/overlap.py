@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.road.geometry import frame_at
 
 SECTION = 0.5

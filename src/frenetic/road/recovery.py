@@ -9,8 +9,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import lstsq, solve_banded
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.road import geometry
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import geometry
 from frenetic.road.fitting import MARGIN, fit_to_map

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE
 from frenetic.search.operators import (

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, Road
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures

@@ -7,7 +7,7 @@ import operator
 from collections.abc import Mapping
 from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.search.records import Candidate, Evaluation, Origin
 
 

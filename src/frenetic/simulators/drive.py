@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
 from frenetic.oracle import RUNNING, assess_record, rules_array
 from frenetic.road import Road

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
 from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
         Series,
         Table,
     )
-    from frenetic.report.html.comparing import comparison_report, write_comparison_page
+    from frenetic.report.html.comparison import comparison_report, write_comparison_page
     from frenetic.report.html.page import Report, render
     from frenetic.report.html.writing import REPORT, campaign_report, write_page, write_report
 
@@ -60,7 +60,7 @@ _HOMES = {
         "Series",
         "Table",
     ),
-    "comparing": ("comparison_report", "write_comparison_page"),
+    "comparison": ("comparison_report", "write_comparison_page"),
     "page": ("Report", "render"),
     "writing": ("REPORT", "campaign_report", "write_page", "write_report"),
 }

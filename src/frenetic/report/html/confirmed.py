@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
-from frenetic.analysis.confirming import Agreement, Confirmation, read_confirmations
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import CampaignError
+from frenetic.redrive.confirm import Agreement, Confirmation, read_confirmations
 from frenetic.report.html.blocks import Block, Column, Paragraph, Picture, Section, Table
 from frenetic.report.parts import part_text
 

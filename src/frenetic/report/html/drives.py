@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment
-from frenetic.arrays import FloatArray
 from frenetic.campaign.store import TestRecord
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Departure, Side

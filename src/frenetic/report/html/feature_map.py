@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
+from frenetic._support.thinning import evenly
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import Segment
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Section
 from frenetic.report.html.told import Told
-from frenetic.thinning import evenly
 
 MAPPED: Final = 3000
 """Tests that are measured: all that failed, and others up to this number."""

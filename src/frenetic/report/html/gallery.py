@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+from frenetic._support.words import counted
 from frenetic.analysis.clusters import Cluster, Clusters
-from frenetic.analysis.rerunning import Rerun
 from frenetic.oracle import Side
+from frenetic.redrive.robustness import Rerun
 from frenetic.report.html.blocks import Section
-from frenetic.words import counted
 
 
 @dataclass(frozen=True)

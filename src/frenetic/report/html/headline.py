@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, ClassVar
 
+from frenetic._support.durations import format_duration
+from frenetic._support.words import counted
 from frenetic.analysis.clusters import Clusters
 from frenetic.campaign.store import Counts, JSONValue
-from frenetic.durations import format_duration
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Fact, Role, percent
-from frenetic.words import counted
 
 
 @dataclass(frozen=True)

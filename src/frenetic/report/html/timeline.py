@@ -9,14 +9,14 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
+from frenetic._support.arrays import FloatArray
+from frenetic._support.thinning import evenly
 from frenetic.analysis.clusters import Clusters
 from frenetic.analysis.statistics import proportion_interval
-from frenetic.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Section, percent
 from frenetic.report.html.told import Told
 from frenetic.search.random_search import RANDOM
-from frenetic.thinning import evenly
 
 POINTS: Final = 1200
 """Points of a curve that are kept at most."""

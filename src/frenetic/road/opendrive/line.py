@@ -16,7 +16,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road.geometry import HEADING, build_table, sub_steps
 from frenetic.road.recovery import CORRECTION, follow_line

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 from xml.etree import ElementTree
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road.road import Pose, Road
 

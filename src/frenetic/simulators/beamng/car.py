@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.simulators.drive import CarBody
 
 WHEELBASE_PER_LENGTH: Final = 0.6

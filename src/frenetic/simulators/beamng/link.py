@@ -27,7 +27,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import describe_error
 from frenetic.simulators.beamng.car import CarState
 from frenetic.simulators.beamng.errors import BeamngError

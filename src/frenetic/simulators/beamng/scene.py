@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.road import Pose, Road
 
 LEVELS: Final = {"tech_ground": 0.0, "smallgrid": 0.0, "gridmap_v2": 100.0}

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from frenetic._support.kernel_cache import VARIABLE
 from frenetic.doctor import Check, broken, drive_checks, time_of_drives
 from frenetic.drivers import Planner
-from frenetic.kernel_cache import VARIABLE
 from frenetic.simulators.embedded import rollout as kernels
 
 if TYPE_CHECKING:

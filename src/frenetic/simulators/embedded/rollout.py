@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.laws import decide
 from frenetic.drivers.layers import disturb

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.drivers.driver import Driver, DriveSetup, checked_controls
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form

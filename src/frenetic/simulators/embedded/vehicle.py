@@ -41,8 +41,8 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
-from frenetic.compiled import njit
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
 from frenetic.simulators.drive import CarBody
 
 GRAVITY: Final = 9.81

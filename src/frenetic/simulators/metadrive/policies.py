@@ -11,7 +11,7 @@ from metadrive.examples.ppo_expert import numpy_expert
 from metadrive.obs.state_obs import LidarStateObservation
 from metadrive.policy.idm_policy import IDMPolicy
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.simulators.metadrive.car import Decision
 from frenetic.simulators.metadrive.drivers import MetaDriveDriver, MetaDriveIdm
 from frenetic.simulators.metadrive.world import SEED, World

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 
 _STRAIGHT: Final = 1e-6  # m2: less than this, and three points count as collinear
 _FEWEST_RECORDS: Final = 3  # from which features of a drive are computed

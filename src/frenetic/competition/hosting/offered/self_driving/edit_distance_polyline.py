@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 
 _SAME_ANGLE: Final = 0.3  # degrees by which the turns of two equal steps differ less

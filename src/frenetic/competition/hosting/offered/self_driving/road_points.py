@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from frenetic.arrays import FloatArray
+from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 
 Place = tuple[float, float]

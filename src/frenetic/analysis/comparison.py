@@ -1,0 +1,394 @@
+"""Comparing groups of campaigns, such as one per strategy, each with its repeats.
+
+`measure_campaign` says what a campaign came to, `compare` holds groups of them against each other:
+medians and quartiles, mean ranks, the effect size A12 of Vargha and Delaney, and the Mann-Whitney
+test for each pair of groups, corrected by Holm where there are several pairs.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
+from itertools import combinations
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
+from frenetic.analysis.measures import HEADLINE, MEASURES, Measure
+from frenetic.analysis.measuring import (
+    MOST_COMPARED,
+    MOST_PAIRED,
+    CampaignMeasures,
+    Cell,
+    measure_campaign,
+)
+from frenetic.analysis.statistics import (
+    LEAST_REPEATS,
+    SIGNIFICANT,
+    Magnitude,
+    Quartiles,
+    a12,
+    holm,
+    kruskal_wallis,
+    magnitude,
+    mann_whitney,
+    mean_ranks,
+    places,
+    quartiles,
+)
+from frenetic.errors import FreneticError
+
+_SAY_THE_SAME: Final = frozenset({"failures_per_100", "distinct_failures"})
+"""Measures that say what another says if all campaigns have as many simulations."""
+
+
+class Verdict(StrEnum):
+    """What can be said of two groups."""
+
+    FIRST_IS_BETTER = "the first is better"
+    SECOND_IS_BETTER = "the second is better"
+    NOT_SHOWN = "no difference shown"
+    """It may be there, but chance explains what was seen."""
+    TOO_FEW = "too few repeats to tell"
+
+
+@dataclass(frozen=True)
+class PairComparison:
+    """Two groups, compared by one measure."""
+
+    first: str
+    """Name of a group."""
+    second: str
+    a12: float
+    """Chance 0..1 that a campaign of the first group does better than one of the second.
+
+    Vargha and Delaney's A12; where less is better, of the negated values. Ties count half."""
+    p: float
+    """Of the two-sided Mann-Whitney test."""
+    p_corrected: float
+    """Corrected by Holm for the number of pairs."""
+    repeats: tuple[int, int]
+    """Campaigns in each group."""
+
+    @property
+    def magnitude(self) -> Magnitude:
+        """How large the effect is."""
+        return magnitude(self.a12)
+
+    @property
+    def verdict(self) -> Verdict:
+        """What can be said."""
+        if min(self.repeats) < LEAST_REPEATS:
+            return Verdict.TOO_FEW
+        if self.p_corrected >= SIGNIFICANT:
+            return Verdict.NOT_SHOWN
+        return Verdict.FIRST_IS_BETTER if self.a12 > 0.5 else Verdict.SECOND_IS_BETTER
+
+    @property
+    def turned(self) -> PairComparison:
+        """The same with the second group named first."""
+        return PairComparison(
+            self.second, self.first, 1.0 - self.a12, self.p, self.p_corrected, self.repeats[::-1]
+        )
+
+    @property
+    def better(self) -> str | None:
+        """The group that is shown to be better; None if neither is."""
+        match self.verdict:
+            case Verdict.FIRST_IS_BETTER:
+                return self.first
+            case Verdict.SECOND_IS_BETTER:
+                return self.second
+            case _:
+                return None
+
+    def __str__(self) -> str:
+        if self.better is None:
+            return f"{self.first} and {self.second}: {self.verdict}"
+        worse = self.second if self.better == self.first else self.first
+        return f"{self.better} is better than {worse}"
+
+
+@dataclass(frozen=True)
+class MeasureComparison:
+    """All groups, compared by one measure."""
+
+    measure: Measure
+    values: Mapping[str, tuple[float, ...]]
+    """Name of a group -> value of each of its campaigns."""
+    pairs: tuple[PairComparison, ...]
+    """Each two groups; none if neither more nor less of the measure is better."""
+    p_overall: float | None
+    """Of the Kruskal-Wallis test over all groups; None for two, or without pairs."""
+
+    def quartiles(self, group: str) -> Quartiles:
+        """How the values of a group are distributed."""
+        return quartiles(self.values[group])
+
+    def between(self, group: str) -> str:
+        """The quartiles of a group for people; empty if there are none that are numbers."""
+        found = self.quartiles(group)
+        if found.n == 1 or (math.isinf(found.low) and math.isinf(found.high)):
+            return ""
+        return f"{self.measure.text(found.low)} to {self.measure.text(found.high)}"
+
+    def text(self, group: str) -> str:
+        """The median of a group, and its quartiles in brackets, for people."""
+        between, median = self.between(group), self.measure.text(self.quartiles(group).median)
+        return f"{median} ({between})" if between else median
+
+    @cached_property
+    def mean_ranks(self) -> Mapping[str, float]:
+        """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best.
+
+        Equal campaigns share the mean of their ranks. These are the ranks of which the
+        Kruskal-Wallis test is made. Empty if neither more nor less is better.
+        """
+        if self.measure.more_is_better is None:
+            return MappingProxyType({})
+        sign = -1.0 if self.measure.more_is_better else 1.0
+        found = mean_ranks([sign * np.array(values) for values in self.values.values()])
+        return MappingProxyType(dict(zip(self.values, found, strict=True)))
+
+    @cached_property
+    def places(self) -> Mapping[str, int]:
+        """Name of a group -> its place by mean rank, from 1; groups of equal mean rank share it."""
+        found = places([round(rank, 9) for rank in self.mean_ranks.values()])
+        return MappingProxyType(dict(zip(self.mean_ranks, found, strict=True)))
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """The groups by mean rank, the best first."""
+        return tuple(sorted(self.values, key=lambda name: self.places.get(name, 1)))
+
+    def pairs_of(self, group: str) -> tuple[PairComparison, ...]:
+        """The pairs to which a group belongs."""
+        return tuple(pair for pair in self.pairs if group in (pair.first, pair.second))
+
+    def worse_than(self, group: str) -> tuple[str, ...]:
+        """The groups that are shown to be worse than another."""
+        return tuple(
+            pair.second if pair.first == group else pair.first
+            for pair in self.pairs_of(group)
+            if pair.better == group
+        )
+
+
+@dataclass(frozen=True)
+class MapCoverage:
+    """What of a feature map a group of campaigns filled with failures."""
+
+    cells: int
+    """Cells that its campaigns filled together."""
+    share: float
+    """Mean of its campaigns' shares 0..1 of the cells that all campaigns of all groups filled: the
+    relative map coverage of the competition of 2023. 0 if nobody filled any."""
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Groups of campaigns, held against each other."""
+
+    groups: Mapping[str, tuple[CampaignMeasures, ...]]
+    """Name -> campaigns, which are repeats of each other."""
+    measures: tuple[MeasureComparison, ...]
+    """One per measure that all campaigns have, in the order of `MEASURES`."""
+    notes: tuple[str, ...]
+    """What limits what the comparison can say, each in a sentence."""
+    shared: Mapping[str, str] = field(default_factory=dict)
+    """Part of a configuration -> what it is in all campaigns, in words."""
+
+    @property
+    def headline(self) -> MeasureComparison:
+        """By distinct failures per 100 simulations, the measure that puts groups in order."""
+        return self.by(HEADLINE)
+
+    @property
+    def simulations(self) -> int | None:
+        """Of every campaign, if all have as many; None otherwise."""
+        spent = {c.simulations for campaigns in self.groups.values() for c in campaigns}
+        return spent.pop() if len(spent) == 1 else None
+
+    @property
+    def telling(self) -> tuple[MeasureComparison, ...]:
+        """The measures of which more or less is better, without those that say the same.
+
+        If all campaigns have as many simulations, a number of failures and that per 100 simulations
+        do.
+        """
+        left_out = frozenset() if self.simulations is None else _SAY_THE_SAME
+        return tuple(
+            one
+            for one in self.measures
+            if one.measure.more_is_better is not None and one.measure.name not in left_out
+        )
+
+    def by(self, name: str) -> MeasureComparison:
+        """The comparison by a measure.
+
+        Raises:
+            KeyError: there is none of this name, or not all campaigns have it.
+        """
+        for comparison in self.measures:
+            if comparison.measure.name == name:
+                return comparison
+        known = ", ".join(comparison.measure.name for comparison in self.measures)
+        raise KeyError(f"no measure is called {name!r}: choose from {known}")
+
+    def map_coverage(self, *, as_competition: bool = False) -> dict[str, MapCoverage]:
+        """What each group filled of the feature map, or of the competition's."""
+
+        def filled(campaign: CampaignMeasures) -> frozenset[Cell]:
+            return campaign.competition_filled if as_competition else campaign.filled
+
+        maps = {name: [filled(one) for one in group] for name, group in self.groups.items()}
+        together = {name: frozenset[Cell]().union(*found) for name, found in maps.items()}
+        union = len(frozenset[Cell]().union(*together.values()))
+        return {
+            name: MapCoverage(
+                cells=len(together[name]),
+                share=float(np.mean([len(cells) for cells in found])) / union if union else 0.0,
+            )
+            for name, found in maps.items()
+        }
+
+
+def compare(groups: Mapping[str, Sequence[Path]]) -> Comparison:
+    """Compares groups of campaigns.
+
+    Args:
+        groups: name -> folders of the campaigns that are repeats of each other; two groups or more.
+
+    Raises:
+        CampaignError: a campaign is not there or damaged.
+        FreneticError: fewer than two groups, an empty one, or a campaign that is there twice.
+    """
+    if len(groups) < 2:
+        raise FreneticError(
+            f"{len(groups)} group of campaigns: at least two are needed to compare; campaigns that"
+            " differ in nothing but the seed are one group"
+        )
+    places: dict[Path, str] = {}
+    for name, folders in groups.items():
+        if not folders:
+            raise FreneticError(f"group {name} has no campaigns: at least one is needed")
+        for folder in folders:
+            place = Path(folder).resolve()
+            if place in places:
+                raise FreneticError(f"{folder} is there twice: give each campaign once")
+            places[place] = name
+    measured = {
+        name: tuple(measure_campaign(folder) for folder in folders)
+        for name, folders in groups.items()
+    }
+    parts = {name: [parts_of(folder) for folder in folders] for name, folders in groups.items()}
+    return compare_measured(
+        measured,
+        notes=_notes(parts, measured),
+        shared=shared_parts([one for found in parts.values() for one in found]),
+    )
+
+
+def compare_measured(
+    groups: Mapping[str, tuple[CampaignMeasures, ...]],
+    *,
+    notes: Iterable[str] = (),
+    shared: Mapping[str, str] = MappingProxyType({}),
+) -> Comparison:
+    """Compares groups of campaigns that were measured already; otherwise as `compare`."""
+    compared = (_compare_by(measure, groups) for measure in MEASURES.values())
+    return Comparison(
+        groups=MappingProxyType(dict(groups)),
+        measures=tuple(one for one in compared if one is not None),
+        notes=(*notes, *_weakness(groups)),
+        shared=MappingProxyType(dict(shared)),
+    )
+
+
+def _compare_by(
+    measure: Measure, groups: Mapping[str, tuple[CampaignMeasures, ...]]
+) -> MeasureComparison | None:
+    """None if a campaign does not have the measure."""
+    values: dict[str, tuple[float, ...]] = {}
+    for name, campaigns in groups.items():
+        found = [measure.of(campaign) for campaign in campaigns]
+        values[name] = tuple(value for value in found if value is not None)
+        if len(values[name]) < len(found):
+            return None
+    held = MappingProxyType(values)
+    if measure.more_is_better is None:
+        return MeasureComparison(measure, held, (), None)
+    sign = 1.0 if measure.more_is_better else -1.0
+    names = list(combinations(groups, 2))
+    p_values = [mann_whitney(values[one], values[other]) for one, other in names]
+    pairs = tuple(
+        PairComparison(
+            first=one,
+            second=other,
+            a12=a12(sign * np.array(values[one]), sign * np.array(values[other])),
+            p=p,
+            p_corrected=corrected,
+            repeats=(len(values[one]), len(values[other])),
+        )
+        for (one, other), p, corrected in zip(names, p_values, holm(p_values), strict=True)
+    )
+    overall = kruskal_wallis(list(values.values())) if len(groups) > 2 else None
+    return MeasureComparison(measure, held, pairs, overall)
+
+
+def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
+    """That no difference can be shown, however large, if so."""
+    pairs = list(combinations(map(len, groups.values()), 2))
+    if not pairs:
+        return
+    # The two-sided p if all of the one group do better than all of the other, and ties are none.
+    least = len(pairs) * min(2.0 / math.comb(n + m, n) for n, m in pairs)
+    if least >= SIGNIFICANT and min(map(len, groups.values())) >= LEAST_REPEATS:
+        yield (
+            f"with so few campaigns and {len(groups)} groups no two can be shown to differ: p after"
+            f" correction is {least:.2g} at least; make more repeats, or compare fewer groups"
+        )
+
+
+def _notes(
+    parts: Mapping[str, Sequence[Mapping[str, Any]]],
+    measured: Mapping[str, tuple[CampaignMeasures, ...]],
+) -> list[str]:
+    """What limits what a comparison can say."""
+    notes = []
+    for name, configurations in parts.items():
+        mixed = differing_parts(configurations)
+        if mixed:
+            notes.append(f"the campaigns of {name} are no repeats: they differ in {mixed}")
+        seeds = [str(campaign.seed) for campaign in measured[name] if campaign.seed is not None]
+        if len(set(seeds)) < len(seeds) and not mixed:
+            notes.append(f"campaigns of {name} have the same seed: they are no repeats")
+    differing = differing_parts([configurations[0] for configurations in parts.values()])
+    if "," in differing:
+        notes.append(f"the groups differ in more than one thing: {differing}")
+    for name, campaigns in measured.items():
+        unfinished = [campaign.folder.name for campaign in campaigns if not campaign.is_finished]
+        if unfinished:
+            notes.append(f"campaigns of {name} did not finish: {', '.join(unfinished)}")
+    spent = {campaign.simulations for campaigns in measured.values() for campaign in campaigns}
+    if max(spent) > 1.1 * min(spent):
+        notes.append(
+            f"the campaigns have from {min(spent)} to {max(spent)} simulations: compare failures"
+            " per 100 simulations; distinct failures per 100 simulations fall with their number, as"
+            " what is new becomes rare, so look at the curves"
+        )
+    most = max(campaign.failures for campaigns in measured.values() for campaign in campaigns)
+    if most > MOST_PAIRED:
+        sampled = f"the diversity of more than {MOST_PAIRED} failures is that of {MOST_PAIRED}"
+        if most > MOST_COMPARED:
+            sampled += (
+                f", the competition's sparseness of more than {MOST_COMPARED} that of so many"
+            )
+        notes.append(f"{sampled}, evenly spaced")
+    return notes

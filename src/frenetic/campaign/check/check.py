@@ -1,0 +1,179 @@
+"""The check as a whole."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from types import MappingProxyType
+
+from frenetic.campaign.check.budget import check_budget
+from frenetic.campaign.check.candidates import check_candidates
+from frenetic.campaign.check.database import (
+    Facts,
+    Tables,
+    check_facts,
+    check_file,
+    check_schema,
+)
+from frenetic.campaign.check.findings import Findings
+from frenetic.campaign.check.report import CheckReport, Holdings, State
+from frenetic.campaign.check.results import check_results
+from frenetic.campaign.configuration import is_number
+from frenetic.campaign.lock import find_holder
+from frenetic.campaign.store import (
+    DATABASE,
+    LOCK,
+    Counts,
+    check_identity,
+    connect_to_read,
+    find_database,
+    translated,
+)
+from frenetic.outcome import Outcome
+
+
+def check_campaign(
+    folder: Path | str,
+    *,
+    quick: bool = False,
+    on_test: Callable[[int, int], None] | None = None,
+) -> CheckReport:
+    """Checks the campaign in a folder; nothing of it is changed.
+
+    Args:
+        folder: of the campaign.
+        quick: do not judge the stored drives and refused roads again.
+        on_test: called after each test with the number of tests that are done, and of all.
+
+    Raises:
+        CampaignError: there is no campaign, the file is another program's or a newer version's, or
+            SQLite cannot read it at all.
+    """
+    folder = Path(folder)
+    path = find_database(folder)
+    with translated(path):
+        connection = connect_to_read(path)
+    with closing(connection):
+        with translated(path):
+            version = check_identity(connection, path)
+        connection.text_factory = _text
+        return _check(folder, connection, version, quick, on_test)
+
+
+def _text(data: bytes) -> str | bytes:
+    """A text as it is; what is none stays bytes, which is found where a text is needed."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data
+
+
+def _check(
+    folder: Path,
+    connection: sqlite3.Connection,
+    version: int,
+    quick: bool,
+    on_test: Callable[[int, int], None] | None,
+) -> CheckReport:
+    findings = Findings()
+    tables, facts = Tables(MappingProxyType({})), Facts()
+    with findings.reading("the file"):
+        check_file(connection, findings)
+    with findings.reading("the schema"):
+        tables = check_schema(connection, version, findings)
+    if tables.has("campaign"):
+        with findings.reading("the configuration"):
+            facts = check_facts(connection, findings)
+    asked, told = _last_numbers(connection, tables, findings)
+    holdings = _holdings(folder, connection, version, tables, facts, findings)
+    if tables.has("candidate"):
+        with findings.reading("the candidates"):
+            check_candidates(connection, tables, asked, told, findings)
+    if tables.has("candidate", "test", "trajectory"):
+
+        def done(number: int) -> None:
+            if on_test is not None:
+                on_test(number, told)
+
+        with findings.reading("the results"):
+            series = check_results(
+                connection, tables, told, facts, findings, quick=quick, on_test=done
+            )
+            if len(series.ids) == told and None not in series.outcomes:
+                ended = holdings.state in (State.FINISHED, State.INTERRUPTED)
+                check_budget(series, facts, ended, findings)
+    return CheckReport(folder, holdings, findings.all())
+
+
+def _last_numbers(
+    connection: sqlite3.Connection, tables: Tables, findings: Findings
+) -> tuple[int, int]:
+    """The last candidate's id and the last result's number of telling, of the same moment."""
+    last = {"candidate": 0, "test": 0}
+    with findings.reading("the numbers of the last candidate and result"):
+        connection.execute("BEGIN")
+        for table, column in (("candidate", "id"), ("test", "told")):
+            if tables.has(table):
+                select = f"SELECT max({column}) FROM {table}"  # noqa: S608
+                (number,) = connection.execute(select).fetchone()
+                last[table] = number if isinstance(number, int) else 0
+    if connection.in_transaction:
+        connection.execute("ROLLBACK")
+    return last["candidate"], last["test"]
+
+
+def _holdings(
+    folder: Path,
+    connection: sqlite3.Connection,
+    version: int,
+    tables: Tables,
+    facts: Facts,
+    findings: Findings,
+) -> Holdings:
+    by_outcome = dict.fromkeys(Outcome, 0)
+    told = asked = trajectories = 0
+    lowest: float | None = None
+    elapsed: object = None
+    with findings.reading("the number of tests"):
+        if tables.has("test"):
+            select = "SELECT outcome, count(*), min(moobd) FROM test GROUP BY outcome"
+            for outcome, number, moobd in connection.execute(select):
+                told += number
+                if outcome in by_outcome:
+                    by_outcome[Outcome(outcome)] += number
+                if is_number(moobd):
+                    lowest = moobd if lowest is None else min(lowest, moobd)
+        if tables.has("candidate"):
+            (asked,) = connection.execute("SELECT count(*) FROM candidate").fetchone()
+        if tables.has("trajectory"):
+            (trajectories,) = connection.execute("SELECT count(*) FROM trajectory").fetchone()
+        if "elapsed" in tables.columns.get("test", ()):
+            (elapsed,) = connection.execute("SELECT max(elapsed) FROM test").fetchone()
+    writer = find_holder(folder / LOCK)
+    files = (folder / f"{DATABASE}{suffix}" for suffix in ("", "-wal"))
+    return Holdings(
+        schema=version,
+        state=_state(facts, writer, elapsed),
+        writer=writer,
+        created_at=facts.created_at,
+        counts=Counts(asked, told, MappingProxyType(by_outcome), lowest),
+        trajectories=trajectories,
+        size=sum(file.stat().st_size for file in files if file.is_file()),
+        versions=facts.versions,
+    )
+
+
+def _state(facts: Facts, writer: str | None, elapsed: object) -> State:
+    """What the campaign does, given who writes it and the time of its last result in s."""
+    if writer is not None:
+        return State.RUNNING
+    went_on = (
+        facts.seconds is not None
+        and isinstance(elapsed, float)
+        and elapsed > facts.seconds + 1e-3  # to which the seconds are rounded
+    )
+    if not facts.finished_at or went_on:
+        return State.UNFINISHED
+    return State.INTERRUPTED if facts.interrupted else State.FINISHED

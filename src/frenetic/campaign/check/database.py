@@ -1,0 +1,185 @@
+"""The parts of a check that look at the file, its tables, and what it says about the campaign."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from datetime import datetime
+from types import MappingProxyType
+from typing import Any
+
+from frenetic.campaign.budget import Budget
+from frenetic.campaign.check.findings import Findings, Severity, Subject
+from frenetic.campaign.configuration import (
+    BUDGET,
+    CONFIGURATION,
+    command_faults,
+    configuration_faults,
+    is_number,
+    shown,
+)
+from frenetic.campaign.store import MIGRATIONS
+from frenetic.simulators.drive import CarBody, Rules
+
+
+def check_file(connection: sqlite3.Connection, findings: Findings) -> None:
+    """Lets SQLite look at its pages, indexes and constraints."""
+    for (text,) in connection.execute("PRAGMA integrity_check"):
+        for line in str(text).splitlines():
+            if line != "ok":
+                findings.add(Subject.DATABASE, f"SQLite says: {line}")
+    for table, row, parent, _ in connection.execute("PRAGMA foreign_key_check"):
+        findings.add(Subject.DATABASE, f"row {row} of {table} belongs to no row of {parent}")
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables of a database that are whole, each with its columns."""
+
+    columns: Mapping[str, frozenset[str]]
+
+    def has(self, *names: str) -> bool:
+        """Whether these are among them."""
+        return all(name in self.columns for name in names)
+
+
+def check_schema(connection: sqlite3.Connection, version: int, findings: Findings) -> Tables:
+    """Compares the tables with those of a new database of the same version."""
+    with closing(sqlite3.connect(":memory:")) as model:
+        for statements in MIGRATIONS[:version]:
+            for statement in statements:
+                model.execute(statement)
+        wanted = _parts(model)
+    here = _parts(connection)
+    whole = {}
+    for (kind, name), columns in wanted.items():
+        is_table = kind == "table"
+        if (kind, name) not in here:
+            severity = Severity.ERROR if is_table else Severity.WARNING
+            findings.add(Subject.SCHEMA, f"the {kind} {name} is missing", severity)
+        elif missing := columns - here[kind, name]:
+            text = f"the {kind} {name} has no {', '.join(sorted(missing))}"
+            findings.add(Subject.SCHEMA, text)
+        elif is_table:
+            whole[name] = here[kind, name]
+    return Tables(MappingProxyType(whole))
+
+
+def _parts(connection: sqlite3.Connection) -> dict[tuple[str, str], frozenset[str]]:
+    """Kind and name of all tables, views and indexes -> a table's columns, none of the others."""
+    named = connection.execute("SELECT type, name FROM sqlite_schema WHERE sql IS NOT NULL")
+    return {
+        (kind, name): frozenset(_columns(connection, name) if kind == "table" else ())
+        for kind, name in named.fetchall()
+    }
+
+
+def _columns(connection: sqlite3.Connection, table: str) -> list[str]:
+    rows = connection.execute("SELECT name FROM pragma_table_info(?)", (table,))
+    return [name for (name,) in rows]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a campaign's roads were driven with."""
+
+    lane_width: float
+    """m."""
+    map_size: float
+    """m."""
+    margin: float
+    """m."""
+    rules: Rules
+    car: CarBody
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What a database says about its campaign, as far as it can be used."""
+
+    created_at: str = ""
+    finished_at: str = ""
+    """Empty if it has not ended by itself."""
+    interrupted: bool = False
+    seconds: float | None = None
+    """s of the campaign's time when it ended."""
+    first_budget: Budget | None = None
+    last_budget: Budget | None = None
+    """The one it ended with."""
+    setting: Setting | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+
+def check_facts(connection: sqlite3.Connection, findings: Findings) -> Facts:
+    """Looks at the configuration and the other facts."""
+    facts: dict[str, Any] = {}
+    for key, text in connection.execute("SELECT key, value FROM campaign ORDER BY key"):
+        try:
+            facts[key] = json.loads(text)
+        except (TypeError, ValueError, RecursionError):
+            findings.add(Subject.CONFIGURATION, f"the fact {key} is not JSON")
+            facts[key] = None
+    config = facts.get("config")
+    if not isinstance(config, dict):
+        findings.add(Subject.CONFIGURATION, "there is no configuration")
+        config = {}
+    else:
+        for fault in configuration_faults(config):
+            findings.add(Subject.CONFIGURATION, fault)
+        for fault in command_faults(config):
+            text = f"the campaign cannot be resumed: {fault}"
+            findings.add(Subject.CONFIGURATION, text, Severity.WARNING)
+    for name, is_fine, needed in (
+        ("created_at", is_moment, "a date and time"),
+        ("finished_at", is_moment, "a date and time"),
+        ("interrupted", lambda value: isinstance(value, bool), "true or false"),
+        ("seconds", lambda value: is_number(value) and value >= 0.0, "a number of at least 0"),
+        ("budget", lambda value: not BUDGET(value), "a budget"),
+    ):
+        if name in facts and not is_fine(facts[name]):
+            text = f"the fact {name} is {shown(facts[name])}: {needed} is needed"
+            findings.add(Subject.CONFIGURATION, text)
+            del facts[name]
+    if "created_at" not in facts:
+        findings.add(Subject.CONFIGURATION, "there is no created_at, the time it was made")
+    return Facts(
+        created_at=facts.get("created_at", ""),
+        finished_at=facts.get("finished_at", ""),
+        interrupted=facts.get("interrupted", False),
+        seconds=facts.get("seconds"),
+        first_budget=_budget(config.get("budget")),
+        last_budget=_budget(facts.get("budget")),
+        setting=_setting(config),
+        versions=MappingProxyType(
+            {} if CONFIGURATION["versions"].check(config.get("versions")) else config["versions"]
+        ),
+    )
+
+
+def is_moment(value: object) -> bool:
+    """Whether it is a date and time with its distance from UTC, in ISO 8601."""
+    try:
+        return isinstance(value, str) and datetime.fromisoformat(value).tzinfo is not None
+    except ValueError:
+        return False
+
+
+def _budget(value: Any) -> Budget | None:
+    return None if BUDGET(value) else Budget(**value)
+
+
+def _setting(config: Mapping[str, Any]) -> Setting | None:
+    """What was driven with, None if the configuration does not say it."""
+    needed = ("lane_width", "map_size", "margin", "rules", "car")
+    if any(name not in config or CONFIGURATION[name].check(config[name]) for name in needed):
+        return None
+    return Setting(
+        lane_width=float(config["lane_width"]),
+        map_size=float(config["map_size"]),
+        margin=float(config["margin"]),
+        rules=Rules(**config["rules"]),
+        car=CarBody(**config["car"]),
+    )

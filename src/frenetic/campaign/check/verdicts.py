@@ -1,0 +1,122 @@
+"""The part of a check that judges stored drives and roads again.
+
+A stored trajectory is rounded, see `frenetic.campaign.trajectory_codec`, so its numbers differ a
+little from those of the drive. Now and then, that moves a record across the limit of a rule: the
+drive then ends a record earlier or later, or not at all. So where the verdict is another one, it is
+given again with every limit a little tighter and a little looser; the stored one has to be among
+these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+
+from frenetic.campaign.check.database import Setting
+from frenetic.campaign.check.rows import ResultRow
+from frenetic.errors import RoadError
+from frenetic.oracle import Result, judge
+from frenetic.outcome import Outcome
+from frenetic.road import Pose, Road, check_validity
+from frenetic.simulators.drive import Drive, Rules, Trajectory
+
+MOOBD_TOLERANCE: Final = 1e-4
+"""m by which the MOOBD may differ.
+
+x and y are stored to within 0.05 mm each, which moves a car by at most 0.071 mm.
+"""
+SHARE_TOLERANCE: Final = 2e-4
+"""By which oob shares may differ: a point of the car's box moves by less than 0.1 mm."""
+TIME_TOLERANCE: Final = 1e-4
+"""s by which times may differ; they are stored to within 0.05 ms."""
+DISTANCE_TOLERANCE: Final = 1e-3
+"""m along the road: the inside of a bend is shorter, so a place moves further there than a car."""
+
+
+def judged_otherwise(
+    row: ResultRow, outcome: Outcome, trajectory: Trajectory, setting: Setting
+) -> str:
+    """How the verdict on a drive that was judged PASS or FAIL differs from the stored one.
+
+    Empty if it does not, but for what rounding explains.
+    """
+    try:
+        road = _road(row, setting)
+    except RoadError as error:
+        return f"it was driven, but its road is none: {error}"
+    first = ""
+    for rules in _rules(setting.rules):
+        verdict = judge(road, Drive(trajectory, setting.car, rules))
+        difference = _difference(row, outcome, verdict)
+        if not difference:
+            return ""
+        first = first or difference
+    return first
+
+
+def _rules(rules: Rules) -> Iterator[Rules]:
+    """The rules, then with every limit a little tighter, then a little looser."""
+    yield rules
+    for sign in (-1.0, 1.0):
+        yield replace(
+            rules,
+            oob_tolerance=min(rules.oob_tolerance + sign * SHARE_TOLERANCE, 1.0),
+            goal_distance=rules.goal_distance - sign * MOOBD_TOLERANCE,
+            # Both ends of the distance that the car moved are rounded.
+            stuck_distance=rules.stuck_distance - 2.0 * sign * MOOBD_TOLERANCE,
+            stuck_time=rules.stuck_time + sign * TIME_TOLERANCE,
+            timeout_base=rules.timeout_base + sign * TIME_TOLERANCE,
+        )
+
+
+def _difference(row: ResultRow, outcome: Outcome, verdict: Result) -> str:
+    if verdict.outcome is not outcome:
+        return f"it is stored as {outcome}, judged again it is {verdict.outcome}: {verdict.reason}"
+    place = verdict.departure
+    now: tuple[tuple[str, Any, float, str], ...] = (
+        ("moobd", verdict.moobd, MOOBD_TOLERANCE, " m"),
+        ("max_oob_share", verdict.max_oob_share, SHARE_TOLERANCE, ""),
+        ("duration", verdict.duration, TIME_TOLERANCE, " s"),
+        ("departure_time", place and place.time, TIME_TOLERANCE, " s"),
+        ("departure_distance", place and place.distance, DISTANCE_TOLERANCE, " m"),
+        ("departure_x", place and place.x, MOOBD_TOLERANCE, " m"),
+        ("departure_y", place and place.y, MOOBD_TOLERANCE, " m"),
+    )
+    for column, value, tolerance, unit in now:
+        stored = getattr(row, column)
+        if stored is None and value is None:
+            continue
+        if stored is None or value is None or not abs(stored - value) <= tolerance:
+            old, new = (_number(number, unit) for number in (stored, value))
+            return f"{column} is stored as {old}, judged again it is {new}"
+    if place is not None and place.side != row.departure_side:
+        return f"it left to the {row.departure_side}, judged again to the {place.side}"
+    return ""
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "nothing" if value is None else f"{value:.6g}{unit}"
+
+
+def refused_otherwise(row: ResultRow, setting: Setting) -> str:
+    """What is wrong if a road that was refused is valid; empty if it is not."""
+    try:
+        if row.points is not None:
+            points = np.frombuffer(row.points, dtype="<f8").reshape(-1, 2)
+            verdict = check_validity(points, setting.map_size)
+        else:
+            curvatures = np.frombuffer(row.curvatures, dtype="<f8")
+            road = Road(curvatures, row.step, lane_width=setting.lane_width)
+            _, verdict = road.placed(setting.map_size, setting.margin)
+    except RoadError:
+        return ""
+    return "it is stored as INVALID, but its road is valid" if verdict.valid else ""
+
+
+def _road(row: ResultRow, setting: Setting) -> Road:
+    curvatures = np.frombuffer(row.curvatures, dtype="<f8")
+    pose = Pose(row.x, row.y, row.heading)
+    return Road(curvatures, row.step, pose, lane_width=setting.lane_width)

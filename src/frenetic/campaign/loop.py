@@ -1,0 +1,382 @@
+"""The loop of a campaign: ask, hand out, store, tell."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from frenetic._support.interrupt import Interrupt
+from frenetic.campaign.budget import Budget
+from frenetic.campaign.log import CampaignLog, Event
+from frenetic.campaign.progress import Progress, Tally
+from frenetic.campaign.store import CampaignStore, TestRecord
+from frenetic.campaign.tester import Tested, untested
+from frenetic.campaign.workers.workers import Attempt, Workers
+from frenetic.errors import CampaignError, StrategyError, describe_error
+from frenetic.outcome import Outcome
+from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
+
+MAX_ATTEMPTS: Final = 2
+"""How often a candidate is tried whose worker or simulator breaks."""
+MAX_ERRORS_IN_A_ROW: Final = 10
+"""Drives that may break one after the other before a campaign gives up."""
+MAX_INVALID_IN_A_ROW: Final = 5_000
+"""Refused roads one after the other after which a campaign gives up."""
+
+_SURE, _DOUBTFUL, _DOOMED = range(3)  # what is to be expected of a candidate that waits
+_HEARTBEAT: Final = 1.0  # s after which the log is looked after while nothing comes back
+
+
+@dataclass(frozen=True)
+class Order:
+    """Which candidates are outstanding at once, and in which order their results are told."""
+
+    lookahead: int | None = None
+    """None: as many as there are free workers, told as results come. Otherwise so many, told in the
+    order of asking, so that the campaign does not depend on the number and speed of workers."""
+
+
+class Dispatcher:
+    """Takes a campaign from where its log ends to the end of its budget.
+
+    With an `Order` that looks ahead, what is asked and told follows from the results alone: there
+    are always as many candidates outstanding as the order says, and the oldest is told first, as
+    DROPPED if the strategy does not want it any more, even if it happens to be driven already.
+    """
+
+    def __init__(
+        self,
+        *,
+        strategy: Strategy,
+        workers: Workers,
+        store: CampaignStore,
+        log: CampaignLog,
+        budget: Budget,
+        order: Order,
+        interrupt: Interrupt,
+        tally: Tally,
+        outstanding: dict[int, Candidate],
+    ) -> None:
+        self._strategy = strategy
+        self._selective = strategy if isinstance(strategy, SelectiveStrategy) else None
+        self._workers = workers
+        self._store = store
+        self._log = log
+        self._budget = budget
+        self._lookahead = order.lookahead
+        self._interrupt = interrupt
+        self._tally = tally
+        self._outstanding = outstanding  # asked and not told, in the order of asking
+        self._waiting = set(outstanding)  # ids of those that wait for a worker
+        self._running: set[int] = set()  # ids
+        self._tries: Counter[int] = Counter()
+        self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
+        self._unreported: list[tuple[TestRecord, Progress]] = []  # told, perhaps not written
+        self._broken = self._refused = 0  # in a row
+        self._start = 0.0
+        self._next_look = 0.0
+
+    def tests(self) -> Iterator[Progress]:
+        """Tests until the budget is spent or the interrupt requested; yields after every result.
+
+        Raises:
+            CampaignError: the strategy or all workers broke, or nothing but broken drives or
+                refused roads comes any more.
+        """
+        self._start = time.perf_counter() - self._tally.seconds
+        self._log_progress(force=True)
+        try:
+            yield from self._rounds()
+        except CampaignError:
+            yield from self._report()  # what was told before
+            raise
+
+    def _rounds(self) -> Iterator[Progress]:
+        while True:
+            self._ask()
+            self._hand_out()
+            yield from self._report()  # what was dropped
+            if self._is_over():
+                return
+            if self._may_ask():
+                continue  # what waited was dropped
+            for attempt in self._workers.wait(_HEARTBEAT):
+                self._take(attempt)
+            if self._lookahead:
+                self._tell_in_order()
+            else:
+                self._tell_at_once()
+            yield from self._report()
+            self._log_progress()
+
+    def _report(self) -> Iterator[Progress]:
+        """Has what was told written, in one transaction, and only then says so."""
+        if self._unreported:
+            self._store.write()
+            written, self._unreported = self._unreported, []
+            for record, progress in written:
+                self._log_result(record)
+                yield progress
+
+    @property
+    def _is_spent(self) -> bool:
+        return self._tally.budget_spent >= 1.0
+
+    def _is_over(self) -> bool:
+        if self._is_spent and self._lookahead:
+            return True  # what still runs comes too late, however fast the workers are
+        if self._tally.ended and not self._outstanding:
+            return True
+        return (self._is_spent or self._interrupt.requested) and not self._running
+
+    def _ask(self) -> None:
+        """Asks for what may be outstanding."""
+        while self._may_ask():
+            try:
+                candidate = ask(self._strategy, self._tally)
+            except SearchEnded as end:
+                self._tally.ended = str(end) or "the strategy has nothing left to propose"
+                return
+            self._store.asked(candidate)
+            self._outstanding[candidate.id] = candidate
+            self._waiting.add(candidate.id)
+
+    def _may_ask(self) -> bool:
+        if self._is_spent or self._tally.ended:
+            return False
+        within = self._budget.simulations
+        if within is not None and self._tally.simulations + len(self._outstanding) >= within:
+            return False
+        if self._lookahead:
+            # Also after an interrupt: what is asked must not depend on when that comes.
+            return len(self._outstanding) < self._lookahead
+        # What is asked later is chosen better, and less of it is dropped.
+        room = self._workers.needed if self._selective else self._workers.free
+        return not self._interrupt.requested and len(self._waiting) < room
+
+    def _hand_out(self) -> None:
+        """Hands what waits to free workers; what is not wanted any more is dropped."""
+        if self._is_spent or self._interrupt.requested:
+            return
+        while self._waiting and self._workers.free:
+            candidate = self._next()
+            if candidate is None:
+                return
+            self._waiting.remove(candidate.id)
+            if self._is_wanted(candidate):
+                self._running.add(candidate.id)
+                self._tries[candidate.id] += 1
+                self._workers.submit(candidate)
+            elif not self._lookahead:  # else when its turn comes
+                self._drop(candidate)
+
+    def _next(self) -> Candidate | None:
+        """Whom of those that wait to hand out; None if they had better wait for what runs.
+
+        The oldest, unless it may be dropped: a selective strategy is likely to lose interest in a
+        candidate when an older one of the same parents fails. It makes no difference to what is
+        asked and told, only to what is driven in vain, so siblings come last.
+        """
+        if self._selective is None or not self._lookahead:
+            return self._outstanding[min(self._waiting)]
+        chosen, least = None, _DOOMED + 1
+        doubts: dict[tuple[int, ...], int] = {}  # by parents: about the children to come
+        for candidate in self._outstanding.values():
+            parents = candidate.origin.parents
+            doubt = doubts.get(parents, _SURE)
+            if candidate.id in self._waiting and doubt < least:
+                chosen, least = candidate, doubt
+                if doubt == _SURE:
+                    return chosen
+            if parents:
+                doubts[parents] = max(doubt, self._doubt_after(candidate.id))
+        return chosen if self._workers.needed else None
+
+    def _doubt_after(self, candidate_id: int) -> int:
+        """How doubtful it is whether the younger siblings of a candidate will be wanted."""
+        if candidate_id not in self._ended:
+            return _DOUBTFUL
+        tested = self._ended[candidate_id].tested
+        return _DOOMED if tested and tested.result.outcome is Outcome.FAIL else _SURE
+
+    def _take(self, attempt: Attempt) -> None:
+        """Takes note of an attempt; a lost one leads to another, if it was not the last."""
+        candidate_id = attempt.candidate_id
+        self._running.discard(candidate_id)
+        if candidate_id not in self._outstanding:
+            return  # told as DROPPED meanwhile
+        tries = self._tries[candidate_id]
+        if attempt.failure is None or tries >= MAX_ATTEMPTS:
+            self._ended[candidate_id] = attempt
+            return
+        self._waiting.add(candidate_id)
+        self._log.write(
+            Event.TEST_RETRIED,
+            f"test {candidate_id} is tried again: {attempt.failure}",
+            level="warning",
+            test=candidate_id,
+            attempt=tries,
+            worker=attempt.worker,
+            reason=attempt.failure,
+        )
+
+    def _tell_at_once(self) -> None:
+        """Tells what has ended, in the order in which it did."""
+        for candidate_id in list(self._ended):
+            self._finish(self._outstanding[candidate_id])
+
+    def _tell_in_order(self) -> None:
+        """Tells the oldest candidates while their fate is known, and asks for others in between."""
+        while self._outstanding and not self._is_spent:
+            oldest = next(iter(self._outstanding.values()))
+            if not self._is_wanted(oldest):
+                self._drop(oldest)
+            elif oldest.id in self._ended:
+                self._finish(oldest)
+            else:
+                return
+            self._ask()
+
+    def _finish(self, candidate: Candidate) -> None:
+        """Stores and tells the result of a candidate whose last attempt has ended."""
+        attempt = self._ended.pop(candidate.id)
+        tested = attempt.tested or untested(Outcome.ERROR, attempt.loss)
+        self._tell(candidate, tested, attempt.seconds, attempt.worker)
+
+    def _drop(self, candidate: Candidate) -> None:
+        """Stores and tells that a candidate is not driven any more."""
+        self._ended.pop(candidate.id, None)
+        self._waiting.discard(candidate.id)
+        # Whether it was tried meanwhile depends on the workers.
+        self._tries.pop(candidate.id, None)
+        dropped = untested(Outcome.DROPPED, "not wanted any more when its turn came")
+        self._tell(candidate, dropped, 0.0, None)
+
+    def _tell(
+        self, candidate: Candidate, tested: Tested, seconds: float, worker: str | None
+    ) -> None:
+        tally, result = self._tally, tested.result
+        tally.count(result.outcome, result.moobd)
+        elapsed = time.perf_counter() - self._start
+        tally.budget_spent = self._budget.spent(tally.simulations, elapsed, tally.failures)
+        record = tested.record(
+            candidate,
+            told=tally.told,
+            budget_spent=tally.budget_spent,
+            seconds=seconds,
+            attempts=self._tries.pop(candidate.id, 0),
+            worker=worker,
+            elapsed=elapsed,
+        )
+        self._store.told(record, tested.packed, hold=True)
+        del self._outstanding[candidate.id]
+        evaluation = Evaluation(candidate, result.outcome, result.moobd, tally.budget_spent)
+        tell(self._strategy, evaluation, tally)
+        self._unreported.append((record, tally.progress(time.perf_counter() - self._start)))
+        self._give_up_if_hopeless(record)
+
+    def _is_wanted(self, candidate: Candidate) -> bool:
+        if self._selective is None:
+            return True
+        try:
+            return self._selective.is_wanted(candidate)
+        except Exception as error:
+            raise _raised(error) from error
+
+    def _give_up_if_hopeless(self, record: TestRecord) -> None:
+        """Raises a `CampaignError` if only roads that are not judged have come for too long."""
+        if record.outcome is Outcome.INVALID:
+            self._refused += 1
+        elif record.outcome is Outcome.ERROR:
+            self._broken, self._refused = self._broken + 1, 0
+        elif record.outcome.is_driven:
+            self._broken = self._refused = 0
+        if self._broken >= MAX_ERRORS_IN_A_ROW:
+            raise CampaignError(
+                f"the last {self._broken} drives broke, so the campaign gives up: {record.reason}"
+            )
+        if self._refused >= MAX_INVALID_IN_A_ROW:
+            raise StrategyError(
+                f"the last {self._refused} roads were refused, so the campaign gives up:"
+                f" {record.reason}; is the map too small?"
+            )
+
+    def _log_result(self, record: TestRecord) -> None:
+        number = record.candidate.id
+        if record.outcome is Outcome.FAIL:
+            self._log.write(
+                Event.TEST_FAILED,
+                f"test {number} failed: {record.reason}",
+                test=number,
+                moobd=record.moobd,
+            )
+        elif record.outcome is Outcome.ERROR:
+            self._log.write(
+                Event.TEST_ERROR,
+                f"test {number} broke: {record.reason}",
+                level="error",
+                test=number,
+                attempts=record.attempts,
+                reason=record.reason,
+            )
+
+    def _log_progress(self, *, force: bool = False) -> None:
+        now = time.monotonic()
+        if force or now >= self._next_look:
+            self._next_look = now + _HEARTBEAT
+            progress = self._tally.progress(time.perf_counter() - self._start)
+            self._log.progress(
+                progress, workers=self._workers.states(), running=len(self._running), force=force
+            )
+
+
+def ask(strategy: Strategy, tally: Tally) -> Candidate:
+    """The strategy's next candidate; the time that it takes is counted.
+
+    Raises:
+        SearchEnded: it has none left.
+        CampaignError: the strategy raised, or what it proposed is no candidate or not finite.
+    """
+    start = time.perf_counter()
+    try:
+        candidate = strategy.ask()
+    except SearchEnded:
+        raise
+    except Exception as error:
+        raise _raised(error) from error
+    finally:
+        tally.strategy_seconds += time.perf_counter() - start
+    if not isinstance(candidate, Candidate):
+        raise StrategyError(
+            f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
+        )
+    if not (np.isfinite(candidate.curvatures).all() and np.isfinite(candidate.step)):
+        raise StrategyError(
+            f"the strategy proposed candidate {candidate.id} with values that are not finite"
+        )
+    return candidate
+
+
+def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
+    """Tells the strategy; the time that it takes is counted.
+
+    Raises:
+        CampaignError: the strategy raised.
+    """
+    start = time.perf_counter()
+    try:
+        strategy.tell(evaluation)
+    except Exception as error:
+        raise _raised(error) from error
+    finally:
+        tally.strategy_seconds += time.perf_counter() - start
+
+
+def _raised(error: Exception) -> StrategyError:
+    return StrategyError(f"the strategy raised {describe_error(error)}")

@@ -1,0 +1,489 @@
+"""Following a campaign by its log: how it goes, as far as somebody who reads along can tell.
+
+Nothing but the log is read, and of that only what is new. So a campaign can be followed from
+another machine, through a network share, as often as one likes. What the log holds is not trusted:
+a line that cannot be understood is counted and skipped, texts lose whatever a terminal would take
+for a command.
+
+No two clocks are compared. Rates and durations are measured in the campaign's own seconds, which
+the log tells with each line of progress; whether it still lives is judged by whether the log grows,
+by the clock of the one who watches.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from io import BufferedReader
+from pathlib import Path
+from typing import Any, Final, get_args
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.campaign.budget import Budget
+from frenetic.campaign.log import ENDINGS, LOG, Event, Level, WorkerState, WorkerStatus
+from frenetic.campaign.progress import Progress
+from frenetic.campaign.store import DATABASE
+from frenetic.errors import CampaignError
+
+SILENT_AFTER: Final = 180.0
+"""s without a new line after which it is in question whether a campaign still runs."""
+RATE_WINDOW: Final = 60.0
+"""s of the campaign's time over which its rate now is taken."""
+KEPT_MESSAGES: Final = 20
+"""Warnings and errors that are remembered."""
+MAX_POINTS: Final = 1000
+"""Of the failures over time."""
+MAX_LINE: Final = 1 << 20
+"""Bytes; a longer line is skipped."""
+MAX_WORKERS: Final = 1000
+"""Workers that are remembered of one line."""
+
+_HEAD: Final = 256  # bytes by which a file is recognised: they hold the time of its first line
+_MAX_COUNT: Final = 1 << 53
+_MAX_SECONDS: Final = 1e10  # three centuries
+_MAX_TEXT: Final = 500  # characters
+_MAX_NAME: Final = 60  # characters
+
+
+class Status(StrEnum):
+    """What a campaign does, as far as its log tells."""
+
+    WAITING = "waiting"
+    """The log does not tell anything yet."""
+    RUNNING = "running"
+    SILENT = "silent"
+    """It should be running, but the log has not grown for `SILENT_AFTER`."""
+    FINISHED = "finished"
+    """Its budget is spent."""
+    INTERRUPTED = "interrupted"
+    """Somebody stopped it before."""
+    GAVE_UP = "gave_up"
+    """It could not go on."""
+
+    @property
+    def is_end(self) -> bool:
+        """Whether the process that ran the campaign has ended in order."""
+        return self in (Status.FINISHED, Status.INTERRUPTED, Status.GAVE_UP)
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What the first line of a campaign's process says of it; None where it does not."""
+
+    strategy: str | None = None
+    driver: str | None = None
+    simulator: str | None = None
+    seed: int | None = None
+    budget: Budget | None = None
+    host: str | None = None
+    process_id: int | None = None
+
+
+@dataclass(frozen=True)
+class Message:
+    """A line of the log for people."""
+
+    time: str
+    """When, by the campaign's clock; as it stands in the log."""
+    level: Level
+    event: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class CampaignState:
+    """How a campaign goes, read from its log."""
+
+    status: Status
+    setup: Setup
+    progress: Progress
+    """The newest that the log tells."""
+    rate: float | None
+    """Road tests per s over the last minute; None if it does not run or has just begun."""
+    failures_over_time: FloatArray
+    """(n, 2): s of the campaign's time, FAIL outcomes until then; 1000 points at most."""
+    running: int
+    """Road tests that are being driven."""
+    workers: tuple[WorkerState, ...]
+    messages: tuple[Message, ...]
+    """The last warnings and errors, the newest last."""
+    message_count: int
+    """Warnings and errors in the log."""
+    last_failure: Message | None
+    last_time: str
+    """When the newest line was written, by the campaign's clock; empty before the first."""
+    quiet_seconds: float
+    """s since the log has grown, or since it is watched, by the watcher's clock."""
+    has_grown: bool
+    """Whether it has grown since it is watched, which proves that the campaign runs."""
+    unreadable: int
+    """Lines that were skipped."""
+    trouble: str
+    """Why the log could not be read this time; empty if it could."""
+
+    def failures_per_interval(self, intervals: int) -> FloatArray:
+        """(intervals,) FAIL outcomes in equal parts of the time from the start until now."""
+        if len(self.failures_over_time) == 0:
+            return np.zeros(intervals)
+        seconds, failed = np.vstack(([0.0, 0.0], self.failures_over_time)).T
+        edges = np.linspace(0.0, seconds[-1], intervals + 1)
+        return np.diff(np.interp(edges, seconds, failed))
+
+    def as_json(self) -> dict[str, Any]:
+        """The state as one JSON object; what the log has, too, has the same name there."""
+        progress = self.progress
+        left = None if self.status.is_end else progress.seconds_left
+        return {
+            "status": self.status,
+            **asdict(self.setup),
+            "tests": progress.tests,
+            "simulations": progress.simulations,
+            **asdict(progress),
+            "seconds_left": left,
+            "tests_per_second": progress.tests_per_second,
+            "tests_per_second_now": self.rate,
+            "running": self.running,
+            "workers": [asdict(worker) for worker in self.workers],
+            "failures_over_time": {
+                "seconds": self.failures_over_time[:, 0].tolist(),
+                "failed": self.failures_over_time[:, 1].astype(int).tolist(),
+            },
+            "last_failure": asdict(self.last_failure) if self.last_failure else None,
+            "messages": [asdict(message) for message in self.messages],
+            "message_count": self.message_count,
+            "last_time": self.last_time or None,
+            "quiet_seconds": self.quiet_seconds,
+            "has_grown": self.has_grown,
+            "unreadable": self.unreadable,
+            "trouble": self.trouble or None,
+        }
+
+
+def require_log(folder: Path) -> None:
+    """Raises a `CampaignError` if there is no log in the folder, with what to do."""
+    path = folder / LOG
+    try:
+        if path.is_file():
+            return
+        if not folder.is_dir():
+            what = "is not a folder" if os.path.lexists(folder) else "does not exist"
+        elif (folder / DATABASE).is_file():
+            raise CampaignError(
+                f"{folder} has no {LOG}, because it was made before campaigns had one or because it"
+                " was removed: 'frenetic show' says what it holds"
+            )
+        else:
+            what = "holds no campaign"
+    except OSError as error:
+        raise CampaignError(f"cannot read {path}: {error.strerror or error}") from error
+    raise CampaignError(f"{folder} {what}: the folder of a campaign is needed, one with {LOG}")
+
+
+class CampaignWatcher:
+    """Follows the log in a campaign's folder.
+
+    Args:
+        folder: of the campaign. The log may come later, vanish, be cut or replaced.
+        clock: s, monotonic; what a campaign's silence is measured by.
+    """
+
+    def __init__(self, folder: Path, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self._path = Path(folder) / LOG
+        self._clock = clock
+        self._tail = _Tail()
+        self._story = _Story()
+        self._quiet_since = clock()
+        self._has_looked = self._has_grown = False
+
+    def look(self) -> CampaignState:
+        """Reads what is new in the log; returns how the campaign goes now."""
+        trouble = ""
+        try:
+            # Opened anew each time: only then does a network share tell what is new.
+            if not self._path.is_file():
+                raise FileNotFoundError(f"{self._path} is not there, or no file")
+            with self._path.open("rb") as file:
+                is_new = self._read(file)
+        except OSError as error:
+            is_new, trouble = False, error.strerror or str(error)
+        now = self._clock()
+        if is_new:
+            self._quiet_since = now
+            self._has_grown = self._has_looked
+        self._has_looked = True
+        return self._story.state(
+            quiet_seconds=now - self._quiet_since,
+            has_grown=self._has_grown,
+            too_long=self._tail.too_long,
+            trouble=trouble,
+        )
+
+    def _read(self, file: BufferedReader) -> bool:
+        """Takes in what is new in the file; returns whether anything is."""
+        if not self._tail.belongs_to(file):
+            self._tail, self._story = _Tail(), _Story()
+            self._tail.belongs_to(file)
+        is_new = self._tail.has_news
+        for line in self._tail.lines(file):
+            self._story.take(line)
+        return is_new
+
+
+class _Tail:
+    """The whole lines of a growing file that are new since the last time."""
+
+    def __init__(self) -> None:
+        self._head = b""
+        self._size = 0
+        self._offset = 0  # of the first line that was not read
+        self._is_skipping = False  # the rest of a line that is too long
+        self.has_news = False
+        """Whether the file has changed since it was looked at last."""
+        self.too_long = 0
+        """Lines that were skipped."""
+
+    def belongs_to(self, file: BufferedReader) -> bool:
+        """Looks at the file: whether it still is the one that was read, only longer."""
+        file.seek(0)
+        head = file.read(_HEAD)
+        size = file.seek(0, os.SEEK_END)
+        if size < self._size or not head.startswith(self._head):
+            return False
+        self.has_news = size > self._size
+        self._head, self._size = head, size
+        return True
+
+    def lines(self, file: BufferedReader) -> Iterator[bytes]:
+        """The new lines, without their ends; half a line is left for the next time."""
+        while self._offset < self._size:
+            file.seek(self._offset)
+            data = file.read(min(MAX_LINE, self._size - self._offset))
+            length = data.rfind(b"\n") + 1
+            if length:
+                lines = data[:length].split(b"\n")[:-1]
+                self._offset += length
+                yield from lines[1:] if self._is_skipping else lines
+                self._is_skipping = False
+            elif len(data) == MAX_LINE:
+                self._offset += len(data)
+                self.too_long += not self._is_skipping
+                self._is_skipping = True
+            else:
+                return
+
+
+class _Story:
+    """What the lines of a log have told so far."""
+
+    def __init__(self) -> None:
+        self._status = Status.WAITING
+        self._setup = Setup()
+        self._unreadable = 0
+        self._messages: deque[Message] = deque(maxlen=KEPT_MESSAGES)
+        self._message_count = 0
+        self._last_failure: Message | None = None
+        self._last_time = ""
+        self._forget_progress()
+
+    def _forget_progress(self) -> None:
+        self._progress = Progress()
+        self._recent: deque[tuple[float, int]] = deque()  # s, tests
+        self._points: list[tuple[float, int]] = []  # s, failures
+        self._running = 0
+        self._workers: object = ()
+
+    def take(self, line: bytes) -> None:
+        """Takes a line into account, if it can be understood."""
+        if not line.strip():
+            return
+        try:
+            record = json.loads(line.decode("utf-8", "replace"))
+            if not (isinstance(record, dict) and isinstance(record.get("event"), str)):
+                raise ValueError("no line of a campaign's log")
+            self._take_event(record["event"], record)
+        except (ValueError, RecursionError):
+            self._unreadable += 1
+
+    def _take_event(self, event: str, record: Mapping[str, object]) -> None:
+        """Takes a line into account as a whole, or raises a `ValueError`."""
+        message = _message(event, record)
+        if event == Event.PROGRESS:
+            self._take_progress(record)
+        elif event in (Event.STARTED, Event.RESUMED):
+            if event == Event.STARTED:
+                self._forget_progress()
+            self._recent.clear()  # the time in between belongs to nobody
+            self._workers = ()
+            self._setup = _setup(record)
+            self._status = Status.RUNNING
+        elif event in ENDINGS:
+            self._status = Status(event)
+        elif event == Event.TEST_FAILED:
+            self._last_failure = message
+        if self._status is Status.WAITING:
+            self._status = Status.RUNNING
+        self._last_time = message.time
+        if message.level in ("warning", "error"):
+            self._messages.append(message)
+            self._message_count += 1
+
+    def _take_progress(self, record: Mapping[str, object]) -> None:
+        progress, running = _progress(record), _count(record.get("running"))
+        self._progress, self._running = progress, running
+        self._workers = record.get("workers")
+        self._status = Status.RUNNING
+        seconds = progress.seconds
+        if self._recent and (seconds, progress.tests) < self._recent[-1]:
+            self._recent.clear()
+        self._recent.append((seconds, progress.tests))
+        while len(self._recent) > 2 and self._recent[1][0] <= seconds - RATE_WINDOW:
+            self._recent.popleft()
+        # A campaign that was killed goes on from its last result, which may be a bit earlier.
+        while self._points and self._points[-1][0] >= seconds:
+            self._points.pop()
+        self._points.append((seconds, progress.failed))
+        if len(self._points) > MAX_POINTS:
+            self._points = self._points[::-2][::-1]  # the last one stays
+
+    def state(
+        self, *, quiet_seconds: float, has_grown: bool, too_long: int, trouble: str
+    ) -> CampaignState:
+        status = self._status
+        if status is Status.RUNNING and quiet_seconds > SILENT_AFTER:
+            status = Status.SILENT
+        return CampaignState(
+            status=status,
+            setup=self._setup,
+            progress=self._progress,
+            rate=self._rate() if status is Status.RUNNING else None,
+            failures_over_time=np.array(self._points, dtype=float).reshape(-1, 2),
+            running=self._running,
+            workers=tuple(_workers(self._workers)),
+            messages=tuple(self._messages),
+            message_count=self._message_count,
+            last_failure=self._last_failure,
+            last_time=self._last_time,
+            quiet_seconds=quiet_seconds,
+            has_grown=has_grown,
+            unreadable=self._unreadable + too_long,
+            trouble=trouble,
+        )
+
+    def _rate(self) -> float | None:
+        """Tests per second over the last minute of the campaign's time."""
+        if not self._recent:
+            return None
+        (before, tests_before), (now, tests) = self._recent[0], self._recent[-1]
+        return (tests - tests_before) / (now - before) if now - before >= 1.0 else None
+
+
+def _message(event: str, record: Mapping[str, object]) -> Message:
+    level = record.get("level")
+    return Message(
+        time=_text(record.get("time"), _MAX_NAME),
+        level=next((known for known in get_args(Level) if known == level), "info"),
+        event=_text(event, _MAX_NAME),
+        text=_text(record.get("message"), _MAX_TEXT) or _text(event, _MAX_NAME),
+    )
+
+
+def _setup(record: Mapping[str, object]) -> Setup:
+    """What a first line says, as far as it can be understood."""
+    return Setup(
+        strategy=_part(record.get("strategy")),
+        driver=_part(record.get("driver")),
+        simulator=_part(record.get("simulator")),
+        seed=_whole(record.get("seed")),
+        budget=_budget(record.get("budget")),
+        host=_text(record.get("host"), _MAX_NAME) or None,
+        process_id=_whole(record.get("process_id")),
+    )
+
+
+def _part(described: object) -> str | None:
+    """The name of a part of a campaign, and what it is laid over."""
+    names: list[str] = []
+    while isinstance(described, Mapping) and len(names) < 5:
+        names.append(_text(described.get("class"), 300).rpartition(":")[2][:_MAX_NAME] or "?")
+        described = described.get("driver")
+    if isinstance(described, str):
+        names.append(_text(described, _MAX_NAME))
+    return " over ".join(names) or None
+
+
+def _budget(value: object) -> Budget | None:
+    if not isinstance(value, Mapping):
+        return None
+    try:
+        limits = {
+            "simulations": _whole(value.get("simulations")),
+            "failures": _whole(value.get("failures")),
+        }
+        seconds = value.get("time")
+        return Budget(**limits, time=None if seconds is None else _number(seconds, _MAX_SECONDS))
+    except ValueError:
+        return None
+
+
+def _progress(record: Mapping[str, object]) -> Progress:
+    """What a line of progress says, or a `ValueError`."""
+    moobd = record.get("min_moobd")
+    return Progress(
+        **{
+            name: _count(record.get(name))
+            for name in ("invalid", "passed", "failed", "errors", "dropped")
+        },
+        min_moobd=None if moobd is None else _number(moobd, 1e6, least=-1e6),
+        seconds=_number(record.get("seconds"), _MAX_SECONDS),
+        budget_spent=_number(record.get("budget_spent"), 1.0),
+    )
+
+
+def _workers(listed: object) -> Iterator[WorkerState]:
+    """The workers of a line of progress, without those that cannot be understood."""
+    if not isinstance(listed, list):
+        return
+    for worker in listed[:MAX_WORKERS]:
+        if not isinstance(worker, Mapping):
+            continue
+        state = next((s for s in get_args(WorkerStatus) if s == worker.get("state")), None)
+        name = _text(worker.get("name"), _MAX_NAME)
+        if state is None or not name:
+            continue
+        try:
+            tests = _count(worker.get("tests"))
+            seconds = _number(worker.get("seconds_in_state"), _MAX_SECONDS)
+        except ValueError:
+            continue
+        yield WorkerState(name, state, tests, seconds)
+
+
+def _count(value: object) -> int:
+    if type(value) is not int or not 0 <= value < _MAX_COUNT:
+        raise ValueError("no count")
+    return value
+
+
+def _whole(value: object) -> int | None:
+    return value if type(value) is int and 0 <= value < 1 << 63 else None
+
+
+def _number(value: object, most: float, *, least: float = 0.0) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise ValueError("no number within its bounds")
+    return float(value)
+
+
+def _text(value: object, most: int) -> str:
+    """A text in one line of at most so many characters, each of which can be seen."""
+    if not isinstance(value, str):
+        return ""
+    seen = "".join(character if character.isprintable() else " " for character in value[:most])
+    return " ".join(seen.split())

@@ -1,0 +1,557 @@
+"""The command that holds generators against each other: bench."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from frenetic._support.durations import format_duration
+from frenetic.cli.compare import comparison_document, print_comparison
+from frenetic.cli.console import Log, Results, announced_compilation, live_line, shell
+from frenetic.cli.grouping import GroupedCommand, GroupedOption
+from frenetic.cli.options import (
+    Duration,
+    Folder,
+    Setting,
+    as_usage_error,
+    driver_options,
+    json_option,
+)
+from frenetic.cli.parts import LAYERS, LIMITS, make_driver, make_simulator
+from frenetic.errors import FreneticError
+
+if TYPE_CHECKING:
+    from frenetic.analysis.comparison import Comparison
+    from frenetic.bench import Bench, BenchProgress, Entrant, RunEnd, RunState
+
+SIMULATIONS: Final = 200
+SECONDS_PER_TEST: Final = 36.0
+REPEATS: Final = 10
+PATIENCE: Final = 600.0
+SEED: Final = 1
+
+_ENTRANTS: Final = "Who takes part"
+_OPENING: Final = ("generator", "strategy")
+_OF_ENTRANT: Final = ("path", "name", "options", "python")
+_FIXED: Final = (
+    *("generator", "strategy", *_OF_ENTRANT, "simulations", "seconds", "repeats", "seed"),
+    *("seconds_per_test", "count_computing", "patience", "records", "map_size"),
+    *("driver", "driver_options", *LAYERS, "simulator", "simulator_options", *LIMITS),
+)
+"""Options that a bench is begun with, and that stay when it goes on."""
+
+
+class EntrantsCommand(GroupedCommand):
+    """A command whose --path, --name, --option and --python belong to the entrant before them."""
+
+    first_group = _ENTRANTS
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Notes in which order the options of entrants came."""
+        values, _, order = self.make_parser(ctx).parse_args(args=list(args))
+        coming = {name: iter(values[name]) for name in (*_OPENING, *_OF_ENTRANT) if name in values}
+        ctx.meta[__name__] = [
+            (parameter.name, next(coming[parameter.name]))
+            for parameter in order
+            if parameter.name in coming
+        ]
+        return super().parse_args(ctx, args)
+
+
+@dataclass
+class _AskedEntrant:
+    """An entrant as far as the command line says."""
+
+    spec: str
+    is_strategy: bool
+    given: dict[str, str] = field(default_factory=dict)
+    options: dict[str, Any] = field(default_factory=dict)
+
+    def entrant(self) -> Entrant:
+        """What that is."""
+        from frenetic.bench import Entrant
+
+        return Entrant(
+            name=self.given.get("name", self._name()),
+            spec=self.spec,
+            is_strategy=self.is_strategy,
+            path=Path(self.given["path"]) if "path" in self.given else None,
+            python=Path(self.given["python"]) if "python" in self.given else None,
+            options=self.options,
+        )
+
+    def _name(self) -> str:
+        if not self.is_strategy:
+            return self.spec.rpartition(":")[2]
+        settings = [f"{name}={json.dumps(value)}" for name, value in self.options.items()]
+        return " ".join([self.spec.rpartition(":")[2], *settings])
+
+
+@click.command(cls=EntrantsCommand, short_help="Hold road generators against each other.")
+@click.option(
+    "--generator",
+    multiple=True,
+    metavar="MODULE:CLASS",
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="A generator written for the SBST/SBFT pipeline, package.module:Class or file.py:Class;"
+    " may be repeated. Without a colon, the name of one of our strategies.",
+)
+@click.option(
+    "--strategy",
+    multiple=True,
+    metavar="S",
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="A search strategy, by name or package.module:Class; may be repeated."
+    " [default: all built-in ones, without a --generator]",
+)
+@click.option(
+    "--path",
+    multiple=True,
+    metavar="DIR",
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="Folder in which the modules of the generator before it are.",
+)
+@click.option(
+    "--name",
+    multiple=True,
+    metavar="N",
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="What tables call the generator or strategy before it. [default: its class]",
+)
+@click.option(
+    "--option",
+    "options",
+    multiple=True,
+    type=Setting(),
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="An option of the strategy before it, such as threshold=-0.2; may be repeated.",
+)
+@click.option(
+    "--python",
+    multiple=True,
+    metavar="FILE",
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="The interpreter of the generator before it, such as that of its virtual environment"
+    " (3.9 or newer, with numpy and scipy).",
+)
+@click.option(
+    "--simulations",
+    type=click.IntRange(1),
+    metavar="N",
+    help=f"Budget of each run, in drives. [default: {SIMULATIONS}]",
+)
+@click.option(
+    "--time",
+    "seconds",
+    type=Duration(),
+    help="Budget of each run, in virtual time: 2h, of which each drive costs --seconds-per-test.",
+)
+@click.option(
+    "--seconds-per-test",
+    type=float,
+    default=SECONDS_PER_TEST,
+    show_default=True,
+    metavar="S",
+    help="Virtual time that a drive costs.",
+)
+@click.option(
+    "--count-computing/--free-computing",
+    default=False,
+    show_default=True,
+    help="Whether the time that a generator takes itself counts against the budget.",
+)
+@click.option(
+    "--repeats", type=click.IntRange(1), default=REPEATS, show_default=True, help="Runs of each."
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=SEED,
+    show_default=True,
+    help="Of the first run of each; the following ones count on.",
+)
+@click.option(
+    "--patience",
+    type=Duration(),
+    default=PATIENCE,
+    show_default="10m",
+    help="End a generator that asks for no test for longer.",
+)
+@click.option(
+    "--records",
+    type=click.Choice(["all", "failures", "none"]),
+    default="failures",
+    show_default=True,
+    help="Whose drives' records the competition's results folders hold.",
+)
+@driver_options
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Runs at once, in processes of their own. [default: the cores]",
+)
+@click.option(
+    "--out",
+    type=Folder(),
+    metavar="DIR",
+    help="Folder for the results. [default: a new one under benches/]",
+)
+@click.option("--resume", is_flag=True, help="Complete the bench in the folder --out.")
+@click.option(
+    "--list",
+    "as_list",
+    is_flag=True,
+    help="List the runs of the bench in the folder --out, or else who can take part by name.",
+)
+@json_option
+@click.pass_context
+def bench(
+    context: click.Context,
+    /,
+    workers: int | None,
+    out: Path | None,
+    resume: bool,
+    as_list: bool,
+    as_json: bool,
+    **asked: Any,
+) -> None:
+    """Hold road generators against each other on the same driver, with repeats.
+
+    Generators written for the pipeline of the SBST/SBFT competition run unmodified, each run in a
+    process and a folder of its own, beside our own strategies. Every run is a campaign, and holds a
+    results folder as the competition's tools read it.
+    """
+    if as_list and out is None:
+        _refuse_given(context, "--list without --out lists who can take part by name")
+        _list_names(as_json)
+        return
+    if (resume or as_list) and out is None:
+        raise click.UsageError("--resume needs the folder of a bench: add --out DIR")
+    if resume or as_list:
+        assert out is not None
+        _refuse_given(context, "the bench goes on as it was begun")
+        the_bench = _recorded(out)
+    else:
+        the_bench = _begun(context, out, asked)
+    if as_list:
+        _list_runs(the_bench.states(), as_json)
+        return
+    _run(the_bench, resume, workers, as_json)
+
+
+def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -> Bench:
+    """The bench that the command line asks for."""
+    from frenetic.bench import Bench, new_folder
+    from frenetic.bench.entrants import Entrant
+    from frenetic.registry import STRATEGIES
+
+    if asked["simulations"] is not None and asked["seconds"] is not None:
+        raise click.UsageError("--simulations and --time exclude each other: both are the budget")
+    entrants = tuple(one.entrant() for one in _asked_entrants(context.meta[__name__]))
+    if not entrants:
+        entrants = tuple(
+            Entrant(name=entry.name, spec=entry.name, is_strategy=True)
+            for entry in STRATEGIES.entries()
+        )
+    cost = asked["seconds_per_test"]
+    budget = asked["seconds"] or (asked["simulations"] or SIMULATIONS) * cost
+    command = {k: asked[k] for k in ("driver", "simulator", *LAYERS, *LIMITS)}
+    command |= {k: dict(asked[k]) for k in ("driver_options", "simulator_options")}
+    return Bench(
+        entrants=entrants,
+        terms=_terms(
+            command,
+            budget=budget,
+            seconds_per_test=cost,
+            counts_computing=asked["count_computing"],
+            patience=asked["patience"],
+            map_size=asked["map_size"],
+            records=asked["records"],
+        ),
+        repeats=asked["repeats"],
+        seed=asked["seed"],
+        folder=new_folder() if out is None else out,
+    )
+
+
+def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]:
+    """Entrants, each from the option that opens it to the next such option."""
+    entrant: _AskedEntrant | None = None
+    for name, value in given:
+        if name in _OPENING:
+            if entrant is not None:
+                yield entrant
+            entrant = _AskedEntrant(value, name == "strategy" or ":" not in value)
+        elif entrant is None:
+            option = "option" if name == "options" else name
+            raise click.UsageError(f"--{option} belongs after the --generator or --strategy")
+        elif name == "options":
+            key, setting = Setting().convert(value, None, None)
+            entrant.options[key] = setting
+        elif name in entrant.given:
+            raise click.UsageError(f"--{name} is given twice for {entrant.spec}")
+        else:
+            entrant.given[name] = value
+    if entrant is not None:
+        yield entrant
+
+
+def _recorded(folder: Path) -> Bench:
+    """The bench in a folder.
+
+    Raises:
+        FreneticError: there is none, it is damaged, or it was begun from Python.
+    """
+    from frenetic.bench import Bench, read_bench
+    from frenetic.bench.bench import BENCH, entrants_of
+    from frenetic.campaign.configuration import command_faults
+
+    document = read_bench(folder)
+    path = folder / BENCH
+    command = document.get("command")
+    if command == {}:
+        raise FreneticError(
+            f"{folder} was begun from Python, so its driver and simulator have no names: go on from"
+            " Python"
+        )
+    named = {"strategy": "", "strategy_options": {}}
+    if not isinstance(command, Mapping) or command_faults({"command": {**command, **named}}):
+        raise FreneticError(f"{path} is damaged: restore it from a copy, or begin a new bench")
+    names = ("budget", "seconds_per_test", "counts_computing", "patience", "map_size", "records")
+    try:
+        return Bench(
+            entrants=entrants_of(document, path),
+            terms=_terms(command, **{name: document[name] for name in names}),
+            repeats=document["repeats"],
+            seed=document["seed"],
+            folder=folder,
+        )
+    except (LookupError, TypeError, ValueError) as error:
+        raise FreneticError(
+            f"{path} is damaged ({error}): restore it from a copy, or begin a new bench"
+        ) from None
+
+
+def _terms(command: Mapping[str, Any], **terms: Any) -> Any:
+    from frenetic.bench import Terms
+
+    driver = make_driver(*(command[k] for k in ("driver", "driver_options", *LAYERS)))
+    simulator = make_simulator(*(command[k] for k in ("simulator", "simulator_options", *LIMITS)))
+    with as_usage_error():
+        return Terms(simulator=simulator, driver=driver, command=dict(command), **terms)
+
+
+def _refuse_given(context: click.Context, why: str) -> None:
+    """Refuses the options with which a bench is begun."""
+    from click.core import ParameterSource
+
+    for name in _FIXED:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            parameter = next(p for p in context.command.params if p.name == name)
+            raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")
+
+
+def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
+    from frenetic.campaign.workers import available_cores
+
+    log = Log()
+    names = ", ".join(entrant.name for entrant in the_bench.entrants)
+    terms = the_bench.terms
+
+    def ended(end: RunEnd) -> None:
+        if end.ending is None or end.ending.end not in ("over", "returned"):
+            what = end.trouble or end.ending
+            log.print(f"{end.run.entrant.name}, run {end.run.repeat}: {what}", markup=False)
+
+    with announced_compilation(log) as compiled:
+
+        def started() -> None:
+            compiled()
+            log.print(
+                f"{the_bench.runs_in_words} each of {names}, results in {the_bench.folder}",
+                markup=False,
+            )
+
+        with _bench_progress(log) as show, _go_on_line(the_bench):
+            ends = the_bench.run(
+                resume=resume,
+                workers=workers
+                or getattr(terms.simulator, "usual_workers", 0)
+                or available_cores(),
+                on_start=started,
+                on_progress=show,
+                on_end=ended,
+                on_interrupt=log.stopping,
+            )
+    _show_results(the_bench, ends, log, as_json)
+
+
+@contextmanager
+def _bench_progress(log: Log) -> Iterator[Callable[[BenchProgress], None]]:
+    """Shows how a bench goes."""
+    start = time.monotonic()
+    with live_line(log) as show:
+
+        def update(now: BenchProgress) -> None:
+            show(now.share, lambda: _progress_text(now, time.monotonic() - start))
+
+        yield update
+
+
+def _progress_text(now: BenchProgress, seconds: float) -> str:
+    left = seconds * (1.0 - now.share) / now.share if now.share > 0.0 else None
+    return (
+        f"runs {now.runs} of {now.runs_in_all}, simulations {now.simulations}, failures"
+        f" {now.failures}, {now.simulations / max(seconds, 1e-3):.0f} simulations/s,"
+        f" {'?' if left is None else format_duration(left)} left"
+    )
+
+
+@contextmanager
+def _go_on_line(the_bench: Bench) -> Iterator[None]:
+    """Says how to go on when Ctrl-C was pressed twice."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo(f"Go on: {_resume_line(the_bench)}", err=True)
+        raise
+
+
+def _resume_line(the_bench: Bench) -> str:
+    return f"frenetic bench --resume --out {shell(the_bench.folder)}"
+
+
+def _show_results(the_bench: Bench, ends: Sequence[RunEnd], log: Log, as_json: bool) -> None:
+    """Compares who took part, prints that and writes it down."""
+    states = the_bench.states()
+    comparison: Comparison | None = None
+    page: Path | None = None
+    if any(state.ending is not None for state in states):
+        from frenetic.bench.results import write_results
+
+        with log.status("Comparing"):
+            comparison = the_bench.comparison()
+        for note in comparison.notes:
+            log.print(f"Note: {note}", markup=False)
+        with log.status("Writing the page"):
+            page = write_results(the_bench, comparison, command=_command_line(the_bench))
+    if as_json:
+        groups = {} if comparison is None else comparison_document(comparison)
+        click.echo(json.dumps({**groups, "runs": [_run_document(state) for state in states]}))
+    else:
+        if comparison is not None:
+            print_comparison(comparison)
+        else:
+            _print_runs(states)
+        if page is not None:
+            click.echo(f"Page:    {page}")
+        click.echo(f"Results: {the_bench.folder}")
+    _end(the_bench, ends, states)
+
+
+def _end(the_bench: Bench, ends: Sequence[RunEnd], states: Sequence[RunState]) -> None:
+    """Says what is still to do, if anything is."""
+    missing = sum(state.ending is None for state in states)
+    if not missing:
+        return
+    again = _resume_line(the_bench)
+    if troubles := [end.trouble for end in ends if end.trouble]:
+        raise FreneticError(
+            f"{missing} of {len(states)} runs could not be completed ({troubles[0]}); try again:"
+            f" {again}"
+        )
+    click.echo(f"{missing} of {len(states)} runs are missing; go on: {again}", err=True)
+    raise click.exceptions.Exit(130)
+
+
+def _command_line(the_bench: Bench) -> str:
+    """The command line that makes a bench again."""
+    from frenetic.report.html.repeating import drive_words
+
+    terms = the_bench.terms
+    words = ["frenetic", "bench"]
+    for entrant in the_bench.entrants:
+        words += ["--strategy" if entrant.is_strategy else "--generator", entrant.spec]
+        for option, value in (("--path", entrant.path), ("--python", entrant.python)):
+            words += [] if value is None else [option, str(value)]
+        for name, setting in entrant.options.items():
+            words += ["--option", f"{name}={json.dumps(setting)}"]
+        words += ["--name", entrant.name]
+    words += ["--time", f"{terms.budget!r}s", "--seconds-per-test", f"{terms.seconds_per_test!r}"]
+    words += ["--count-computing"] if terms.counts_computing else []
+    words += ["--patience", f"{terms.patience!r}s", "--records", terms.records]
+    words += ["--repeats", str(the_bench.repeats), "--seed", str(the_bench.seed)]
+    words += drive_words(terms.command, terms.map_size)
+    return shlex.join(words)
+
+
+def _print_runs(states: Sequence[RunState]) -> None:
+    table = Table(box=None, pad_edge=False)
+    for column in ("generator", "run", "seed", "state", "folder"):
+        table.add_column(column, justify="right" if column in ("run", "seed") else "left")
+    for state in states:
+        run = state.run
+        table.add_row(
+            escape(run.entrant.name),
+            str(run.repeat),
+            str(run.seed),
+            "to do" if state.ending is None else escape(str(state.ending)),
+            escape(str(run.folder)),
+        )
+    Results().print(table)
+
+
+def _list_names(as_json: bool) -> None:
+    from frenetic.registry import STRATEGIES
+
+    entries = STRATEGIES.entries()
+    if as_json:
+        click.echo(json.dumps([{"name": e.name, "class": e.target} for e in entries]))
+        return
+    table = Table(box=None, pad_edge=False)
+    for column in ("name", "class", "what it is"):
+        table.add_column(column)
+    for entry in entries:
+        table.add_row(entry.name, entry.target, entry.summary or entry.origin)
+    Results().print(table)
+    click.echo("Others: --generator package.module:Class or path/to/file.py:Class")
+
+
+def _list_runs(states: Sequence[RunState], as_json: bool) -> None:
+    if as_json:
+        click.echo(json.dumps([_run_document(state) for state in states]))
+        return
+    _print_runs(states)
+    done = Counter(state.ending is not None for state in states)
+    click.echo(f"{done[True]} of {len(states)} runs are complete")
+    if done[False]:
+        folder = states[0].run.folder.parent.parent
+        click.echo(f"Go on: frenetic bench --resume --out {shell(folder)}")
+
+
+def _run_document(state: RunState) -> dict[str, Any]:
+    return {
+        "generator": state.run.entrant.name,
+        "run": state.run.repeat,
+        "seed": state.run.seed,
+        "folder": str(state.run.folder),
+        "ending": None if state.ending is None else state.ending.as_json(),
+    }

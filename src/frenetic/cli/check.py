@@ -1,0 +1,89 @@
+"""The command that checks a campaign's database: check."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from frenetic.cli.console import Log, print_facts
+from frenetic.cli.options import json_option
+from frenetic.cli.progress import counted_progress
+
+if TYPE_CHECKING:
+    from frenetic.campaign.check import CheckReport, Holdings
+
+
+@click.command(short_help="Check that a campaign's database is sound, and say what it holds.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--quick", is_flag=True, help="Do not judge every drive again.")
+@json_option
+def check(campaign: Path, quick: bool, as_json: bool) -> None:
+    """Check the database of a CAMPAIGN, and say what it holds.
+
+    All that is stored is read, held against each other, and judged again; nothing is changed. The
+    campaign may be running. Ends with exit code 1 if something is wrong, one line each.
+    """
+    from frenetic.campaign.check import check_campaign
+
+    with counted_progress(Log(), "Checking") as show:
+        report = check_campaign(campaign, quick=quick, on_test=show)
+    if as_json:
+        click.echo(json.dumps(_as_json(report)))
+    else:
+        print_facts(_facts(report))
+        for finding in report.findings:
+            click.echo(f"{finding.severity}: {finding.subject}: {finding.message}")
+        number = len(report.findings)
+        found = "nothing is wrong" if report.is_sound else f"{number} findings"
+        print_facts([("check", found + (", nothing judged again" if quick else ""))])
+    if not report.is_sound:
+        raise click.exceptions.Exit(1)
+
+
+def _facts(report: CheckReport) -> list[tuple[str, str]]:
+    holds = report.holdings
+    counts = holds.counts
+    outcomes = ", ".join(f"{number:,} {outcome}" for outcome, number in counts.by_outcome.items())
+    per_test = holds.bytes_per_test
+    kilobytes = "" if per_test is None else f", {per_test / 1e3:.1f} kB per result"
+    return [
+        ("campaign", str(report.folder)),
+        ("made", holds.created_at.replace("T", " ") or "unknown"),
+        ("state", f"{holds.state}{_written_by(holds)}"),
+        ("results", f"{counts.told:,}: {outcomes}"),
+        ("waiting", f"{holds.outstanding:,} asked and not told"),
+        ("drives", f"{holds.trajectories:,} trajectories"),
+        ("on disk", f"{holds.size / 1e6:,.1f} MB{kilobytes}"),
+        ("schema", str(holds.schema)),
+        ("versions", ", ".join(f"{name} {version}" for name, version in holds.versions.items())),
+    ]
+
+
+def _written_by(holds: Holdings) -> str:
+    return "" if holds.writer is None else f": {holds.writer} writes it right now"
+
+
+def _as_json(report: CheckReport) -> dict[str, Any]:
+    holds = report.holdings
+    return {
+        "folder": str(report.folder),
+        "is_sound": report.is_sound,
+        "findings": [
+            {"severity": f.severity, "subject": f.subject, "message": f.message}
+            for f in report.findings
+        ],
+        "state": holds.state,
+        "writer": holds.writer,
+        "created_at": holds.created_at,
+        "asked": holds.counts.asked,
+        "told": holds.counts.told,
+        "by_outcome": dict(holds.counts.by_outcome),
+        "min_moobd": holds.counts.lowest_moobd,
+        "trajectories": holds.trajectories,
+        "bytes": holds.size,
+        "schema": holds.schema,
+        "versions": dict(holds.versions),
+    }

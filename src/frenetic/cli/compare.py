@@ -1,0 +1,273 @@
+"""The command that holds campaigns against each other: compare."""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from frenetic.cli.console import Log, Results
+from frenetic.cli.options import json_option
+from frenetic.errors import FreneticError
+
+if TYPE_CHECKING:
+    from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
+
+_WILD: Final = "*?["
+_MOST_COLUMNS: Final = 3
+"""Groups that stand side by side; more stand one below the other."""
+_MOST_MEASURES: Final = 4
+"""Measures that stand side by side."""
+
+
+@click.command(short_help="Hold campaigns against each other, with their repeats.")
+@click.argument("places", nargs=-1, required=True, metavar="[NAME=]FOLDER...")
+@click.option(
+    "--plot",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Draw failures over simulations, and all measures, into this PNG, SVG or PDF file.",
+)
+@click.option(
+    "--html",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write a page with tables, curves, ranks and all pairs into this file.",
+)
+@click.option(
+    "--table",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write medians and quartiles into this CSV or Markdown (.md) file.",
+)
+@click.option("--all", "with_all", is_flag=True, help="Print all measures, and all pairs by each.")
+@json_option
+def compare(
+    places: tuple[str, ...],
+    plot: Path | None,
+    html: Path | None,
+    table: Path | None,
+    with_all: bool,
+    as_json: bool,
+) -> None:
+    """Hold groups of campaigns against each other.
+
+    A FOLDER is that of a campaign, or one that holds the folders of several. Campaigns that differ
+    in nothing but the seed are repeats of each other and make a group. With a NAME a group is what
+    you say: NAME=FOLDER[,FOLDER...], in which * and ? stand for parts of a name.
+
+    Said are medians and quartiles of each group; for each pair the chance that a campaign of the
+    one does better than one of the other (A12), and p of the Mann-Whitney test; and the order of
+    the groups by distinct failures per 100 simulations.
+    """
+    from frenetic.analysis.comparison import compare as compare_groups
+    from frenetic.analysis.tables import table_form, write_table
+
+    if table is not None:
+        table_form(table)
+    log = Log()
+    with log.status("Reading the campaigns"):
+        comparison = compare_groups(grouped(places))
+    for note in comparison.notes:
+        log.print(f"Note: {note}", markup=False)
+    if plot is not None:
+        from frenetic.report.comparison import draw_comparison
+
+        draw_comparison(comparison, plot)
+    if html is not None:
+        from frenetic.report.html.comparison import write_comparison_page
+
+        write_comparison_page(comparison, html, command=_command(places, html))
+    if table is not None:
+        write_table(comparison, table)
+    if as_json:
+        click.echo(json.dumps(comparison_document(comparison)))
+        return
+    print_comparison(comparison, with_all=with_all)
+    for what, path in (("Picture", plot), ("Page", html), ("Table", table)):
+        if path is not None:
+            click.echo(f"{what + ':':<8} {path}")
+
+
+def _command(places: tuple[str, ...], html: Path) -> str:
+    return shlex.join(["frenetic", "compare", *places, "--html", str(html)])
+
+
+def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
+    """The groups of campaigns that a command line names, in its order.
+
+    Raises:
+        FreneticError: a place holds no campaign, or two groups have one name.
+    """
+    from frenetic.analysis.groups import find_campaigns, group_campaigns
+
+    named: dict[str, list[Path]] = {}
+    nameless: list[Path] = []
+    for place in places:
+        name, equals, listed = place.partition("=")
+        if not equals or Path(place).exists():
+            nameless += [found for one in _expanded(place) for found in find_campaigns(one)]
+            continue
+        if not name or not listed:
+            raise click.UsageError(f"{place!r} is not NAME=FOLDER, nor is it a folder")
+        members = named.setdefault(name, [])
+        for one in [listed] if Path(listed).exists() else listed.split(","):
+            members += [found for path in _expanded(one) for found in find_campaigns(path)]
+    others = group_campaigns(nameless)
+    if twice := named.keys() & others.keys():
+        raise click.UsageError(f"two groups are called {', '.join(twice)}: choose other names")
+    return {**named, **others}
+
+
+def _expanded(place: str) -> list[Path]:
+    """The paths that a place with * or ? stands for: no shell has seen those after NAME=."""
+    path = Path(place)
+    if path.exists() or not any(sign in place for sign in _WILD):
+        return [path]
+    root = Path(path.anchor)
+    pattern = str(path.relative_to(root)) if path.anchor else place
+    found = sorted(found for found in root.glob(pattern) if found.is_dir())
+    if not found:
+        raise FreneticError(f"{place} stands for no folder: is it spelt right?")
+    return found
+
+
+def comparison_document(comparison: Comparison) -> dict[str, Any]:
+    """A comparison as a JSON object; what never happened is null."""
+
+    def number(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    def pair_document(pair: PairComparison) -> dict[str, Any]:
+        return {
+            **asdict(pair),
+            "magnitude": str(pair.magnitude),
+            "verdict": str(pair.verdict),
+        }
+
+    def measure_document(measured: MeasureComparison) -> dict[str, Any]:
+        return {
+            **asdict(measured.measure),
+            "mean_ranks": dict(measured.mean_ranks),
+            "groups": {
+                name: {
+                    "values": [number(value) for value in values],
+                    **{k: number(v) for k, v in asdict(measured.quartiles(name)).items()},
+                }
+                for name, values in measured.values.items()
+            },
+            "kruskal_wallis_p": measured.p_overall,
+            "pairs": [pair_document(pair) for pair in measured.pairs],
+        }
+
+    return {
+        "groups": {
+            name: [
+                {
+                    "folder": str(campaign.folder),
+                    "seed": campaign.seed,
+                    "simulations": campaign.simulations,
+                    "is_finished": campaign.is_finished,
+                }
+                for campaign in campaigns
+            ]
+            for name, campaigns in comparison.groups.items()
+        },
+        "measures": [measure_document(measured) for measured in comparison.measures],
+        "order": list(comparison.headline.order),
+        "notes": list(comparison.notes),
+    }
+
+
+def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
+    """Prints who is better, medians with quartiles, and what can be said of each pair.
+
+    Args:
+        comparison: of two or more groups.
+        with_all: whether to print all measures, and by each of them all pairs.
+    """
+    from frenetic.analysis.findings import verdict
+
+    sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
+    click.echo(f"Campaigns: {sizes}")
+    shown = [one for one in comparison.measures if with_all or one.measure.is_main]
+    if len(comparison.groups) <= _MOST_COLUMNS:
+        _print_by_measure(comparison, shown)
+    else:
+        _print_by_group(comparison, shown)
+    if len(comparison.groups) < 2:
+        return
+    telling = [one for one in comparison.telling if with_all or one.measure.is_main]
+    if len(comparison.groups) > _MOST_COLUMNS and not with_all:
+        telling = [comparison.headline]
+    _print_pairs(telling, several=len(comparison.groups) > 2)
+    by = comparison.headline
+    order = ", ".join(f"{by.places[n]}. {n} ({by.mean_ranks[n]:.1f})" for n in by.order)
+    click.echo(f"Order by {by.measure.title} (mean rank): {order}")
+    click.echo(verdict(comparison))
+
+
+def _print_by_measure(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
+    """A row per measure."""
+    from frenetic.analysis.statistics import LEAST_REPEATS
+
+    table = _table("Median (quartiles)", "")
+    for name in comparison.groups:
+        table.add_column(escape(name), justify="right", overflow="fold")
+    several = len(comparison.groups) > 2
+    enough = min(map(len, comparison.groups.values())) >= LEAST_REPEATS
+    if several and enough:
+        table.add_column("K.-Wallis p", justify="right")
+    for by in shown:
+        cells = [by.text(name) for name in comparison.groups]
+        if several and enough:
+            cells.append("" if by.p_overall is None else f"{by.p_overall:.2g}")
+        table.add_row(by.measure.heading, *cells)
+    Results().print(table)
+
+
+def _print_by_group(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
+    """A row per group, and as many measures side by side as can be read."""
+    for start in range(0, len(shown), _MOST_MEASURES):
+        table = _table("Median (quartiles)" if start == 0 else None, "")
+        for by in shown[start : start + _MOST_MEASURES]:
+            table.add_column(by.measure.heading, justify="right", overflow="fold")
+        for name in comparison.headline.order:
+            cells = [by.text(name) for by in shown[start : start + _MOST_MEASURES]]
+            table.add_row(escape(name), *cells)
+        Results().print(table)
+
+
+def _table(title: str | None, *columns: str) -> Table:
+    table = Table(box=None, pad_edge=False, title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def _print_pairs(telling: Sequence[MeasureComparison], *, several: bool) -> None:
+    from frenetic.analysis.comparison import Verdict
+
+    table = _table("Differences", "", "what can be said")
+    for column in ("A12", "effect", "p (Holm)" if several else "p"):
+        table.add_column(column, justify="right")
+    for by in telling:
+        for i, pair in enumerate(by.pairs):
+            is_told = pair.verdict is not Verdict.TOO_FEW
+            table.add_row(
+                "" if i else by.measure.title,
+                escape(str(pair)),
+                f"{pair.a12:.2f}",
+                str(pair.magnitude) if is_told else "-",
+                f"{pair.p_corrected:.2g}" if is_told else "-",
+            )
+    Results().print(table)
+    click.echo("A12: chance that a campaign of the first named does better than one of the second")

@@ -1,0 +1,157 @@
+"""The command that drives a campaign's failures in another simulator: confirm."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.table import Table
+
+from frenetic.cli.console import Log, Results, announced_compilation, shell
+from frenetic.cli.grouping import GroupedCommand
+from frenetic.cli.options import (
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+    redriving_workers_option,
+)
+from frenetic.cli.progress import counted_progress
+from frenetic.cli.recorded import part_options, recorded_parts
+
+if TYPE_CHECKING:
+    from frenetic.redrive.confirm import Confirmation
+
+
+@click.command(cls=GroupedCommand, short_help="Drive a campaign's failures in another simulator.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
+@click.option(
+    "--top",
+    type=click.IntRange(1),
+    metavar="N",
+    help="The N most telling failures. [default: 10]",
+)
+@part_options
+@redriving_workers_option
+@drive_limit_option
+@json_option
+def confirm(
+    campaign: Path,
+    test_ids: tuple[int, ...],
+    top: int | None,
+    workers: int,
+    drive_limit: float | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
+    """Drive failures of a CAMPAIGN in another simulator and say which it confirms.
+
+    Each road is driven where it lay on the map. Whatever is not given is as in the campaign. A
+    failure is confirmed if the driver fails in the other simulator, too; alike are failures on the
+    same side of the lane within 30 m along the road. The drives are kept in confirmations.json in
+    the campaign's folder, with pictures of both paths in confirmed/.
+    """
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.campaign import describe
+    from frenetic.redrive.confirm import CONFIRMATIONS, confirmation_document
+    from frenetic.redrive.confirm import confirm as confirm_failures
+    from frenetic.report.failures import LISTED, telling_failures
+
+    if test_ids and top is not None:
+        raise click.UsageError("--top and the ID of a test exclude each other")
+    if not given.get("simulator") and not given.get("simulator_options"):
+        raise click.UsageError(
+            "say in which simulator, with --simulator or --simulator-option; 'frenetic replay'"
+            " drives again in the same"
+        )
+    with CampaignStore.open(campaign) as store:
+        parts = recorded_parts(store, given)
+        recorded = store.config.get("simulator"), store.config.get("driver")
+        chosen = list(dict.fromkeys(test_ids))
+        if not chosen:
+            failures = telling_failures(store, top or LISTED)
+            chosen = [record.candidate.id for record in failures]
+    if not chosen:
+        click.echo("[]" if as_json else f"{campaign} holds no failure")
+        return
+    driver, simulator = parts.make_driver(), parts.make_simulator()
+    log = Log()
+    if recorded == (describe(simulator), describe(driver)):
+        log.print("These are the campaign's own simulator and driver: what fails is to fail again.")
+    with (
+        announced_compilation(log) as compiled,
+        counted_progress(log, "Driving") as show,
+        as_usage_error(),
+    ):
+        confirmation = confirm_failures(
+            campaign,
+            simulator,
+            driver,
+            test_ids=chosen,
+            workers=workers,
+            drive_limit=drive_limit,
+            on_progress=show,
+            on_start=compiled,
+            on_interrupt=log.stopping,
+        )
+    gallery = _draw(log, campaign, confirmation)
+    if as_json:
+        click.echo(json.dumps(confirmation_document(confirmation)))
+    else:
+        _print(confirmation)
+        if confirmation.tests:
+            click.echo(
+                f"Kept in {campaign / CONFIRMATIONS}; to see it: frenetic report {shell(campaign)}"
+            )
+        if gallery is not None:
+            click.echo(f"At a glance: {gallery}")
+    if confirmation.missing:
+        log.print(f"Interrupted: {confirmation.missing} roads were not driven")
+        raise click.exceptions.Exit(130)
+    if not any(test.other.outcome.is_driven for test in confirmation.tests):
+        raise click.exceptions.Exit(1)
+
+
+def _draw(log: Log, campaign: Path, confirmation: Confirmation) -> Path | None:
+    from frenetic.campaign import CampaignStore
+    from frenetic.report.confirmation import write_confirmation  # matplotlib takes its time
+
+    with log.status("Drawing both paths"), CampaignStore.open(campaign) as store:
+        return write_confirmation(store, confirmation)
+
+
+def _print(confirmation: Confirmation) -> None:
+    from frenetic.redrive.confirm import Agreement
+
+    table = Table(box=None, pad_edge=False)
+    for column in ("test", "MOOBD (m)", "there (m)"):
+        table.add_column(column, justify="right")
+    table.add_column("it is")
+    table.add_column("same place")
+    table.add_column("what happened there", overflow="fold")
+    for test in confirmation.tests:
+        moobds = (test.recorded.moobd, test.other.moobd)
+        table.add_row(
+            str(test.test_id),
+            *("-" if moobd is None else f"{moobd:.2f}" for moobd in moobds),
+            str(test.agreement),
+            "yes" if test.is_alike else "-" if not test.other.outcome.is_driven else "no",
+            test.reason,
+        )
+    if confirmation.tests:
+        Results().print(table)
+    counts = [(kind, confirmation.count(kind)) for kind in Agreement]
+    told = ", ".join(f"{number} {kind}" for kind, number in counts if number)
+    click.echo(
+        f"{len(confirmation.tests)} failures: {told}, {confirmation.alike} at the same place"
+    )
+    correlation = confirmation.correlation
+    if correlation is None:
+        click.echo("rank correlation of MOOBD: too few roads to say")
+    else:
+        click.echo(
+            f"rank correlation of MOOBD: {correlation.spearman:.2f} (Spearman,"
+            f" p = {correlation.p:.2g}, {correlation.pairs} roads)"
+        )

@@ -1,0 +1,488 @@
+"""The command that reduces failing roads to what makes them fail: minimise."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from click.core import ParameterSource
+from rich.table import Table
+
+from frenetic._support.words import counted
+from frenetic.cli.console import (
+    PLAIN_INTERVAL,
+    Log,
+    Results,
+    announced_compilation,
+    complain,
+    print_facts,
+    shell,
+)
+from frenetic.cli.grouping import GroupedCommand
+from frenetic.cli.options import as_usage_error, check_map_size, driver_options, json_option
+from frenetic.cli.parts import LAYERS, LIMITS, usual_wall_limit
+from frenetic.cli.recorded import RecordedParts, recorded_parts
+from frenetic.errors import FreneticError
+
+if TYPE_CHECKING:
+    from frenetic.campaign import RoadTester
+    from frenetic.oracle import Side
+    from frenetic.redrive.minimise import Minimised, MinimiseProgress
+    from frenetic.report.minimised import MinimisedFiles
+    from frenetic.road import Road
+
+PARTS: Final = ("driver", "driver_options", *LAYERS, "simulator", "simulator_options", *LIMITS)
+"""The options that say how a road is driven."""
+ENDINGS: Final = {
+    "minimal": "nothing smaller was found to fail",
+    "spent": "all drives are spent",
+    "stopped": "interrupted",
+}
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How roads are driven."""
+
+    parts: RecordedParts
+    map_size: float
+    """m."""
+    margin: float
+    """m."""
+    lane_width: float
+    """m."""
+
+    def tester(self) -> RoadTester:
+        """Drives roads so."""
+        from frenetic.campaign import RoadTester
+
+        simulator, driver = self.parts.make_simulator(), self.parts.make_driver()
+        with as_usage_error():
+            return RoadTester(simulator, driver, self.map_size, self.margin, self.lane_width)
+
+
+@dataclass(frozen=True)
+class Work:
+    """A failing road to be minimised."""
+
+    name: str
+    road: Road
+    files: MinimisedFiles
+    test_id: int | None = None
+    side: Side | None = None
+    """On which the car left its lane, if that is recorded."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A failing road that was minimised and written."""
+
+    work: Work
+    minimised: Minimised
+    repeat: str
+    """The command line that drives it again."""
+    there: float | None
+    """m, length of a shorter road that was there already and stays; None if this one is written."""
+
+    @property
+    def ending(self) -> str:
+        """Why minimising ended, for people."""
+        trouble = self.minimised.trouble
+        return ENDINGS[self.minimised.ending] if trouble is None else f"gave up: {trouble}"
+
+
+@click.command(
+    cls=GroupedCommand,
+    short_help="Reduce failing roads to the shortest and plainest that still fail.",
+)
+@click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
+@click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
+@click.option(
+    "--top",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Minimise a campaign's N most telling failures. [default: the most severe one]",
+)
+@click.option(
+    "--max-drives",
+    type=click.IntRange(1),
+    default=500,
+    show_default=True,
+    metavar="N",
+    help="Drives to spend on each road at most.",
+)
+@click.option(
+    "--guard",
+    type=click.FloatRange(0.0, 1.0, max_open=True),
+    default=0.02,
+    show_default=True,
+    metavar="SHARE",
+    help="Keep a road only if it fails with all curvatures this much smaller and larger, too;"
+    " 0 is no such guard.",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if"
+    " other parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
+)
+@driver_options
+@json_option
+@click.pass_context
+def minimise(
+    context: click.Context,
+    /,
+    source: Path,
+    test_ids: tuple[int, ...],
+    top: int | None,
+    max_drives: int,
+    guard: float,
+    out: Path | None,
+    map_size: float,
+    as_json: bool,
+    **how: Any,
+) -> None:
+    """Reduce failing roads to the shortest and plainest ones that still fail for the same reason.
+
+    The tests of a CAMPAIGN are driven as it drove them but for what is given here; a ROAD file is
+    driven as by 'frenetic drive'. Each road is written as a file, beside a picture of the drive on
+    it and one of before and after, unless a shorter one is there that fails alike. Ctrl-C keeps the
+    smallest road found so far.
+    """
+    from frenetic._support.interrupt import catch_interrupt
+    from frenetic.campaign.campaign import describe
+    from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
+
+    if source.is_dir():
+        setup, works = _of_campaign(context, source, test_ids, top, out)
+    elif test_ids or top is not None:
+        raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
+    else:
+        setup, works = _of_file(source, out, map_size, how)
+    tester = setup.tester()
+    works[0].files.make_folder()  # before hours are spent on what cannot be written
+
+    done: list[Done] = []
+    failed = False
+    log = Log()
+
+    def stopping() -> None:
+        log.print("Stopping after this drive; press Ctrl-C again to leave at once.")
+
+    with (
+        catch_interrupt(stopping) as interrupt,
+        announced_compilation(log) as compiled,
+        tester.simulator,
+    ):
+        compiled()
+        for work in works:
+            try:
+                minimised = _minimise(
+                    work, tester, max_drives, guard, log, lambda: interrupt.requested
+                )
+                document = minimised_document(
+                    minimised,
+                    driver=describe(tester.driver),
+                    simulator=describe(tester.simulator),
+                    guard=guard,
+                    test_id=work.test_id,
+                )
+                there = shorter_there(work.files.road, document)
+                if there is None:
+                    with log.status(f"Drawing {work.name}"):
+                        write_minimised(minimised, work.files, document, name=work.name)
+            except FreneticError as error:
+                if len(works) == 1:
+                    raise
+                complain(f"{work.name}: {error}")
+                failed = True
+            else:
+                repeat = _command_line(context, setup, work.files.road)
+                done.append(Done(work, minimised, repeat, there))
+            if interrupt.requested:
+                break
+    if as_json:
+        click.echo(json.dumps([_as_json(item) for item in done]))
+    elif len(works) == 1:
+        _print_one(done[0])
+    elif done:
+        _print_many(done)
+    if interrupt.requested:
+        raise click.exceptions.Exit(130)
+    if failed:
+        raise click.exceptions.Exit(2)
+
+
+def _of_campaign(
+    context: click.Context,
+    folder: Path,
+    test_ids: tuple[int, ...],
+    top: int | None,
+    out: Path | None,
+) -> tuple[Setup, list[Work]]:
+    """How a campaign's tests are driven, and those that are to be minimised."""
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.stored import stored_test
+    from frenetic.outcome import Outcome
+    from frenetic.report.failures import file_stem, telling_failures
+    from frenetic.report.minimised import MINIMISED, MinimisedFiles
+
+    given = {
+        name: context.params[name]
+        for name in PARTS
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
+    if context.get_parameter_source("map_size") is ParameterSource.COMMANDLINE:
+        raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
+    if test_ids and top is not None:
+        raise click.UsageError("--top and the ID of a test exclude each other")
+    if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
+        raise click.UsageError("--out is for one road: leave it out where there are several")
+    with CampaignStore.open(folder) as store:
+        parts = recorded_parts(store, given)  # which makes sure that the others are there, too
+        place: dict[str, Any] = {k: store.config[k] for k in ("map_size", "margin", "lane_width")}
+        if test_ids:
+            records = [store.test(test_id) for test_id in dict.fromkeys(test_ids)]
+        else:
+            records = telling_failures(store, top or 1)
+        suffix = "-other.json" if given else ".json"
+        works = []
+        for record in records:
+            number = record.candidate.id
+            if record.outcome is not Outcome.FAIL:
+                raise click.UsageError(
+                    f"test {number} is {record.outcome}: only a failing road can be minimised"
+                )
+            works.append(
+                Work(
+                    f"Test {number}",
+                    stored_test(store, record).road,
+                    MinimisedFiles.beside(
+                        out or folder / MINIMISED / f"{file_stem(number)}{suffix}"
+                    ),
+                    number,
+                    None if given else record.departure_side,
+                )
+            )
+    if not works:
+        raise click.UsageError(f"{folder} holds no failing road: there is nothing to minimise")
+    return Setup(parts, **place), works
+
+
+def _of_file(
+    path: Path, out: Path | None, map_size: float, how: Mapping[str, Any]
+) -> tuple[Setup, list[Work]]:
+    """The same for a road file and the options given with it."""
+    from frenetic.report.minimised import MinimisedFiles
+    from frenetic.road import MARGIN
+    from frenetic.road.files import read_road
+    from frenetic.simulators import Rules
+
+    check_map_size(map_size)
+    road = read_road(path).road()
+    target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
+    if target.exists() and target.samefile(path):
+        raise click.UsageError(f"{target} is the road itself: choose another file with --out")
+    with as_usage_error():
+        rules = Rules(speed_limit=how["speed_limit"], oob_tolerance=how["oob_tolerance"])
+    parts = RecordedParts(
+        driver=how["driver"],
+        driver_options=dict(how["driver_options"]),
+        noise=how["noise"],
+        delay=how["delay"],
+        view=how["view"],
+        simulator=how["simulator"],
+        simulator_options=dict(how["simulator_options"]),
+        rules=rules,
+        wall_limit=how["wall_limit"],
+    )
+    setup = Setup(parts, map_size, MARGIN, road.lane_width)
+    return setup, [Work(path.name, road, MinimisedFiles.beside(target))]
+
+
+def _command_line(context: click.Context, setup: Setup, road: Path) -> str:
+    """The command that drives a road so, to be pasted into a shell."""
+    parts, rules = setup.parts, setup.parts.rules
+    how: dict[str, Any] = {name: getattr(parts, name, None) for name in PARTS}
+    how |= {
+        "speed_limit": rules.speed_limit,
+        "oob_tolerance": rules.oob_tolerance,
+        "map_size": setup.map_size,
+    }
+    if parts.wall_limit == usual_wall_limit(parts.simulator):
+        how["wall_limit"] = None
+    words = []
+    for parameter in context.command.params:
+        if parameter.name not in how:
+            continue
+        option, value = parameter.opts[0], how[parameter.name]
+        if isinstance(value, Mapping):
+            for name, setting in value.items():
+                text = setting if isinstance(setting, str) else json.dumps(setting)
+                words += [option, f"{name}={text}"]
+        elif value is not None and value != parameter.get_default(context):
+            words += [option, str(value).removesuffix(".0")]
+    return f"frenetic drive {shell(road)} {shlex.join(words)}".rstrip()
+
+
+def _minimise(
+    work: Work,
+    tester: RoadTester,
+    max_drives: int,
+    guard: float,
+    log: Log,
+    should_stop: Callable[[], bool],
+) -> Minimised:
+    """Minimises one road and shows how that goes."""
+    from frenetic.redrive.minimise import minimise
+
+    with _live(log, work) as show, as_usage_error():
+        minimised = minimise(
+            work.road,
+            tester,
+            max_drives=max_drives,
+            guard=guard,
+            on_progress=show,
+            should_stop=should_stop,
+        )
+    place = minimised.original.result.departure
+    if work.side is not None and (place is None or place.side != work.side):
+        log.print(
+            f"{work.name} {minimised.reason} this time, not to the {work.side} as recorded: does"
+            " the same road give the same drive?"
+        )
+    return minimised
+
+
+@contextmanager
+def _live(log: Log, work: Work) -> Iterator[Callable[[MinimiseProgress], None]]:
+    """Shows progress: a line that changes on a terminal, now and then a new one elsewhere."""
+    last = time.monotonic()
+    with log.status(f"{work.name}: {work.road.length:.0f} m") as status:
+
+        def show(progress: MinimiseProgress) -> None:
+            nonlocal last
+            text = (
+                f"{work.name}: drive {progress.drives} of at most {progress.max_drives},"
+                f" {work.road.length:.0f} m -> {progress.length:.0f} m,"
+                f" curves {progress.curves}, {progress.doing}"
+            )
+            if log.is_terminal:
+                status.update(text)
+            elif time.monotonic() - last >= PLAIN_INTERVAL:
+                last = time.monotonic()
+                log.print(text)
+
+        yield show
+
+
+def _print_one(done: Done) -> None:
+    minimised, files = done.minimised, done.work.files
+    before, after = minimised.original, minimised.smallest
+    click.echo(
+        f"{done.work.name}: {before.road.length:.0f} m -> {after.road.length:.0f} m,"
+        f" {counted(before.shape.curves, 'curve')} -> {after.shape.curves},"
+        f" {counted(minimised.drives, 'drive')}, {done.ending}"
+    )
+    if minimised.improvements:
+        table = Table(box=None, pad_edge=False)
+        table.add_column("pass")
+        for column in ("drives", "length (m)", "samples", "curves", "not 0"):
+            table.add_column(column, justify="right")
+        for by, found in groupby(minimised.improvements, lambda improvement: improvement.by):
+            *_, last = found
+            shape = last.shape
+            table.add_row(
+                by,
+                str(last.trials),
+                f"{shape.length:.0f}",
+                str(len(shape)),
+                str(shape.curves),
+                str(sum(value != 0.0 for value in shape.values)),
+            )
+        Results().print(table)
+    if done.there is not None:
+        click.echo(
+            f"The road of {done.there:.0f} m that an earlier call found stays in {files.road};"
+            " the one described here is not written"
+        )
+    print_facts(
+        [
+            ("fails", after.result.reason),
+            ("curvatures", " ".join(f"{v:g}" for v in after.shape.values)),
+            ("road", str(files.road)),
+            ("picture", str(files.picture)),
+            ("compared", str(files.comparison)),
+            ("repeat", done.repeat),
+        ]
+    )
+
+
+def _print_many(done: list[Done]) -> None:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("test", justify="right")
+    for column in ("length (m)", "curves", "drives"):
+        table.add_column(column, justify="right")
+    table.add_column("reason")
+    table.add_column("minimal")
+    for item in done:
+        minimised = item.minimised
+        before, after = minimised.original.shape, minimised.smallest.shape
+        table.add_row(
+            str(item.work.test_id),
+            f"{before.length:.0f} -> {after.length:.0f}",
+            f"{before.curves} -> {after.curves}",
+            str(minimised.drives),
+            str(minimised.reason),
+            "yes" if minimised.ending == "minimal" else f"no, {item.ending}",
+        )
+    Results().print(table)
+    different = len({(item.minimised.reason, item.minimised.smallest.shape) for item in done})
+    click.echo(f"{len(done)} failures come down to {different} different roads")
+    if stay := [item.work.name for item in done if item.there is not None]:
+        click.echo(f"Shorter roads that an earlier call found stay: {', '.join(stay)}")
+    click.echo(f"Roads:       {done[0].work.files.road.parent}")
+    click.echo(f"Repeat one:  {done[0].repeat}")
+
+
+def _as_json(done: Done) -> dict[str, Any]:
+    minimised, files = done.minimised, done.work.files
+    before, after = minimised.original, minimised.smallest
+    return {
+        "name": done.work.name,
+        "test": done.work.test_id,
+        "reason": str(minimised.reason),
+        "description": after.result.reason,
+        "length_before": before.road.length,
+        "length": after.road.length,
+        "curves_before": before.shape.curves,
+        "curves": after.shape.curves,
+        "drives": minimised.drives,
+        "ending": str(minimised.ending),
+        "trouble": minimised.trouble,
+        "step": after.shape.step,
+        "curvatures": list(after.shape.values),
+        "road": str(files.road),
+        "picture": str(files.picture),
+        "comparison": str(files.comparison),
+        "repeat": done.repeat,
+        "written": done.there is None,
+        "improvements": [
+            {
+                "pass": found.by,
+                "drives": found.trials,
+                "length": found.shape.length,
+                "curves": found.shape.curves,
+            }
+            for found in minimised.improvements
+        ],
+    }

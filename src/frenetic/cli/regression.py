@@ -1,0 +1,159 @@
+"""The command that drives a campaign's failures again with other parts: replay."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.table import Table
+
+from frenetic._support.words import counted
+from frenetic.cli.console import Log, Results, announced_compilation
+from frenetic.cli.grouping import GroupedCommand
+from frenetic.cli.options import (
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+    redriving_workers_option,
+)
+from frenetic.cli.progress import counted_progress
+from frenetic.cli.recorded import part_options, recorded_parts
+
+if TYPE_CHECKING:
+    from frenetic.redrive.regression import Replay, Replayed
+
+
+@click.command(
+    cls=GroupedCommand,
+    short_help="Drive a campaign's failures again, with another driver or simulator.",
+)
+@click.argument("campaign", type=click.Path(path_type=Path))
+@part_options
+@click.option(
+    "--all", "everything", is_flag=True, help="All roads that were driven, not only the failures."
+)
+@click.option(
+    "--junit",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write the results as JUnit XML, one test case per road.",
+)
+@redriving_workers_option
+@drive_limit_option
+@json_option
+def replay(
+    campaign: Path,
+    everything: bool,
+    junit: Path | None,
+    workers: int,
+    drive_limit: float | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
+    """Drive the failing roads of a CAMPAIGN again and say which are fixed.
+
+    Each road is driven where it lay on the map. Whatever is not given is as in the campaign: a
+    replay without options says whether its results can be reproduced. The exit code is 0 if no road
+    fails, 1 if any fails or could not be judged, 2 if something is wrong with the command.
+    """
+    from frenetic.campaign import CampaignStore
+    from frenetic.redrive.regression import replay as replay_campaign
+    from frenetic.redrive.regression import write_junit
+
+    if junit is not None and not junit.absolute().parent.is_dir():
+        raise click.UsageError(f"--junit {junit}: there is no folder {junit.parent}")
+    with CampaignStore.open(campaign) as store:
+        parts = recorded_parts(store, given)
+    driver, simulator = parts.make_driver(), parts.make_simulator()
+    log = Log()
+    with (
+        announced_compilation(log) as compiled,
+        counted_progress(log, "Driving again") as show,
+        as_usage_error(),
+    ):
+        replayed = replay_campaign(
+            campaign,
+            simulator,
+            driver,
+            everything=everything,
+            workers=workers,
+            drive_limit=drive_limit,
+            on_progress=lambda now: show(now.tests, now.total),
+            on_start=compiled,
+            on_interrupt=log.stopping,
+        )
+    if as_json:
+        click.echo(json.dumps(_document(replayed)))
+    else:
+        is_the_same_drive = all(value in (None, ()) for value in given.values())
+        _print(replayed, everything, is_the_same_drive)
+    if replayed.missing:
+        log.print(f"Interrupted: {replayed.missing} roads were not driven")
+        raise click.exceptions.Exit(130)
+    if junit is not None:
+        write_junit(replayed, junit)
+    if not replayed.passed:
+        raise click.exceptions.Exit(1)
+
+
+def _document(replayed: Replay) -> dict[str, Any]:
+    from frenetic.redrive.regression import Change
+
+    return {
+        "campaign": replayed.campaign,
+        "driver": dict(replayed.driver),
+        "simulator": dict(replayed.simulator),
+        "passed": replayed.passed,
+        "same": replayed.same,
+        "missing": replayed.missing,
+        "changes": {str(change): replayed.count(change) for change in Change},
+        "tests": [
+            asdict(test) | {"change": str(test.change), "is_same": test.is_same}
+            for test in replayed.tests
+        ],
+    }
+
+
+def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
+    from frenetic.redrive.regression import Change
+
+    listed = [test for test in replayed.tests if test.change is not Change.STILL_PASSING]
+    if listed:
+        table = Table(box=None, pad_edge=False)
+        table.add_column("test", justify="right")
+        for column in ("before", "now"):
+            table.add_column(column)
+        for column in ("MOOBD before (m)", "now (m)"):
+            table.add_column(column, justify="right")
+        table.add_column("it is")
+        table.add_column("why", overflow="fold")
+        for test in listed:
+            table.add_row(*_row(test))
+        Results().print(table)
+    what = "road" if everything else "failure"
+    counts = [(change, replayed.count(change)) for change in Change]
+    told = ", ".join(f"{number} {change}" for change, number in counts if number)
+    total = len(replayed.tests)
+    if not total:
+        click.echo(f"no {what} to drive again")
+        return
+    click.echo(f"{counted(total, what)} driven again: {told}")
+    if is_the_same_drive:
+        click.echo(f"{replayed.same} of {total} ended exactly as before")
+
+
+def _row(test: Replayed) -> tuple[str, ...]:
+    from frenetic.outcome import Outcome
+
+    moobds = (test.moobd_before, test.moobd_after)
+    return (
+        str(test.test_id),
+        str(test.before),
+        str(test.after),
+        *("-" if moobd is None else f"{moobd:.2f}" for moobd in moobds),
+        str(test.change),
+        "" if test.after is Outcome.PASS else test.reason,
+    )

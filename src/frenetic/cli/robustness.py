@@ -1,0 +1,237 @@
+"""The command that says whether failures repeat: rerun."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+from rich.table import Table
+
+from frenetic.cli.console import Log, Results, announced_compilation, shell
+from frenetic.cli.grouping import GroupedCommand
+from frenetic.cli.options import (
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+    redriving_workers_option,
+)
+from frenetic.cli.progress import counted_progress
+from frenetic.cli.recorded import part_options, recorded_parts
+
+if TYPE_CHECKING:
+    from frenetic.redrive.robustness import Rerun, RerunProgress, Variation
+    from frenetic.simulators import Simulator
+
+VARY: Final = "--vary"
+# `frenetic.simulators.worlds.QUANTITIES`, which takes longer to import than help may.
+QUANTITIES: Final = ("friction", "speed", "noise", "delay", "start", "heading")
+
+
+@dataclass(frozen=True)
+class AskedVariation:
+    """A quantity to vary, as it was asked for."""
+
+    quantity: str
+    limits: tuple[float, float] | None
+    """None for the usual ones."""
+
+    def variation(self, simulator: Simulator) -> Variation:
+        """What that is in the simulator's world."""
+        from frenetic.redrive.robustness import Variation
+
+        if self.limits is None:
+            return Variation.usual(self.quantity, simulator)
+        return Variation(self.quantity, *self.limits)
+
+
+class Range(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+    """NAME=LOW:HIGH, NAME=VALUE or NAME."""
+
+    name = "name=low:high"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> AskedVariation:
+        """The quantity and its range."""
+        name, equals, text = str(value).partition("=")
+        if not equals:
+            return AskedVariation(name, None)
+        low, colon, high = text.partition(":")
+        try:
+            limits = float(low), float(high if colon else low)
+        except ValueError:
+            limits = math.nan, math.nan
+        if not all(map(math.isfinite, limits)):
+            self.fail(f"{value!r} is not NAME=LOW:HIGH, as in friction=0.8:1.0", param, ctx)
+        return AskedVariation(name.strip(), limits)
+
+
+class VaryingCommand(GroupedCommand):
+    """A command whose --vary takes as many ranges as follow it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Gives each of the ranges a --vary of its own."""
+        spread: list[str] = []
+        is_range = False
+        for arg in args:
+            name, equals, _ = arg.partition("=")
+            is_range = is_range and (name in QUANTITIES or bool(equals)) and arg[:1] != "-"
+            if is_range and spread[-1] != VARY:
+                spread.append(VARY)
+            spread.append(arg)
+            is_range = is_range or arg == VARY
+        return super().parse_args(ctx, spread)
+
+
+@click.command(cls=VaryingCommand, short_help="Say how often failures repeat, and what matters.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
+@click.option(
+    "--times",
+    type=click.IntRange(1),
+    default=20,
+    show_default=True,
+    metavar="N",
+    help="Drives of each test.",
+)
+@click.option(
+    VARY,
+    "asked",
+    type=Range(),
+    multiple=True,
+    help="What differs between the drives: friction, speed (km/h), noise (m), delay (s), start (m),"
+    " heading (rad), as in --vary friction=0.8:1.0 noise=0.2 speed; a name alone means its usual"
+    " range. [default: nothing]",
+)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
+@click.option(
+    "--top",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Only the N most telling failures. [default: all failures]",
+)
+@part_options
+@redriving_workers_option
+@drive_limit_option
+@json_option
+def rerun(
+    campaign: Path,
+    test_ids: tuple[int, ...],
+    times: int,
+    asked: tuple[AskedVariation, ...],
+    seed: int,
+    top: int | None,
+    workers: int,
+    drive_limit: float | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
+    """Drive failing roads of a CAMPAIGN again and say how often they fail.
+
+    Without --vary each drive is the same, so a failure repeats every time unless the driver or the
+    simulator is not repeatable. With it, each drive is in a world of its own, drawn from the
+    ranges: said is the share that fails, its 95 % interval, and which of the ranges matter. A
+    failure that surely repeats in less than half of the worlds is fragile, in half of them or more
+    robust. Results are kept in reruns.json in the campaign's folder.
+    """
+    from frenetic.campaign import CampaignStore
+    from frenetic.redrive.robustness import RERUNS
+    from frenetic.redrive.robustness import rerun as rerun_campaign
+    from frenetic.report.failures import telling_failures
+
+    if test_ids and top is not None:
+        raise click.UsageError("--top and the ID of a test exclude each other")
+    with CampaignStore.open(campaign) as store:
+        parts = recorded_parts(store, given)
+        chosen: list[int] | None = list(test_ids) or None
+        if top is not None:
+            chosen = [record.candidate.id for record in telling_failures(store, top)]
+    driver, simulator = parts.make_driver(), parts.make_simulator()
+    variations = [one.variation(simulator) for one in asked]
+    log = Log()
+    left = interrupted = 0
+
+    def progress(now: RerunProgress) -> None:
+        nonlocal left
+        left = now.total - now.drives
+        show(now.drives, now.total)
+
+    def stopping() -> None:
+        nonlocal interrupted
+        interrupted += 1
+        log.stopping()
+
+    with (
+        announced_compilation(log) as compiled,
+        counted_progress(log, "Driving again") as show,
+        as_usage_error(),
+    ):
+        reruns = rerun_campaign(
+            campaign,
+            simulator,
+            driver,
+            test_ids=chosen,
+            times=times,
+            variations=variations,
+            seed=seed,
+            workers=workers,
+            drive_limit=drive_limit,
+            on_progress=progress,
+            on_start=compiled,
+            on_interrupt=stopping,
+        )
+    is_judged = any(one.judged for one in reruns)
+    if as_json:
+        from frenetic.redrive.robustness import rerun_document
+
+        click.echo(json.dumps([rerun_document(one) for one in reruns]))
+    elif reruns:
+        _print(reruns, times, variations)
+        if is_judged:
+            click.echo(f"Kept in {campaign / RERUNS}; to see it: frenetic report {shell(campaign)}")
+    elif not interrupted:
+        click.echo(f"{campaign} holds no failure")
+    if interrupted and (left or not reruns):
+        raise click.exceptions.Exit(130)
+    if reruns and not is_judged:
+        raise click.exceptions.Exit(1)
+
+
+def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation]) -> None:
+    from frenetic.redrive.robustness import Stability
+
+    how = ", ".join(str(one) for one in variations) or "the same each time"
+    click.echo(f"{times} drives of each, {how}")
+    table = Table(box=None, pad_edge=False)
+    for column in ("test", "MOOBD (m)", "fails", "same place", "share", "95 % interval"):
+        table.add_column(column, justify="right")
+    table.add_column("it is")
+    table.add_column("what matters", overflow="fold")
+    for one in reruns:
+        low, high = one.interval
+        moobd = one.recorded.moobd
+        matters = [str(influence) for influence in one.influences if influence.matters]
+        table.add_row(
+            str(one.test_id),
+            "-" if moobd is None else f"{moobd:.2f}",
+            f"{one.failed} of {one.judged}",
+            str(one.alike),
+            "-" if one.share is None else f"{100.0 * one.share:.0f} %",
+            f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
+            "-" if one.stability is None else str(one.stability),
+            ", ".join(matters) or "-",
+        )
+    Results().print(table)
+    counts = [(kind, sum(one.stability is kind for one in reruns)) for kind in Stability]
+    if any(number for _, number in counts):
+        click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
+    if fine := [str(one.test_id) for one in reruns if one.stability is None]:
+        click.echo(f"No failure in the campaign, so neither robust nor fragile: {', '.join(fine)}")
+    troubles = [drive.trouble for one in reruns for drive in one.drives if drive.trouble]
+    if troubles:
+        click.echo(f"{len(troubles)} drives could not be judged, the first one: {troubles[0]}")

@@ -1,0 +1,461 @@
+"""The command that follows a campaign from elsewhere: watch."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+from rich.console import Console, Group, RenderableType
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+from frenetic._support.durations import format_duration
+from frenetic.cli.console import Results, print_facts
+from frenetic.cli.options import Duration, json_option
+from frenetic.errors import CampaignError
+
+if TYPE_CHECKING:
+    from frenetic.campaign.log import WorkerState
+    from frenetic.campaign.watch import CampaignState, CampaignWatcher, Message, Setup
+
+WIDTH: Final = 100
+"""Columns that the live view takes at most."""
+LONGEST_INTERVAL: Final = 86_400.0
+"""s between two looks."""
+WORKERS_SHOWN: Final = 12
+MESSAGES_SHOWN: Final = 4
+OLD: Final = 180.0
+"""s by this machine's clock after which a log that was not seen to grow may be an old one."""
+BAR: Final = 5.0
+"""s of the campaign's time that a bar of the failures over time covers at least."""
+
+_BARS: Final = " ▁▂▃▄▅▆▇█"
+_ASCII_BARS: Final = " .:-=+*#%@"
+_STYLES: Final = {
+    "waiting": "yellow",
+    "running": "green",
+    "silent": "bold red",
+    "finished": "bold green",
+    "interrupted": "bold yellow",
+    "gave_up": "bold red",
+    "warning": "yellow",
+    "error": "red",
+    "starting": "yellow",
+    "idle": "dim",
+    "lost": "bold red",
+}
+
+
+@click.command(short_help="Follow a running campaign, from anywhere that sees its folder.")
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--once", is_flag=True, help="Print how it goes now, and leave.")
+@click.option(
+    "--interval",
+    type=Duration(),
+    default="1s",
+    show_default=True,
+    help="How often to look: 1s, 10s, 1m.",
+)
+@json_option
+def watch(campaign: Path, once: bool, interval: float, as_json: bool) -> None:
+    """Follow the CAMPAIGN in a folder until it ends. Ctrl-C leaves; the campaign goes on.
+
+    Only its log is read, so the folder may be on another machine, seen through a network share.
+    With --json, how it goes now is printed as one JSON object. The exit code is 0 when the campaign
+    has finished, 1 when it was interrupted or gave up.
+    """
+    from frenetic.campaign.watch import CampaignWatcher, Status, require_log
+
+    if interval > LONGEST_INTERVAL:
+        raise click.UsageError("--interval is too long: at most a day is allowed")
+    require_log(campaign)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # the log may hold what it cannot encode
+    watcher = CampaignWatcher(campaign)
+    state = watcher.look()
+    if state.trouble:
+        raise CampaignError(f"cannot read the log in {campaign}: {state.trouble}")
+    if as_json:
+        click.echo(json.dumps({"folder": str(campaign)} | state.as_json()))
+        return
+    console = Results()
+    # Asked of the stream itself: colours may be forced where nothing can be drawn over.
+    has_screen = sys.stdout.isatty() and not console.is_dumb_terminal
+    if once and has_screen:
+        console.print(live_view(state, campaign, console, datetime.now(UTC)))
+    elif once:
+        _print_plainly(state, campaign, console)
+    else:
+        follow = _follow_live if has_screen else _follow_in_lines
+        if follow(watcher, state, campaign, interval, console).status is not Status.FINISHED:
+            raise click.exceptions.Exit(1)
+
+
+def _follow_live(
+    watcher: CampaignWatcher, state: CampaignState, folder: Path, interval: float, console: Console
+) -> CampaignState:
+    """Shows the campaign on a terminal, in place, until it ends."""
+    from rich.live import Live
+
+    with Live(console=console, auto_refresh=False) as live:
+        while True:
+            live.update(live_view(state, folder, console, datetime.now(UTC)), refresh=True)
+            if state.status.is_end:
+                return state
+            time.sleep(interval)
+            state = watcher.look()
+
+
+def _follow_in_lines(
+    watcher: CampaignWatcher, state: CampaignState, folder: Path, interval: float, console: Console
+) -> CampaignState:
+    """Prints how it goes, and a line for whatever is new, until the campaign ends."""
+    _print_plainly(state, folder, console)
+    while not state.status.is_end:
+        sys.stdout.flush()
+        time.sleep(interval)
+        before, state = state, watcher.look()
+        now = datetime.now(UTC)
+        for message in _new_messages(before, state):
+            click.echo(message_line(message, now))
+        if state.status.is_end:
+            _print_plainly(state, folder, console)
+        elif state.status is not before.status:
+            click.echo(doubt(state, now) or status_name(state))
+        elif state.progress != before.progress:
+            click.echo(progress_line(state))
+    return state
+
+
+def _new_messages(before: CampaignState, state: CampaignState) -> Sequence[Message]:
+    """Warnings and errors that were not there before, as far as they are remembered."""
+    count = state.message_count - before.message_count
+    return state.messages[-count:] if count > 0 else ()
+
+
+# One screen
+
+
+def live_view(
+    state: CampaignState, folder: Path, console: Console, now: datetime
+) -> RenderableType:
+    """How a campaign goes, in a frame of at most `WIDTH` columns.
+
+    Args:
+        state: of the campaign.
+        folder: of the campaign.
+        console: on which it will be shown.
+        now: by this machine's clock.
+    """
+    width = min(console.width, WIDTH)
+    inner = width - 4
+    parts: list[RenderableType] = []
+    if described := _describe(state.setup):
+        parts.append(Text(described, style="dim"))
+    if question := doubt(state, now):
+        parts.append(Text(question, style=_STYLES["silent"]))
+    parts += [_budget_bar(state, inner), Text(), _counts(state, inner)]
+    if state.progress.failed:
+        parts += [Text(), *_failures_over_time(state, inner, console.options.ascii_only)]
+    if state.workers and not state.status.is_end:
+        parts += [Text(), _workers(state.workers)]
+    if state.messages:
+        parts += [Text(), _messages(state.messages[-MESSAGES_SHOWN:], now)]
+    style = _STYLES[state.status]
+    place = folder if len(str(folder)) < inner - 16 else f"...{str(folder)[-(inner - 20) :]}"
+    return Panel(
+        Group(*parts),
+        width=width,
+        title=Text.assemble((status_name(state), style), "  ", (str(place), "default")),
+        title_align="left",
+        subtitle=Text(_whereabouts(state, now), style="dim"),
+        subtitle_align="right",
+        border_style="bright_black",
+    )
+
+
+def _budget_bar(state: CampaignState, width: int) -> RenderableType:
+    progress = state.progress
+    text = f"{progress.budget_spent:.1%}  {_times(state)}"
+    row = Table.grid(padding=(0, 2))
+    bar = ProgressBar(
+        total=1.0,
+        completed=progress.budget_spent,
+        width=max(width - len(text) - 2, 10),
+        complete_style="green",
+        finished_style="bold green",
+    )
+    row.add_row(bar, text)
+    return row
+
+
+def _counts(state: CampaignState, width: int) -> Table:
+    """All there is to count, in three rows."""
+    progress = state.progress
+    best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
+    cells = (
+        (("tests", progress.tests), ("passed", progress.passed), ("rate now", _rate(state.rate))),
+        (
+            ("failed", progress.failed),
+            ("invalid", progress.invalid),
+            ("rate overall", _rate(progress.tests_per_second)),
+        ),
+        (("errors", progress.errors), ("dropped", progress.dropped), ("best MOOBD", best)),
+    )
+    table = Table.grid(padding=(0, 1), expand=True)
+    table.width = width
+    for place in range(3):
+        if place:
+            table.add_column(width=2)
+        table.add_column(style="dim")
+        table.add_column(justify="right", style="bold")
+    for row in cells:
+        shown: list[RenderableType] = []
+        for name, value in row:
+            style = {"failed": "red", "errors": "yellow"}.get(name, "") if value else ""
+            text = f"{value:,}" if isinstance(value, int) else value
+            shown += ["", name, Text(text, style=style)]
+        table.add_row(*shown[1:])
+    return table
+
+
+def _failures_over_time(state: CampaignState, width: int, ascii_only: bool) -> list[RenderableType]:
+    # A bar covers what the log can tell apart at least.
+    seconds = state.progress.seconds
+    count = min(max(int(seconds / BAR), 1), width)
+    failures = state.failures_per_interval(count)
+    title = Text("failures over time", style="dim")
+    note = Text(f"{format_duration(seconds / count)} a bar, {failures.max():.0f} at most", "dim")
+    head = Table.grid(expand=True)
+    head.add_column()
+    head.add_column(justify="right")
+    head.add_row(title, note)
+    columns = [failures[place * count // width] for place in range(width)]
+    bars = sparkline(columns, rows=2, ascii_only=ascii_only)
+    return [head, *(Text(row, style="red") for row in bars)]
+
+
+def sparkline(
+    values: Sequence[float], *, rows: int = 1, ascii_only: bool = False
+) -> tuple[str, ...]:
+    """A bar of characters per value, from nothing for 0 to full rows for the greatest.
+
+    Returns the rows from top to bottom, each with one character per value.
+    """
+    bars = _ASCII_BARS if ascii_only else _BARS
+    full = len(bars) - 1
+    scale = rows * full / (max(values, default=0.0) or 1.0)
+    # Rounded up: whatever is there is seen, only 0 is empty.
+    heights = [math.ceil(value * scale - 1e-9) for value in values]
+    return tuple(
+        "".join(bars[min(max(height - row * full, 0), full)] for height in heights)
+        for row in reversed(range(rows))
+    )
+
+
+def _workers(workers: Sequence[WorkerState]) -> RenderableType:
+    """What the workers do, in two columns if they are many; those that were lost come first."""
+    shown = sorted(workers, key=lambda worker: worker.state != "lost")[:WORKERS_SHOWN]
+    half = len(shown) if len(shown) <= 4 else (len(shown) + 1) // 2
+    side_by_side = Table.grid(padding=(0, 4))
+    side_by_side.add_row(*map(_table_of_workers, filter(None, (shown[:half], shown[half:]))))
+    if len(workers) == len(shown):
+        return side_by_side
+    more = f"and {len(workers) - len(shown)} more; of all {len(workers)}: {_census(workers)}"
+    return Group(side_by_side, Text(more, style="dim"))
+
+
+def _table_of_workers(workers: Sequence[WorkerState]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="dim")
+    table.add_column("worker", no_wrap=True, overflow="ellipsis", max_width=14)
+    table.add_column("does", no_wrap=True)
+    table.add_column("for", justify="right", no_wrap=True)
+    table.add_column("tests", justify="right", no_wrap=True)
+    for worker in workers:
+        table.add_row(
+            Text(worker.name),
+            Text(worker.state, style=_STYLES.get(worker.state, "")),
+            format_duration(worker.seconds_in_state),
+            f"{worker.tests:,}",
+        )
+    return table
+
+
+def _messages(messages: Sequence[Message], now: datetime) -> Text:
+    lines = (
+        Text.assemble(
+            (f"{_clock_time(message.time, now)} ", "dim"),
+            (message.text, _STYLES.get(message.level, "")),
+        )
+        for message in messages
+    )
+    text = Text("\n").join(lines)
+    text.no_wrap, text.overflow = True, "ellipsis"
+    return text
+
+
+# Line by line
+
+
+def _print_plainly(state: CampaignState, folder: Path, console: Console) -> None:
+    now = datetime.now(UTC)
+    print_facts(list(_facts(state, folder, console.options.ascii_only, now)))
+    for message in state.messages[-MESSAGES_SHOWN:]:
+        click.echo(message_line(message, now))
+
+
+def _facts(
+    state: CampaignState, folder: Path, ascii_only: bool, now: datetime
+) -> Iterator[tuple[str, str]]:
+    progress = state.progress
+    yield "campaign", str(folder)
+    yield "status", ", ".join(filter(None, (status_name(state), doubt(state, now))))
+    if described := _describe(state.setup):
+        yield "search", described
+    yield "budget", f"{progress.budget_spent:.1%} spent, {_times(state)}"
+    yield (
+        "tests",
+        f"{progress.tests}: {progress.passed} passed, {progress.failed} failed,"
+        f" {progress.invalid} invalid, {progress.errors} errors, {progress.dropped} dropped",
+    )
+    yield "rate", f"{_rate(state.rate)} now, {_rate(progress.tests_per_second)} overall"
+    if progress.min_moobd is not None:
+        yield "best MOOBD", f"{progress.min_moobd:.2f} m"
+    if progress.failed:
+        (bars,) = sparkline(state.failures_per_interval(60).tolist(), ascii_only=ascii_only)
+        yield "failures", f"{bars}  (over time)"
+    if state.workers and not state.status.is_end:
+        yield "workers", _census(state.workers)
+    if place := _whereabouts(state, now):
+        yield "log", place
+
+
+def progress_line(state: CampaignState) -> str:
+    """How a campaign goes, in one line."""
+    progress = state.progress
+    best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
+    return (
+        f"{progress.budget_spent:.1%} after {_times(state)}: tests {progress.tests}, failures"
+        f" {progress.failed}, best MOOBD {best}, {_rate(state.rate)}"
+    )
+
+
+def message_line(message: Message, now: datetime) -> str:
+    """A warning or error in one line."""
+    return f"{_clock_time(message.time, now)} {message.level}: {message.text}"
+
+
+# Words
+
+
+def status_name(state: CampaignState) -> str:
+    """What a campaign does, in a word or two."""
+    return str(state.status).replace("_", " ")
+
+
+def doubt(state: CampaignState, now: datetime) -> str:
+    """Why it is not certain that what is shown is up to date; empty if it is.
+
+    Args:
+        state: of the campaign.
+        now: by this machine's clock, which is compared with the campaign's only as long as nothing
+            better is known.
+    """
+    if state.trouble:
+        return f"the log cannot be read: {state.trouble}"
+    if state.status == "waiting":
+        return "the log does not say anything yet"
+    if state.status == "silent":
+        quiet = format_duration(state.quiet_seconds)
+        return f"no sign of life for {quiet}: is it still running?"
+    written = _moment(state.last_time)
+    if state.status == "running" and not state.has_grown and written is not None:
+        age = (now - written).total_seconds()
+        if age > OLD:
+            return (
+                f"the last line is {format_duration(age)} old, if both clocks agree:"
+                " is it still running?"
+            )
+    return ""
+
+
+def _describe(setup: Setup) -> str:
+    """What is searched, in one line."""
+    parts = [name for name in (setup.strategy, setup.driver, setup.simulator) if name]
+    if setup.seed is not None:
+        parts.append(f"seed {setup.seed}")
+    budget = setup.budget
+    if budget is not None:
+        limits = (
+            (budget.simulations, f"{budget.simulations} simulations"),
+            (budget.time, format_duration(budget.time or 0.0)),
+            (budget.failures, f"{budget.failures} failures"),
+        )
+        parts.append("budget " + " or ".join(text for limit, text in limits if limit is not None))
+    return ", ".join(parts)
+
+
+def _times(state: CampaignState) -> str:
+    gone = format_duration(state.progress.seconds)
+    left = state.progress.seconds_left
+    if state.status.is_end or left is None:
+        return gone
+    return f"{gone}, {format_duration(left)} left"
+
+
+def _whereabouts(state: CampaignState, now: datetime) -> str:
+    """Which process writes the log, and when it last did."""
+    parts = []
+    if state.setup.process_id is not None:
+        parts.append(f"process {state.setup.process_id}")
+    if state.setup.host:
+        parts.append(f"on {state.setup.host}")
+    if state.last_time:
+        parts.append(f"at {_clock_time(state.last_time, now)}")
+    if state.unreadable:
+        parts.append(f"{state.unreadable} lines unreadable")
+    return " ".join(parts)
+
+
+def _census(workers: Sequence[WorkerState]) -> str:
+    """How many workers do what."""
+    counted = Counter(worker.state for worker in workers).most_common()
+    return ", ".join(f"{count} {state}" for state, count in counted)
+
+
+def _rate(rate: float | None) -> str:
+    """Tests per second, or per minute or hour where they are few."""
+    if rate is None:
+        return "-"
+    units = {"s": 1.0, "min": 60.0, "h": 3600.0}
+    unit = next((unit for unit, seconds in units.items() if rate * seconds >= 1.0), "h")
+    number = rate * units[unit]
+    return f"{number:.{0 if number >= 100.0 else 1}f} tests/{unit}"
+
+
+def _clock_time(text: str, now: datetime) -> str:
+    """A moment of the log for people: its time today, or its date too."""
+    moment = _moment(text)
+    if moment is None:
+        return "-"
+    here, today = moment.astimezone(), now.astimezone()
+    return f"{here:%H:%M:%S}" if here.date() == today.date() else f"{here:%m-%d %H:%M}"
+
+
+def _moment(text: str) -> datetime | None:
+    try:
+        moment = datetime.fromisoformat(text)
+        return moment if moment.tzinfo and 1970 < moment.year < 9000 else None
+    except ValueError:
+        return None

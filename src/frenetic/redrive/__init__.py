@@ -1,0 +1,1 @@
+"""Roads that were driven before, driven again: how often they fail, where else, and how short."""

@@ -1,0 +1,276 @@
+"""Regression: a campaign's roads with another driver, another version or another simulator."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Final
+
+from frenetic.campaign.campaign import describe
+from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
+from frenetic.campaign.tester import Tested
+from frenetic.drivers import Driver
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.redrive.loop import Redrive, Redriver, drive_again, readable
+from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import World
+
+SUITE: Final = "frenetic replay"
+"""Name of the whole in a JUnit file."""
+# What XML 1.0 cannot hold, not even escaped.
+_NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+class Change(StrEnum):
+    """What became of a test."""
+
+    FIXED = "fixed"
+    """It failed and passes now."""
+    STILL_FAILING = "still failing"
+    NEWLY_FAILING = "newly failing"
+    """It did not fail."""
+    STILL_PASSING = "still passing"
+    """It did not fail, nor does it now."""
+    NOT_JUDGED = "not judged"
+    """Nothing is known: the road is INVALID now, or the simulator or driver broke."""
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A test that was driven again, before and after."""
+
+    test_id: int
+    before: Outcome
+    moobd_before: float | None
+    """m, minimum oob distance; None unless PASS or FAIL, as for `moobd_after`."""
+    after: Outcome
+    moobd_after: float | None
+    reason: str
+    """Why it ended so now."""
+    duration: float
+    """s of simulated time that it took now."""
+    length: float
+    """m of road."""
+    seconds: float
+    """s of wall time that it took now."""
+
+    @property
+    def change(self) -> Change:
+        """What became of it."""
+        if not self.after.is_driven:
+            return Change.NOT_JUDGED
+        failed = self.before is Outcome.FAIL
+        if self.after is Outcome.FAIL:
+            return Change.STILL_FAILING if failed else Change.NEWLY_FAILING
+        return Change.FIXED if failed else Change.STILL_PASSING
+
+    @property
+    def is_same(self) -> bool:
+        """Whether outcome and MOOBD are exactly what they were."""
+        return self.after is self.before and self.moobd_after == self.moobd_before
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A campaign's tests, driven again."""
+
+    campaign: str
+    """Name of its folder."""
+    driver: Mapping[str, JSONValue]
+    """As a campaign describes it."""
+    simulator: Mapping[str, JSONValue]
+    """As a campaign describes it."""
+    tests: tuple[Replayed, ...]
+    """In the order of their ids."""
+    missing: int
+    """Tests that were not driven again, because Ctrl-C came before."""
+
+    def count(self, change: Change) -> int:
+        """Tests of which this became."""
+        return sum(test.change is change for test in self.tests)
+
+    @property
+    def passed(self) -> bool:
+        """Whether all were driven again and none failed."""
+        bad = (Change.STILL_FAILING, Change.NEWLY_FAILING, Change.NOT_JUDGED)
+        return self.missing == 0 and not any(test.change in bad for test in self.tests)
+
+    @property
+    def same(self) -> int:
+        """Tests whose outcome and MOOBD are exactly what they were."""
+        return sum(test.is_same for test in self.tests)
+
+
+@dataclass(frozen=True)
+class ReplayProgress:
+    """How far a replay has come."""
+
+    tests: int
+    total: int
+    failed: int
+
+
+def replay(
+    folder: Path | str,
+    simulator: Simulator,
+    driver: Driver,
+    *,
+    everything: bool = False,
+    workers: int = 1,
+    drive_limit: float | None = None,
+    on_progress: Callable[[ReplayProgress], None] | None = None,
+    on_start: Callable[[], None] | None = None,
+    on_interrupt: Callable[[], None] | None = None,
+) -> Replay:
+    """Drives the failing roads of a campaign again, each where it lay on the map.
+
+    Args:
+        folder: of the campaign, which is only read.
+        simulator: any, not yet entered.
+        driver: any.
+        everything: all roads that were driven, not only those that failed.
+        workers: how many roads are driven at once, as for `Campaign`.
+        drive_limit: s of wall time, likewise.
+        on_progress: called after every drive.
+        on_start: called when the simulator has started.
+        on_interrupt: called at the first Ctrl-C, which ends the replay after what runs.
+
+    Raises:
+        CampaignError: the campaign is damaged, or no worker can be started.
+        ValueError: an option is out of range.
+    """
+    folder = Path(folder)
+    with CampaignStore.open(folder) as store:
+        kinds = (Outcome.FAIL, Outcome.PASS) if everything else (Outcome.FAIL,)
+        records = [record for kind in kinds for record in store.tests(kind)]
+        redriver = Redriver.of(store, simulator, driver)
+    records.sort(key=lambda record: record.candidate.id)
+    redrives = [Redrive.of(i, record, World()) for i, record in enumerate(records, start=1)]
+    tests: list[Replayed] = []
+    failed = 0
+
+    def note(redrive: Redrive, tested: Tested, seconds: float) -> None:
+        nonlocal failed
+        tests.append(_replayed(records[redrive.id - 1], tested, seconds))
+        failed += tests[-1].after is Outcome.FAIL
+        if on_progress is not None:
+            on_progress(ReplayProgress(len(tests), len(records), failed))
+
+    drive_again(
+        redrives,
+        redriver,
+        workers=workers,
+        drive_limit=drive_limit,
+        on_result=note,
+        on_start=on_start,
+        on_interrupt=on_interrupt,
+    )
+    return Replay(
+        campaign=folder.resolve().name,
+        driver=describe(driver),
+        simulator=describe(simulator),
+        tests=tuple(sorted(tests, key=lambda test: test.test_id)),
+        missing=len(records) - len(tests),
+    )
+
+
+def _replayed(record: TestRecord, tested: Tested, seconds: float) -> Replayed:
+    candidate, result = record.candidate, tested.result
+    return Replayed(
+        test_id=candidate.id,
+        before=record.outcome,
+        moobd_before=record.moobd,
+        after=result.outcome,
+        moobd_after=result.moobd,
+        reason=readable(result.reason),
+        duration=result.duration,
+        length=(len(candidate.curvatures) - 1) * candidate.step,
+        seconds=seconds,
+    )
+
+
+# JUnit
+
+
+def write_junit(replay: Replay, path: Path) -> None:
+    """Writes a replay as a JUnit XML file, one test case per road.
+
+    A road on which the driver fails is a failure, one that could not be judged an error. What was
+    before and MOOBD are properties of the test case.
+
+    Raises:
+        CampaignError: the file cannot be written.
+    """
+    partial = path.with_name(f"{path.name}.part")
+    try:
+        partial.write_bytes(junit(replay))
+        partial.replace(path)
+    except OSError as error:
+        raise CampaignError(
+            f"cannot write {path}: {error.strerror or error}; choose another file with --junit"
+        ) from None
+
+
+def junit(replay: Replay) -> bytes:
+    """A replay as JUnit XML, UTF-8."""
+    tests = replay.tests
+    counts = {
+        "tests": str(len(tests)),
+        "failures": str(sum(test.after is Outcome.FAIL for test in tests)),
+        "errors": str(replay.count(Change.NOT_JUDGED)),
+        "skipped": "0",
+        "time": _seconds(sum(test.seconds for test in tests)),
+    }
+    name = _text(replay.campaign)
+    top = ET.Element("testsuites", {"name": SUITE, **counts})
+    suite = ET.SubElement(top, "testsuite", {"name": name, **counts})
+    parts = {"driver": replay.driver, "simulator": replay.simulator}
+    _add_properties(suite, {part: str(described["class"]) for part, described in parts.items()})
+    for test in tests:
+        about = {"classname": name, "name": f"test {test.test_id}", "time": _seconds(test.seconds)}
+        _add_outcome(ET.SubElement(suite, "testcase", about), test)
+    ET.indent(top)
+    document: bytes = ET.tostring(top, encoding="utf-8", xml_declaration=True)
+    return document + b"\n"
+
+
+def _add_outcome(case: ET.Element, test: Replayed) -> None:
+    properties = {
+        "change": str(test.change),
+        "outcome": str(test.after),
+        "outcome_before": str(test.before),
+        "moobd": _metres(test.moobd_after),
+        "moobd_before": _metres(test.moobd_before),
+        "length": _metres(test.length),
+        "duration": _seconds(test.duration),
+    }
+    _add_properties(case, properties)
+    if test.after is Outcome.PASS:
+        return
+    text = _text(f"{test.change}: {test.reason}")
+    tag = "failure" if test.after is Outcome.FAIL else "error"
+    ET.SubElement(case, tag, {"type": str(test.after), "message": text}).text = text
+
+
+def _add_properties(parent: ET.Element, values: Mapping[str, str]) -> None:
+    properties = ET.SubElement(parent, "properties")
+    for name, value in values.items():
+        ET.SubElement(properties, "property", {"name": name, "value": _text(value)})
+
+
+def _text(text: str) -> str:
+    """A text that XML can hold: what it cannot is shown as Python does."""
+    return _NO_XML.sub(lambda match: ascii(match[0])[1:-1], text)
+
+
+def _metres(value: float | None) -> str:
+    return "" if value is None else f"{value:.4f}"
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.3f}"

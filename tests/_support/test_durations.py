@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+import pytest
+
+from frenetic._support.durations import format_duration, parse_duration
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"),
+    [
+        ("90", 90),
+        ("90s", 90),
+        ("10m", 600),
+        ("1h30m", 5400),
+        ("2h", 7200),
+        ("1.5m", 90),
+        ("1H 1M 1S", 3661),
+        ("0.5", 0.5),
+    ],
+)
+def test_times_are_understood(text: str, seconds: float) -> None:
+    assert parse_duration(text) == seconds
+
+
+@pytest.mark.parametrize("text", ["", "abc", "5x", "-3", "0", "0m", "1m1h", "nan", "inf"])
+def test_what_is_no_time_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match="time"):
+        parse_duration(text)
+
+
+def test_times_for_people() -> None:
+    assert [format_duration(s) for s in (0, 7.4, 754, 3723)] == ["0:00", "0:07", "12:34", "1:02:03"]

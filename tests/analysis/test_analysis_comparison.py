@@ -1,0 +1,383 @@
+"""Comparisons: measures against what the database says, statistics against hand-made cases."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_campaigns import search, store_of
+
+from frenetic.analysis.comparison import (
+    Comparison,
+    MapCoverage,
+    Verdict,
+    compare,
+    compare_measured,
+)
+from frenetic.analysis.groups import find_campaigns, group_campaigns
+from frenetic.analysis.measures import HEADLINE, MEASURES
+from frenetic.analysis.measuring import CampaignMeasures, Cell
+from frenetic.analysis.statistics import Magnitude
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.drivers import Delayed, Planner
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.outcome import Outcome
+from frenetic.search import Frenetic, RandomSearch
+from frenetic.testing import DummyDriver, DummySimulator
+
+SIMULATIONS = 110
+
+
+@pytest.fixture(scope="module")
+def repeats(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with five campaigns of each of two strategies."""
+    parent = tmp_path_factory.mktemp("repeats")
+    for seed in range(5):
+        search(parent / f"frenetic-{seed}", Frenetic(seed=seed), SIMULATIONS)
+        search(parent / f"random-{seed}", RandomSearch(seed=seed), SIMULATIONS)
+    return parent
+
+
+@pytest.fixture(scope="module")
+def comparison(repeats: Path) -> Comparison:
+    return compare({name: sorted(repeats.glob(f"{name}-*")) for name in ("frenetic", "random")})
+
+
+# Two strategies, really run
+
+
+def test_frenetic_finds_more_than_chance(comparison: Comparison) -> None:
+    (pair,) = comparison.by("failures").pairs
+    assert (pair.first, pair.second, pair.repeats) == ("frenetic", "random", (5, 5))
+    assert pair.a12 >= 0.8
+    assert pair.magnitude is Magnitude.LARGE
+    assert pair.p == pair.p_corrected < 0.05
+    assert pair.verdict is Verdict.FIRST_IS_BETTER
+    assert str(pair) == "frenetic is better than random"
+
+
+def test_strategies_that_are_alike_at_first_show_no_difference(comparison: Comparison) -> None:
+    # Both begin with the same random roads.
+    (pair,) = comparison.by("simulations_to_failure").pairs
+    assert pair.verdict is Verdict.NOT_SHOWN
+    assert (pair.a12, pair.p) == (0.5, 1.0)
+
+
+def test_all_measures_are_compared_and_those_that_say_the_same_told_once(
+    comparison: Comparison,
+) -> None:
+    on_a_bench = {"virtual_seconds_to_failure"}
+    known = [name for name in MEASURES if name not in on_a_bench]
+    assert [one.measure.name for one in comparison.measures] == known
+    assert comparison.headline.measure.name == known[0] == HEADLINE
+    told = {one.measure.name for one in comparison.telling}
+    of_the_same = {"failures_per_100", "distinct_failures"}
+    neither = {"tests", "simulations", "invalid", "errors"}
+    assert told == set(known) - of_the_same - neither
+    for one in comparison.measures:
+        assert one.p_overall is None
+        for name, values in one.values.items():
+            assert one.quartiles(name).median == np.median(values)
+    assert comparison.notes == ()
+    assert comparison.simulations == SIMULATIONS
+    with pytest.raises(KeyError, match="no measure is called 'speed'"):
+        comparison.by("speed")
+
+
+def test_what_all_campaigns_have_in_common_is_told(comparison: Comparison) -> None:
+    assert comparison.shared["driver"] == "Planner"
+    assert comparison.shared["budget"] == f"simulations {SIMULATIONS}"
+    assert "strategy" not in comparison.shared
+
+
+# Statistics of made-up groups
+
+
+def campaign(
+    failures: int,
+    first: float = 5.0,
+    simulations: int = 100,
+    filled: frozenset[Cell] = frozenset(),
+    competition_filled: frozenset[Cell] = frozenset(),
+    generator_seconds: float | None = None,
+    pairwise_diversity: float = -math.inf,
+) -> CampaignMeasures:
+    curve = np.zeros(simulations + 1, dtype=np.int64)
+    if failures:
+        start = int(first)
+        curve[start : start + failures] = np.arange(1, failures + 1)
+        curve[start + failures :] = failures
+    return CampaignMeasures(
+        folder=Path("made-up"),
+        seed=None,
+        invalid=0,
+        failures_after=curve,
+        distinct_after=curve,
+        cells_after=curve,
+        seconds_to_failure=first,
+        is_finished=True,
+        filled=filled,
+        competition_filled=competition_filled,
+        generator_seconds=generator_seconds,
+        pairwise_diversity=pairwise_diversity,
+    )
+
+
+def group(*failures: int) -> tuple[CampaignMeasures, ...]:
+    return tuple(campaign(number) for number in failures)
+
+
+def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
+    quick = tuple(campaign(10 + i, first=2.0 + i) for i in range(5))
+    slow = tuple(campaign(1 + i, first=20.0 + i) for i in range(5))
+    found = compare_measured({"quick": quick, "slow": slow})
+    for name in ("failures", "simulations_to_failure"):
+        (pair,) = found.by(name).pairs
+        assert pair.a12 == 1.0
+        assert pair.p == pytest.approx(2 / 252)
+        assert pair.verdict is Verdict.FIRST_IS_BETTER
+    turned = compare_measured({"slow": slow, "quick": quick})
+    (pair,) = turned.by("simulations_to_failure").pairs
+    assert pair.a12 == 0.0
+    assert pair.verdict is Verdict.SECOND_IS_BETTER
+    assert str(pair) == "quick is better than slow"
+
+
+def test_never_failing_is_worse_than_any_failure() -> None:
+    never = tuple(campaign(0, first=math.inf) for _ in range(5))
+    late = tuple(campaign(1, first=100.0) for _ in range(5))
+    found = compare_measured({"never": never, "late": late}).by("simulations_to_failure")
+    assert found.pairs[0].a12 == 0.0
+    assert found.pairs[0].verdict is Verdict.SECOND_IS_BETTER
+    assert found.quartiles("never").median == math.inf
+
+
+@pytest.mark.parametrize("repeats", [1, 4])
+def test_nothing_is_claimed_of_fewer_than_five_repeats(repeats: int) -> None:
+    found = compare_measured({"a": group(*range(50, 50 + repeats)), "b": group(*range(10))}).by(
+        "failures"
+    )
+    assert found.pairs[0].a12 == 1.0
+    assert found.pairs[0].verdict is Verdict.TOO_FEW
+    assert str(found.pairs[0]) == "a and b: too few repeats to tell"
+
+
+def test_several_groups_are_corrected_for_being_several() -> None:
+    groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4), "c": group(5, 4, 6, 5, 3)}
+    found = compare_measured(groups).by("failures")
+    assert [(pair.first, pair.second) for pair in found.pairs] == [
+        ("a", "b"),
+        ("a", "c"),
+        ("b", "c"),
+    ]
+    smallest = min(pair.p for pair in found.pairs)
+    assert found.pairs[0].p_corrected == pytest.approx(3 * smallest)
+    assert found.pairs[0].verdict is found.pairs[1].verdict is Verdict.FIRST_IS_BETTER
+    assert found.pairs[2].verdict is Verdict.NOT_SHOWN
+    assert found.p_overall is not None
+    assert found.p_overall < 0.01
+
+
+def test_a_group_ranks_by_the_mean_rank_of_its_campaigns() -> None:
+    found = compare_measured({"c": group(1, 2), "a": group(9, 7), "b": group(8, 7)}).by("failures")
+    # 9 8 7 7 2 1 have the ranks 1 2 3.5 3.5 5 6.
+    assert found.mean_ranks == {"c": 5.5, "a": 2.25, "b": 2.75}
+    assert found.places == {"c": 3, "a": 1, "b": 2}
+    assert found.order == ("a", "b", "c")
+
+
+def test_groups_that_rank_alike_share_a_place() -> None:
+    found = compare_measured({"a": group(3, 4), "b": group(4, 3), "c": group(1, 1)}).by("failures")
+    assert list(found.places.values()) == [1, 1, 3]
+    assert found.order == ("a", "b", "c")
+
+
+def test_less_ranks_first_where_less_is_better() -> None:
+    quick, slow = (campaign(3, first=2.0),), (campaign(3, first=9.0),)
+    found = compare_measured({"slow": slow, "quick": quick}).by("simulations_to_failure")
+    assert found.places == {"slow": 2, "quick": 1}
+
+
+def test_nobody_is_better_by_what_is_neither() -> None:
+    found = compare_measured({"a": group(*range(5)), "b": group(*range(5))}).by("simulations")
+    assert (found.pairs, found.p_overall, dict(found.mean_ranks)) == ((), None, {})
+    assert found.measure.better == "neither"
+
+
+def test_a_measure_that_not_all_have_is_left_out() -> None:
+    known, unknown = campaign(1, generator_seconds=2.0), campaign(1)
+    both = compare_measured({"a": (known,), "b": (known,)})
+    assert both.by("generator_seconds").values["a"] == (2.0,)
+    with pytest.raises(KeyError):
+        compare_measured({"a": (known,), "b": (known, unknown)}).by("generator_seconds")
+
+
+def test_no_diversity_is_worse_than_any() -> None:
+    some = tuple(campaign(2, pairwise_diversity=0.1 * i) for i in range(5))
+    none = tuple(campaign(1) for _ in range(5))
+    found = compare_measured({"none": none, "some": some}).by("pairwise_diversity")
+    assert found.pairs[0].a12 == 0.0
+    assert found.pairs[0].verdict is Verdict.SECOND_IS_BETTER
+    assert found.text("none") == "none"
+    assert found.text("some") == "0.200 (0.100 to 0.300)"
+
+
+def test_pairs_can_be_turned() -> None:
+    (pair,) = (
+        compare_measured({"a": group(9, 8, 7, 9, 8), "b": group(0, 1, 2, 1, 0)})
+        .by("failures")
+        .pairs
+    )
+    turned = pair.turned
+    assert (turned.first, turned.second, turned.a12) == ("b", "a", 0.0)
+    assert (turned.better, str(turned)) == (pair.better, str(pair)) == ("a", "a is better than b")
+
+
+def test_those_that_are_shown_to_be_worse_are_known() -> None:
+    groups = {"a": group(9, 8, 7, 9, 8), "b": group(5, 4, 6, 5, 4), "c": group(5, 4, 6, 5, 3)}
+    found = compare_measured(groups).by("failures")
+    assert found.worse_than("a") == ("b", "c")
+    assert found.worse_than("b") == found.worse_than("c") == ()
+
+
+def test_too_many_groups_for_their_repeats_are_noted() -> None:
+    five = {name: group(*range(5)) for name in "abcde"}
+    (note,) = compare_measured(five).notes
+    # 10 pairs of 5 and 5: 10 * 2 / 252.
+    assert "no two can be shown to differ: p after correction is 0.079 at least" in note
+    apart = {name: group(*range(10 * i, 10 * i + 5)) for i, name in enumerate("abcde")}
+    assert not any(pair.better for pair in compare_measured(apart).headline.pairs)
+    assert compare_measured({name: five[name] for name in "abc"}).notes == ()
+
+
+def test_relative_map_coverage_is_that_of_the_cells_that_anybody_filled() -> None:
+    def with_cells(*cells: int) -> CampaignMeasures:
+        found = [(cell,) for cell in cells]
+        return campaign(1, filled=frozenset(found), competition_filled=frozenset(found[:1]))
+
+    comparison = compare_measured(
+        {"a": (with_cells(1, 2), with_cells(2, 3, 4)), "b": (with_cells(9), with_cells())}
+    )
+    # 1 2 3 4 9 are filled in all.
+    assert comparison.map_coverage() == {
+        "a": MapCoverage(cells=4, share=0.5),
+        "b": MapCoverage(cells=1, share=0.1),
+    }
+    # 1 2 9 of the competition's.
+    assert comparison.map_coverage(as_competition=True) == {
+        "a": MapCoverage(cells=2, share=1 / 3),
+        "b": MapCoverage(cells=1, share=0.5 / 3),
+    }
+    empty = compare_measured({"a": group(0), "b": group(0)}).map_coverage()
+    assert empty == {"a": MapCoverage(0, 0.0), "b": MapCoverage(0, 0.0)}
+
+
+# Which campaigns belong together
+
+
+def test_campaigns_that_differ_in_the_seed_only_are_grouped_under_telling_names(
+    repeats: Path,
+) -> None:
+    groups = group_campaigns(find_campaigns(repeats))
+    assert list(groups) == ["Frenetic", "RandomSearch"]
+    assert [folder.name for folder in groups["Frenetic"]] == [f"frenetic-{i}" for i in range(5)]
+    assert len(groups["RandomSearch"]) == 5
+
+
+def made(folder: Path, name: str, seed: int = 1, **options: object) -> Path:
+    """A tiny campaign in which something differs."""
+    parts: dict[str, object] = {
+        "strategy": RandomSearch(seed=seed),
+        "simulator": DummySimulator(),
+        "driver": Planner(),
+        "budget": Budget(simulations=2),
+        **options,
+    }
+    Campaign(folder=folder / name, **parts).run()  # type: ignore[arg-type]
+    return folder / name
+
+
+def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
+    folders = [
+        made(tmp_path, "a"),
+        made(tmp_path, "b", driver=Planner(aggression=0.5, braking=3.0)),
+        made(tmp_path, "c", driver=Delayed(Planner(), seconds=0.1)),
+        made(tmp_path, "d", driver=Delayed(Planner(), seconds=0.2)),
+        made(tmp_path, "e", driver=DummyDriver()),
+    ]
+    assert list(group_campaigns(folders)) == [
+        "Planner(aggression=1.0, braking=2.2)",
+        "Planner(aggression=0.5, braking=3.0)",
+        "Delayed(seconds=0.1) over Planner",
+        "Delayed(seconds=0.2) over Planner",
+        "DummyDriver",
+    ]
+    budgets = [folders[0], made(tmp_path, "f", budget=Budget(simulations=3))]
+    assert list(group_campaigns(budgets)) == ["simulations=2", "simulations=3"]
+    assert list(group_campaigns(folders[:1])) == ["all"]
+
+
+def test_what_cannot_be_told_in_short_is_numbered(tmp_path: Path) -> None:
+    folders = [tmp_path / "a", tmp_path / "b", tmp_path / "c"]
+    for folder, driver in zip(folders, ("one:Driver", "two:Driver", "one:Other"), strict=True):
+        with CampaignStore.create(folder, {"driver": {"class": driver}}):
+            pass
+    assert list(group_campaigns(folders)) == ["Driver 1", "Driver 2", "Other"]
+
+
+def test_places_hold_one_campaign_or_several(repeats: Path, tmp_path: Path) -> None:
+    one = repeats / "random-1"
+    assert find_campaigns(one) == [one]
+    assert len(find_campaigns(repeats)) == 10
+    with pytest.raises(CampaignError, match="holds no campaign"):
+        find_campaigns(tmp_path)
+    with pytest.raises(CampaignError, match="is no folder"):
+        find_campaigns(tmp_path / "nowhere")
+
+
+# What limits a comparison
+
+
+def test_one_group_or_an_empty_one_is_refused(repeats: Path) -> None:
+    with pytest.raises(FreneticError, match="1 group of campaigns: at least two"):
+        compare({"a": [repeats / "random-1", repeats / "random-2"]})
+    with pytest.raises(FreneticError, match="group b has no campaigns"):
+        compare({"a": [repeats / "random-1"], "b": []})
+
+
+def test_a_campaign_counts_once(repeats: Path) -> None:
+    twice = repeats / "random-2" / ".." / "random-1"
+    with pytest.raises(FreneticError, match="is there twice"):
+        compare({"a": [repeats / "random-1"], "b": [twice]})
+
+
+def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:
+    first, same = made(tmp_path, "a"), made(tmp_path, "b")
+    other = made(tmp_path, "c", driver=DummyDriver(), seed=2)
+    (note,) = compare({"x": [first, same], "y": [other]}).notes
+    assert note == "campaigns of x have the same seed: they are no repeats"
+    (note,) = compare({"x": [first, other], "y": [same]}).notes
+    assert note == "the campaigns of x are no repeats: they differ in driver"
+
+
+def test_groups_that_differ_in_more_than_one_thing_are_noted(tmp_path: Path) -> None:
+    first = made(tmp_path, "a")
+    other = made(tmp_path, "b", driver=DummyDriver(), map_size=None, strategy=Frenetic(seed=1))
+    (note,) = compare({"x": [first], "y": [other]}).notes
+    assert note == "the groups differ in more than one thing: strategy, driver"
+
+
+def test_campaigns_of_other_lengths_or_without_an_end_are_noted(tmp_path: Path) -> None:
+    first = made(tmp_path, "a")
+    longer = made(tmp_path, "b", budget=Budget(simulations=4))
+    notes = compare({"x": [first], "y": [longer]}).notes
+    assert notes == (
+        "the campaigns have from 2 to 4 simulations: compare failures per 100 simulations; distinct"
+        " failures per 100 simulations fall with their number, as what is new becomes rare, so look"
+        " at the curves",
+    )
+    cut = store_of(tmp_path / "c", (Outcome.PASS,) * 2)
+    notes = compare({"x": [first], "y": [cut]}).notes
+    assert "campaigns of y did not finish: c" in notes

@@ -1,0 +1,634 @@
+"""Which candidates are asked, driven, dropped, tried again and told, and in which order."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import pytest
+from contents import contents
+from faulty import Fault, FaultySimulator, Straight, Uneven, bend, kill, raise_error
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary
+from frenetic.campaign.log import CampaignLog, WorkerState
+from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
+from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers import Attempt, Workers
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
+from frenetic.testing import DummyDriver, DummySimulator
+
+Choose = Callable[[list[int]], Sequence[int]]
+"""Ids of the candidates that are being driven -> those that come back now, in this order."""
+
+
+class FakeWorkers:
+    """Workers that finish in the order a test has, and are lost where it wants.
+
+    Args:
+        losses: how often the attempt at a candidate is lost.
+        busy: how many candidates keep them busy; as many as they can have if None.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        choose: Choose = lambda ids: ids[:1],
+        losses: Mapping[int, int] | None = None,
+        busy: int | None = None,
+    ) -> None:
+        self.count = count
+        self.busy = count if busy is None else busy
+        self.choose = choose
+        self.losses = Counter(losses or {})
+        self.running: dict[int, Candidate] = {}
+        self.submitted: list[int] = []
+        self.most = 0
+        self.idle_waits = 0
+        self.tester = RoadTester(DummySimulator(bend), DummyDriver())
+
+    @property
+    def free(self) -> int:
+        return self.count - len(self.running)
+
+    @property
+    def needed(self) -> int:
+        return max(0, self.busy - len(self.running))
+
+    def states(self) -> Mapping[str, WorkerState]:
+        return {}
+
+    def submit(self, candidate: Candidate) -> None:
+        assert self.free
+        assert candidate.id not in self.running
+        self.running[candidate.id] = candidate
+        self.submitted.append(candidate.id)
+        self.most = max(self.most, len(self.running))
+
+    def wait(self, timeout: float) -> Sequence[Attempt]:
+        self.idle_waits += not self.running
+        assert self.idle_waits < 5, "it waits for nobody"
+        chosen = list(self.choose(list(self.running))) if self.running else []
+        return [self._attempt(self.running.pop(number)) for number in chosen]
+
+    def _attempt(self, candidate: Candidate) -> Attempt:
+        if self.losses[candidate.id]:
+            self.losses[candidate.id] -= 1
+            return Attempt(candidate.id, "fake", 0.0, None, "fake was lost: it fell asleep")
+        return Attempt(candidate.id, "fake", 0.0, self.tester.test(candidate))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.running.clear()
+
+
+class Scripted(Campaign):
+    """A campaign with fake workers."""
+
+    fake: FakeWorkers
+
+    def _workers(self, log: CampaignLog) -> Workers:
+        return self.fake
+
+
+def campaign(
+    folder: Path,
+    strategy: Strategy,
+    budget: Budget,
+    fake: FakeWorkers | None = None,
+    **options: object,
+) -> Campaign:
+    kind = Campaign if fake is None else Scripted
+    made = kind(
+        **{  # type: ignore[arg-type]
+            "strategy": strategy,
+            "simulator": DummySimulator(bend),
+            "driver": DummyDriver(),
+            "budget": budget,
+            "folder": folder,
+            **options,
+        }
+    )
+    if fake is not None:
+        assert isinstance(made, Scripted)
+        made.fake = fake
+    return made
+
+
+class Noted:
+    """A strategy that notes what it is asked and told: ("ask", id) or (outcome, id)."""
+
+    def __init__(self, strategy: Strategy) -> None:
+        self.strategy = strategy
+        self.notes: list[tuple[str, int]] = []
+        self.options = getattr(strategy, "options", {})
+
+    def ask(self) -> Candidate:
+        candidate = self.strategy.ask()
+        self.notes.append(("ask", candidate.id))
+        return candidate
+
+    def tell(self, evaluation: Evaluation) -> None:
+        self.strategy.tell(evaluation)
+        self.notes.append((str(evaluation.outcome), evaluation.candidate.id))
+
+    def of(self, kind: str) -> list[int]:
+        return [number for noted, number in self.notes if noted == kind]
+
+    @property
+    def told(self) -> list[int]:
+        return [number for noted, number in self.notes if noted != "ask"]
+
+
+class Selective(Noted):
+    def is_wanted(self, candidate: Candidate) -> bool:
+        return self.strategy.is_wanted(candidate)  # type: ignore[attr-defined,no-any-return]
+
+
+def frenetic() -> Selective:
+    """A search that is soon in its mutants and crossovers."""
+    return Selective(Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6))
+
+
+class Litters:
+    """A selective strategy: straight roads in litters; of each, one fails and ends the litter.
+
+    Args:
+        litter: roads in each.
+        failing: which of them fails, counted from 0.
+        known: whether the roads of a litter name a parent.
+    """
+
+    def __init__(self, litter: int, failing: int, *, known: bool = False) -> None:
+        self.litter = litter
+        self.failing = failing
+        self.known = known
+        self.asked = self.place = 0
+        self.litters: dict[int, int] = {}
+        self.failed: set[int] = set()
+
+    def ask(self) -> Candidate:
+        if self.place // self.litter in self.failed:  # the rest is not asked any more
+            self.place += -self.place % self.litter
+        self.asked += 1
+        self.litters[self.asked] = self.place // self.litter
+        curvatures = np.full(8, 0.05 if self.place % self.litter == self.failing else 0.0)
+        self.place += 1
+        parents = (1000 + self.litters[self.asked],) if self.known else ()
+        return Candidate(self.asked, curvatures, 10.0, Origin("litter", parents))
+
+    def tell(self, evaluation: Evaluation) -> None:
+        if evaluation.outcome is Outcome.FAIL:
+            self.failed.add(self.litters[evaluation.candidate.id])
+
+    def is_wanted(self, candidate: Candidate) -> bool:
+        return self.litters[candidate.id] not in self.failed
+
+
+# As results come
+
+
+def test_one_worker_asks_and_tells_in_turn(tmp_path: Path) -> None:
+    strategy = frenetic()
+    campaign(tmp_path, strategy, Budget(simulations=40), FakeWorkers(1)).run()
+    assert [kind == "ask" for kind, _ in strategy.notes] == [True, False] * len(strategy.told)
+    assert not strategy.of("DROPPED")
+
+
+def test_results_are_told_as_they_come(tmp_path: Path) -> None:
+    strategy = Noted(Straight(8, 9, 10))
+    order = iter([[3, 1], [2], [4], [7, 6, 5]])
+    fake = FakeWorkers(3, lambda ids: next(order))
+    campaign(tmp_path, strategy, Budget(simulations=7), fake).run()
+    assert strategy.notes == [
+        *[("ask", 1), ("ask", 2), ("ask", 3)],
+        *[("PASS", 3), ("PASS", 1), ("ask", 4), ("ask", 5)],
+        *[("PASS", 2), ("ask", 6)],
+        *[("PASS", 4), ("ask", 7)],
+        *[("PASS", 7), ("PASS", 6), ("PASS", 5)],
+    ]
+    with CampaignStore.open(tmp_path) as store:
+        assert [record.candidate.id for record in store.tests()] == [3, 1, 2, 4, 7, 6, 5]
+        places = {asked.id: place for asked, place in store.candidates_with_place()}
+    assert places == {1: 0, 2: 0, 3: 0, 4: 2, 5: 2, 6: 3, 7: 4}
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_as_results_come_each_promise_is_kept(tmp_path: Path, seed: int) -> None:
+    rng = random.Random(seed)
+    count, simulations, lost = rng.randint(1, 9), rng.randint(1, 60), rng.random() < 0.5
+    losses = {number: rng.choice([0, 0, 1, 2]) for number in range(1, 500)} if lost else {}
+    fake = FakeWorkers(count, lambda ids: rng.sample(ids, rng.randint(1, len(ids))), losses)
+    strategy = frenetic()
+    summary = campaign(tmp_path, strategy, Budget(simulations=simulations), fake).run()
+    assert summary.simulations == simulations  # exactly
+    assert fake.most <= count
+    outstanding = most = 0
+    for kind, _ in strategy.notes:
+        outstanding += 1 if kind == "ask" else -1
+        most = max(most, outstanding)
+    assert most <= count
+    assert sorted(strategy.told) == strategy.of("ask") == list(range(1, len(strategy.told) + 1))
+    tries = Counter(fake.submitted)
+    with CampaignStore.open(tmp_path) as store:
+        for record in store.tests():
+            number = record.candidate.id
+            if record.outcome is Outcome.DROPPED:
+                # Driven it was not, though an attempt may have been lost.
+                assert tries[number] == 0 or lost
+                assert (record.attempts, record.worker) == (0, None)
+            else:
+                assert record.attempts == tries[number] <= 2
+                assert (record.outcome is Outcome.ERROR) == (losses.get(number, 0) >= 2)
+
+
+def test_refused_roads_cost_nothing(tmp_path: Path) -> None:
+    strategy = Noted(Straight(8, 40))  # each second one does not fit the map
+    rng = random.Random(2)
+    fake = FakeWorkers(4, lambda ids: rng.sample(ids, 1))
+    summary = campaign(tmp_path, strategy, Budget(simulations=10), fake).run()
+    assert (summary.simulations, summary.passed) == (10, 10)
+    assert summary.invalid >= 8
+    assert summary.tests == 10 + summary.invalid
+
+
+def test_a_sibling_that_waits_is_dropped_and_one_that_was_driven_is_not(tmp_path: Path) -> None:
+    strategy = Selective(Litters(litter=3, failing=1))
+    fake = FakeWorkers(3, lambda ids: ids, losses={1: 1})
+    campaign(tmp_path, strategy, Budget(simulations=5), fake).run()
+    # 1 was lost and waits, 2 failed, 3 had been driven: only 1 is dropped.
+    assert strategy.notes[:3] == [("ask", 1), ("ask", 2), ("ask", 3)]
+    assert strategy.told[:3] == [2, 3, 1]
+    assert strategy.of("DROPPED") == [1]
+    assert fake.submitted.count(1) == 1
+
+
+def test_after_dropping_others_are_asked_at_once(tmp_path: Path) -> None:
+    """Asked by a campaign of three workers, two candidates wait for the one that goes on."""
+    budget = Budget(simulations=9)
+    fake = FakeWorkers(3, lambda ids: ids[:1])
+
+    def leave(progress: Progress) -> None:
+        raise KeyboardInterrupt
+
+    first = Selective(Litters(litter=9, failing=1))
+    assert campaign(tmp_path, first, budget, fake).run(leave).interrupted
+    assert first.notes == [("ask", 1), ("ask", 2), ("ask", 3), ("PASS", 1)]
+    second, alone = Selective(Litters(litter=9, failing=1)), FakeWorkers(1)
+    campaign(tmp_path, second, budget, alone).resume()
+    assert second.notes[4:7] == [("FAIL", 2), ("DROPPED", 3), ("ask", 4)]
+    assert alone.idle_waits == 0
+
+
+def test_a_budget_of_failures_may_bring_a_few_more_but_asks_for_none(tmp_path: Path) -> None:
+    strategy = Noted(Litters(litter=1, failing=0))
+    summary = campaign(tmp_path, strategy, Budget(failures=4), FakeWorkers(3)).run()
+    assert summary.failed == 4 + 2  # what ran when the fourth came
+    assert strategy.of("ask") == strategy.of("FAIL")
+
+
+# In the order of asking
+
+
+def test_in_order_the_oldest_is_told_first(tmp_path: Path) -> None:
+    strategy = Noted(Straight(8, 9))
+    order = iter([[3, 2], [1], [4], [6], [5]])
+    fake = FakeWorkers(3, lambda ids: next(order))
+    campaign(tmp_path, strategy, Budget(simulations=6), fake, ordered=True, lookahead=4).run()
+    assert strategy.notes == [
+        *[("ask", 1), ("ask", 2), ("ask", 3), ("ask", 4)],
+        *[("PASS", 1), ("ask", 5), ("PASS", 2), ("ask", 6), ("PASS", 3)],
+        *[("PASS", 4), ("PASS", 5), ("PASS", 6)],
+    ]
+
+
+def ordered_run(
+    folder: Path,
+    budget: Budget,
+    rng: random.Random | None = None,
+    count: int = 1,
+    losses: Mapping[int, int] | None = None,
+    lookahead: int = 7,
+) -> tuple[Selective, Summary, FakeWorkers]:
+    choose: Choose = lambda ids: ids[:1]  # noqa: E731
+    if rng is not None:
+        choose = lambda ids: rng.sample(ids, rng.randint(0, len(ids)))  # noqa: E731
+    fake = FakeWorkers(count, choose, losses)
+    strategy = frenetic()
+    summary = campaign(folder, strategy, budget, fake, ordered=True, lookahead=lookahead).run()
+    return strategy, summary, fake
+
+
+BUDGETS = [Budget(simulations=90), Budget(failures=25), Budget(simulations=200, failures=30)]
+
+
+@pytest.fixture(scope="module")
+def one_by_one(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Folders of ordered campaigns with one worker that never errs, by budget."""
+    folders = [tmp_path_factory.mktemp("ordered") for _ in BUDGETS]
+    for folder, budget in zip(folders, BUDGETS, strict=True):
+        strategy, _, _ = ordered_run(folder, budget)
+        assert strategy.of("DROPPED")
+        assert {"F1", "C1", "P1"} <= {str(row[1]) for row in contents(folder)["candidate"]}
+    return folders
+
+
+@pytest.mark.parametrize("budget", range(len(BUDGETS)))
+@pytest.mark.parametrize("seed", range(4))
+def test_in_order_the_campaign_does_not_depend_on_the_workers(
+    tmp_path: Path, one_by_one: list[Path], seed: int, budget: int
+) -> None:
+    rng = random.Random(seed)
+    count, lost = rng.randint(1, 20), rng.random() < 0.5
+    losses = {number: rng.choice([0, 0, 1]) for number in range(1, 1000)} if lost else {}
+    strategy, _, fake = ordered_run(tmp_path, BUDGETS[budget], rng, count, losses)
+    without = ("attempts",) if lost else ()
+    assert contents(tmp_path, without=without) == contents(one_by_one[budget], without=without)
+    assert strategy.told == sorted(strategy.told)
+    assert fake.most <= count
+
+
+@pytest.mark.parametrize("budget", range(len(BUDGETS)))
+@pytest.mark.parametrize("seed", range(2))
+def test_in_order_the_campaign_does_not_depend_on_interruptions(
+    tmp_path: Path, one_by_one: list[Path], seed: int, budget: int
+) -> None:
+    rng = random.Random(seed)
+    for attempt in range(1000):
+        choose: Choose = lambda ids: rng.sample(ids, rng.randint(0, len(ids)))  # noqa: E731
+        one = campaign(
+            tmp_path,
+            frenetic(),
+            BUDGETS[budget],
+            FakeWorkers(rng.randint(1, 9), choose),
+            ordered=True,
+            lookahead=7,
+        )
+        left = rng.choice([0, 1, 2, 3, 20, 60])
+
+        def stop(progress: Progress) -> None:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise KeyboardInterrupt
+
+        summary = (one.resume if attempt else one.run)(stop)
+        if not summary.interrupted:
+            break
+    assert contents(tmp_path) == contents(one_by_one[budget])
+
+
+def test_in_order_nothing_is_driven_for_nobody(tmp_path: Path) -> None:
+    """Whatever is unwanted when a worker comes free is not handed out."""
+    strategy = Selective(Litters(litter=5, failing=0))
+    fake = FakeWorkers(1)
+    summary = campaign(
+        tmp_path, strategy, Budget(simulations=6), fake, ordered=True, lookahead=5
+    ).run()
+    assert (summary.failed, summary.simulations) == (6, 6)
+    assert len(fake.submitted) == 6
+    assert summary.dropped == len(strategy.of("DROPPED")) > 0
+    assert not set(fake.submitted) & set(strategy.of("DROPPED"))
+
+
+def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
+    """The first of each litter fails: driven early, it spares the drives of the others."""
+    submitted: dict[bool, list[int]] = {}
+    for known in (False, True):
+        strategy = Selective(Litters(litter=3, failing=0, known=known))
+        fake = FakeWorkers(2)
+        folder = tmp_path / str(known)
+        budget = Budget(simulations=20)
+        summary = campaign(folder, strategy, budget, fake, ordered=True, lookahead=7).run()
+        assert (summary.failed, summary.simulations) == (20, 20)
+        submitted[known] = fake.submitted
+    # Litters of three begin with 1, 4 and 7; only then is it known that 2 and 3 are dropped.
+    assert submitted[False][:2] == [1, 2]
+    assert submitted[True][:3] == [1, 4, 7]
+    assert len(submitted[False]) == 39  # almost two of each litter
+    assert len(submitted[True]) == 20 + 2  # the last ones, when nothing else is left
+    told = [contents(tmp_path / str(known))["test"] for known in (False, True)]
+    assert told[0] == told[1]
+
+
+def test_in_order_doubtful_siblings_are_not_driven_ahead(tmp_path: Path) -> None:
+    """Workers that may have seven candidates get those that keep them busy, and all sure ones."""
+    first: list[int] = []
+
+    def choose(ids: list[int]) -> list[int]:
+        first[:] = first or ids
+        return ids[:1]
+
+    strategy = Selective(Litters(litter=4, failing=3, known=True))
+    fake = FakeWorkers(7, choose, busy=3)
+    budget = Budget(simulations=20)
+    summary = campaign(tmp_path, strategy, budget, fake, ordered=True, lookahead=9).run()
+    assert first == [1, 5, 9]  # each the first of its litter
+    assert summary.simulations == len(fake.submitted) == 20
+
+
+def test_in_order_the_end_does_not_wait_for_what_comes_too_late(tmp_path: Path) -> None:
+    fake = FakeWorkers(4, lambda ids: ids[:1])
+    strategy = Noted(Litters(litter=1, failing=0))
+    summary = campaign(
+        tmp_path, strategy, Budget(failures=3), fake, ordered=True, lookahead=6
+    ).run()
+    assert (summary.failed, summary.simulations) == (3, 3)
+
+
+# What is reported
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_only_what_is_stored_is_reported(tmp_path: Path, ordered: bool) -> None:
+    """Results that come together are stored together, and before any of them is reported."""
+    fake = FakeWorkers(5, lambda ids: ids)
+    stored: list[int] = []
+
+    def report(progress: Progress) -> None:
+        with CampaignStore.open(tmp_path) as store:
+            stored.append(store.counts().told)
+        assert progress.tests == len(stored)
+
+    campaign(tmp_path, Straight(8), Budget(simulations=15), fake, ordered=ordered).run(report)
+    assert stored == [5] * 5 + [10] * 5 + [15] * 5
+
+
+def test_what_came_before_a_strategy_broke_is_stored_and_reported(tmp_path: Path) -> None:
+    class Breaking(Straight):
+        def tell(self, evaluation: Evaluation) -> None:
+            if evaluation.candidate.id == 4:
+                raise KeyError("four")
+
+    reported: list[int] = []
+    with pytest.raises(CampaignError, match="the strategy raised KeyError: 'four'"):
+        campaign(tmp_path, Breaking(8), Budget(simulations=9), FakeWorkers(5, lambda ids: ids)).run(
+            lambda progress: reported.append(progress.tests)
+        )
+    assert reported == [1, 2, 3]
+    with CampaignStore.open(tmp_path) as store:
+        assert [record.candidate.id for record in store.tests()] == [1, 2, 3, 4]
+
+
+# Real workers
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_real_workers_in_order_give_the_same_campaign(
+    tmp_path: Path, one_by_one: list[Path], workers: int
+) -> None:
+    for number, budget in enumerate(BUDGETS[:2]):
+        one = campaign(
+            tmp_path / str(number),
+            frenetic(),
+            budget,
+            simulator=Uneven(),
+            workers=workers,
+            ordered=True,
+            lookahead=7,
+        )
+        one.run()
+        assert contents(tmp_path / str(number)) == contents(one_by_one[number])
+
+
+def test_real_workers_as_results_come_meet_the_budget(tmp_path: Path) -> None:
+    strategy = frenetic()
+    summary = campaign(
+        tmp_path, strategy, Budget(simulations=80), simulator=Uneven(), workers=3
+    ).run()
+    assert summary.simulations == 80
+    assert sorted(strategy.told) == strategy.of("ask")
+    with CampaignStore.open(tmp_path) as store:
+        by = Counter(r.worker for r in store.tests() if r.outcome is not Outcome.DROPPED)
+    assert set(by) == {"worker 1", "worker 2", "worker 3"}
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_strategies_that_are_not_selective_lose_no_road(tmp_path: Path, ordered: bool) -> None:
+    strategy = Noted(RandomSearch(seed=1))
+    summary = campaign(tmp_path, strategy, Budget(simulations=30), workers=2, ordered=ordered).run()
+    assert (summary.simulations, summary.dropped) == (30, 0)
+
+
+# Attempts
+
+
+def test_a_lost_attempt_is_repeated_and_told_once(tmp_path: Path) -> None:
+    strategy = Noted(Straight(8))
+    fake = FakeWorkers(2, losses={2: 1})
+    campaign(tmp_path, strategy, Budget(simulations=4), fake).run()
+    assert fake.submitted == [1, 2, 3, 2, 4]
+    assert sorted(strategy.told) == [1, 2, 3, 4]
+    with CampaignStore.open(tmp_path) as store:
+        assert [store.test(number).attempts for number in (1, 2, 3, 4)] == [1, 2, 1, 1]
+        assert store.test(2).outcome is Outcome.PASS
+
+
+def test_a_road_lost_twice_is_an_error_with_its_reason(tmp_path: Path) -> None:
+    strategy = Noted(Straight(8))
+    summary = campaign(
+        tmp_path, strategy, Budget(simulations=4), FakeWorkers(2, losses={2: 9})
+    ).run()
+    assert (summary.errors, summary.passed) == (1, 3)
+    with CampaignStore.open(tmp_path) as store:
+        record = store.test(2)
+    assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
+    assert record.reason == "fake was lost: it fell asleep"
+    assert (record.pose, record.trajectory) == (None, None)
+
+
+def test_nothing_but_lost_attempts_ends_the_campaign(tmp_path: Path) -> None:
+    losses = dict.fromkeys(range(1, 99), 9)
+    with pytest.raises(CampaignError, match=r"last 10 drives broke.*it fell asleep"):
+        campaign(tmp_path, Straight(8), Budget(simulations=50), FakeWorkers(3, losses=losses)).run()
+    with CampaignStore.open(tmp_path) as store:
+        assert store.counts().by_outcome[Outcome.ERROR] == MAX_ERRORS_IN_A_ROW
+    # It can be resumed when whatever it was is mended.
+    one = campaign(tmp_path, Straight(8), Budget(simulations=50), FakeWorkers(3))
+    assert one.resume().passed == 50 - MAX_ERRORS_IN_A_ROW
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("times", [1, None])
+def test_a_simulator_that_breaks_on_a_road(tmp_path: Path, workers: int, times: int | None) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    simulator = FaultySimulator(marks, drive=Fault(raise_error, marks, samples=9, times=times))
+    campaign(
+        tmp_path / "c",
+        Straight(8, 8, 9, 8, 8, 8),
+        Budget(simulations=6),
+        simulator=simulator,
+        workers=workers,
+    ).run()
+    with CampaignStore.open(tmp_path / "c") as store:
+        record = store.test(3)
+        assert store.counts().by_outcome[Outcome.PASS] == 5 + (times == 1)
+    assert record.attempts == 2
+    if times is None:
+        assert record.outcome is Outcome.ERROR
+        assert record.reason == "the simulator raised RuntimeError: the engine stalled"
+
+
+def test_a_road_that_kills_workers_is_an_error_and_the_rest_is_driven(tmp_path: Path) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    simulator = FaultySimulator(marks, drive=Fault(kill, marks, samples=9))
+    campaign(
+        tmp_path / "c",
+        Straight(8, 8, 9, 8, 8, 8),
+        Budget(simulations=12),
+        simulator=simulator,
+        workers=2,
+    ).run()
+    with CampaignStore.open(tmp_path / "c") as store:
+        for number in (3, 9):
+            record = store.test(number)
+            assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
+            assert "it was killed by SIGKILL" in record.reason
+        assert store.counts().by_outcome[Outcome.PASS] == 10
+
+
+# Interrupts
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_an_interrupt_finishes_what_runs(tmp_path: Path, ordered: bool) -> None:
+    fake = FakeWorkers(3)
+    seen: list[Progress] = []
+
+    def interrupt(progress: Progress) -> None:
+        seen.append(progress)
+        if len(seen) == 4:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    one = campaign(tmp_path, Noted(Straight(8, 9)), Budget(simulations=50), fake, ordered=ordered)
+    summary = one.run(interrupt)
+    assert summary.interrupted
+    assert not fake.running
+    assert summary.simulations == len(fake.submitted) == len(seen)
+    assert 4 < summary.simulations <= 7
+
+
+def test_a_strategy_that_cannot_say_what_it_wants_is_blamed(tmp_path: Path) -> None:
+    class Undecided(Straight):
+        def is_wanted(self, candidate: Candidate) -> bool:
+            raise KeyError("who knows")
+
+    with pytest.raises(CampaignError, match="the strategy raised KeyError: 'who knows'"):
+        campaign(tmp_path, Undecided(8), Budget(simulations=5), FakeWorkers(2)).run()

@@ -1,0 +1,242 @@
+"""The command line of rerun."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.cli.robustness import QUANTITIES
+from frenetic.drivers import Planner
+from frenetic.outcome import Outcome
+from frenetic.redrive.robustness import read_reruns
+from frenetic.search import RandomSearch
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators.worlds import QUANTITIES as REAL_QUANTITIES
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+
+def failures_of(folder: str) -> list[int]:
+    database = sqlite3.connect(Path(folder) / "campaign.sqlite")
+    rows = database.execute("SELECT candidate_id FROM test WHERE outcome = 'FAIL' ORDER BY moobd")
+    found = [number for (number,) in rows]
+    database.close()
+    return found
+
+
+def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campaign: str) -> None:
+    answer = frenetic("rerun", campaign, "--times", "20")
+    assert answer.code == 0
+    ids = failures_of(campaign)
+    assert answer.out.count("20 of 20") == len(ids)
+    assert "20 drives of each, the same each time" in answer.out
+    assert f"{len(ids)} robust" in answer.out
+    assert str(Path(campaign) / "reruns.json") in answer.out
+    assert {one.test_id for one in read_reruns(Path(campaign))} == set(ids)
+
+
+def test_the_driver_and_its_layers_are_the_campaigns(frenetic: Frenetic, campaign: str) -> None:
+    (one,) = frenetic("rerun", campaign, "--top", "1", "--times", "2", "--json").json
+    assert one["driver"]["class"].endswith(":Delayed")
+    assert one["driver"]["options"] == {"seconds": 0.05}
+    assert {drive["moobd"] for drive in one["drives"]} == {one["recorded"]["moobd"]}
+    (one,) = frenetic("rerun", campaign, "--top", "1", "--delay", "0", "--json").json
+    assert one["driver"]["class"].endswith(":Planner")
+
+
+def test_several_ranges_follow_one_vary(frenetic: Frenetic, campaign: str) -> None:
+    first = str(failures_of(campaign)[0])
+    arguments = ("--times", "8", "--seed", "5", "--json")
+    spread = frenetic(
+        "rerun", campaign, first, "--vary", "friction=0.8:0.9", "noise=0.2", "speed", *arguments
+    )
+    ranges = {one["quantity"]: (one["low"], one["high"]) for one in spread.json[0]["variations"]}
+    assert ranges == {"friction": (0.8, 0.9), "noise": (0.2, 0.2), "speed": (63.0, 77.0)}
+    each = frenetic(
+        "rerun",
+        *("--vary", "friction=0.8:0.9", "--vary", "noise=0.2", "--vary", "speed"),
+        *(campaign, first),
+        *arguments,
+    )
+    assert each.json == spread.json
+    worlds = [drive["world"] for drive in spread.json[0]["drives"]]
+    assert len({world["noise_seed"] for world in worlds}) == 8
+    assert all(0.8 <= world["friction"] <= 0.9 for world in worlds)
+
+
+def test_what_matters_is_said(frenetic: Frenetic, campaign: str) -> None:
+    answer = frenetic("rerun", campaign, "--top", "1", "--vary", "friction=0.8:1.3")
+    assert answer.code == 0
+    assert "20 drives of each, friction 0.8 to 1.3" in answer.out
+    assert "less friction is worse (Spearman 0." in answer.out
+
+
+def test_ids_choose_tests_and_an_unknown_one_is_refused(frenetic: Frenetic, campaign: str) -> None:
+    first, second = failures_of(campaign)[:2]
+    answer = frenetic("rerun", campaign, str(second), str(first), "--times", "1", "--json")
+    assert [one["test"] for one in answer.json] == [second, first]
+    assert frenetic("rerun", campaign, "9999").refuses("holds no test of candidate 9999")
+    assert frenetic("rerun", campaign, str(first), "--top", "2").refuses("exclude each other")
+
+
+def test_a_campaign_without_failures_is_said_to_have_none(frenetic: Frenetic) -> None:
+    frenetic("run", "--simulations", "2", "--driver-option", "aggression=0.3", "--out", "calm")
+    answer = frenetic("rerun", "calm")
+    assert (answer.code, answer.out) == (0, "calm holds no failure\n")
+    assert not Path("calm/reruns.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--vary", "mass=1:2"), ("cannot vary 'mass'", "friction, speed")),
+        (("--vary", "friction=1:0.5"), ("friction from 1 to 0.5", "LOW:HIGH")),
+        (("--vary", "friction=a:b"), ("friction=a:b", "NAME=LOW:HIGH")),
+        (("--vary", "friction=nan"), ("NAME=LOW:HIGH",)),
+        (("--vary", "speed=50:60", "speed=60:70"), ("speed is varied twice",)),
+        (("--times", "0"), ("--times",)),
+        (("--driver", "nobody"), ("unknown driver 'nobody'",)),
+    ],
+)
+def test_mistakes_are_one_line(
+    frenetic: Frenetic, campaign: str, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    assert frenetic("rerun", campaign, *arguments).refuses(*words)
+    assert not Path(campaign, "reruns.json").exists()
+
+
+def test_a_simulator_that_cannot_vary_says_so(frenetic: Frenetic, campaign: str) -> None:
+    answer = frenetic(
+        *("rerun", campaign, "--simulator", "frenetic.testing:DummySimulator"),
+        *("--vary", "friction=0.8:1.0"),
+    )
+    assert answer.refuses("DummySimulator cannot vary friction", "leave it out")
+
+
+def test_a_campaign_of_python_needs_its_parts_named(frenetic: Frenetic) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=2),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(failures=1),
+        folder="python",
+    ).run()
+    assert frenetic("rerun", "python").refuses("started from Python", "--driver and --simulator")
+    assert frenetic("rerun", "python", "--driver", "planner").refuses("--simulator")
+    answer = frenetic(
+        *("rerun", "python", "--driver", "planner", "--simulator", "embedded"),
+        *("--times", "5", "--json"),
+    )
+    (one,) = answer.json
+    assert (one["failed"], one["judged"]) == (5, 5)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"command": 3}, ("the command is 3",)),
+        ({"command": {"driver": "planner"}}, ("driver_options is missing",)),
+        ({"rules": {"speed_limit": -1.0}}, ("rules",)),
+        ({"map_size": "large"}, ("map_size is 'large'",)),
+    ],
+)
+def test_a_damaged_record_is_one_line(
+    frenetic: Frenetic, campaign: str, change: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    database = sqlite3.connect(Path(campaign) / "campaign.sqlite")
+    (text,) = database.execute("SELECT value FROM campaign WHERE key = 'config'").fetchone()
+    config = json.loads(text) | change
+    with database:
+        database.execute(
+            "UPDATE campaign SET value = ? WHERE key = 'config'", (json.dumps(config),)
+        )
+    database.close()
+    assert frenetic("rerun", campaign).refuses("does not say with what it was driven", *words)
+
+
+STOPPING = """
+import signal
+
+from frenetic import Planner
+
+
+class Stopping(Planner):
+    drives = 0
+
+    def reset(self, setup):
+        Stopping.drives += 1
+        if Stopping.drives == {stop}:
+            signal.raise_signal(signal.SIGINT)
+        super().reset(setup)
+
+    def act(self, observation):
+        return super().act(observation)
+"""
+
+
+BROKEN = """
+from frenetic import Planner
+
+
+class Broken(Planner):
+    def act(self, observation):
+        raise RuntimeError("no idea")
+"""
+
+
+def test_where_no_drive_can_be_judged_nothing_is_kept_and_the_exit_code_is_1(
+    frenetic: Frenetic, campaign: str
+) -> None:
+    Path("broken.py").write_text(BROKEN)
+    answer = frenetic("rerun", campaign, "--times", "2", "--driver", "broken.py:Broken")
+    assert answer.code == 1
+    assert "drives could not be judged" in answer.out
+    assert "no idea" in answer.out
+    assert "Kept" not in answer.out
+    assert not (Path(campaign) / "reruns.json").exists()
+
+
+def test_a_test_that_passed_is_said_to_be_no_failure(frenetic: Frenetic, campaign: str) -> None:
+    with CampaignStore.open(Path(campaign)) as store:
+        passed = str(next(iter(store.tests(Outcome.PASS))).candidate.id)
+    answer = frenetic("rerun", campaign, passed, "--times", "10")
+    assert answer.code == 0
+    assert "0 of 10" in answer.out
+    assert f"neither robust nor fragile: {passed}" in answer.out
+
+
+def test_a_driver_that_takes_no_noise_is_refused_before_it_drives(
+    frenetic: Frenetic, campaign: str
+) -> None:
+    parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--delay", "0"]
+    answer = frenetic("rerun", campaign, *parts, "--vary", "noise", "--workers", "2")
+    assert answer.refuses("noise, delay and view do not reach it: leave them out")
+
+
+@pytest.mark.parametrize(("stop", "kept"), [(3, [2, 1]), (4, [2, 2]), (6, [2, 2, 2])])
+def test_ctrl_c_keeps_what_is_done_and_exits_130(
+    frenetic: Frenetic, campaign: str, stop: int, kept: list[int]
+) -> None:
+    Path(f"stopping{stop}.py").write_text(STOPPING.format(stop=stop))
+    ids = [str(number) for number in failures_of(campaign)[:3]]
+    answer = frenetic(
+        "rerun", campaign, *ids, "--times", "2", "--driver", f"stopping{stop}.py:Stopping"
+    )
+    assert answer.code == (130 if stop < 6 else 0)
+    assert "Finishing what runs" in answer.err
+    drives = {one.test_id: len(one.drives) for one in read_reruns(Path(campaign))}
+    assert [drives[int(number)] for number in ids if int(number) in drives] == kept
+
+
+def test_help_names_every_quantity(frenetic: Frenetic) -> None:
+    assert tuple(REAL_QUANTITIES) == QUANTITIES
+    answer = frenetic("rerun", "--help")
+    assert all(name in answer.out for name in QUANTITIES)

@@ -1,0 +1,230 @@
+"""Failures in another simulator: what is said of them, and what is kept."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.drivers import Driver, Planner
+from frenetic.errors import CampaignError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.redrive.confirm import (
+    CONFIRMATIONS,
+    Agreement,
+    Confirmation,
+    confirm,
+    confirmation_document,
+    read_confirmations,
+    write_confirmations,
+)
+from frenetic.report.confirmation import pictures_of, write_confirmation
+from frenetic.report.failures import stored_test
+from frenetic.road import Road
+from frenetic.search import Frenetic
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
+from frenetic.testing import DummyDriver, DummySimulator
+
+OTHER_CAR = Vehicle(mass=1500.0, yaw_inertia=2500.0, front_axle=1.4, rear_axle=1.3, width=1.85)
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("searched") / "c"
+    Campaign(
+        strategy=Frenetic(seed=3),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=80),
+        folder=folder,
+    ).run()
+    return folder
+
+
+@pytest.fixture
+def campaign(searched: Path, tmp_path: Path) -> Path:
+    shutil.copytree(searched, tmp_path / "c")
+    return tmp_path / "c"
+
+
+def failures(folder: Path) -> list[int]:
+    with CampaignStore.open(folder) as store:
+        return [record.candidate.id for record in store.tests(Outcome.FAIL)]
+
+
+def in_other_car(folder: Path, *, workers: int = 1) -> Confirmation:
+    simulator = EmbeddedSimulator(vehicle=OTHER_CAR, friction=0.9)
+    return confirm(folder, simulator, Planner(), test_ids=failures(folder), workers=workers)
+
+
+def test_same_simulator_confirms_all_at_the_same_place(campaign: Path) -> None:
+    found = confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign))
+    assert found.count(Agreement.CONFIRMED) == found.alike == len(found.tests) >= 4
+    assert found.correlation is not None
+    assert found.correlation.spearman == pytest.approx(1.0)
+    assert found.correlation.pairs == len(found.tests)
+    assert all(one.recorded.moobd == one.other.moobd for one in found.tests)
+
+
+def test_world_without_limits_confirms_none(campaign: Path) -> None:
+    calm = EmbeddedSimulator(rules=Rules(speed_limit=25.0))
+    found = confirm(campaign, calm, Planner(), test_ids=failures(campaign))
+    assert found.count(Agreement.NOT_CONFIRMED) == len(found.tests)
+    assert found.alike == 0
+    assert found.rules.speed_limit == 25.0
+
+
+def test_drives_are_judged_by_the_box_of_the_other_car(campaign: Path) -> None:
+    found = in_other_car(campaign)
+    assert found.car.width == 1.85
+    with CampaignStore.open(campaign) as store:
+        for one in found.tests:
+            drive = found.drive(one)
+            assert drive is not None
+            result = judge(stored_test(store, store.test(one.test_id)).road, drive)
+            assert result.outcome is one.other.outcome
+            assert result.moobd == pytest.approx(one.other.moobd, abs=1e-3)
+
+
+def test_several_workers_find_the_same(campaign: Path) -> None:
+    one, two = (in_other_car(campaign, workers=workers) for workers in (1, 2))
+    assert confirmation_document(one) == confirmation_document(two)
+
+
+class Unreliable(DummySimulator):
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        return replace(super().drive(road, driver), error="no connection")
+
+
+def test_what_broke_is_not_judged(campaign: Path) -> None:
+    found = confirm(campaign, Unreliable(), DummyDriver(), test_ids=failures(campaign)[:2])
+    assert [one.agreement for one in found.tests] == [Agreement.NOT_JUDGED] * 2
+    assert found.correlation is None
+    assert found.tests[0].reason == "no connection"
+
+
+def test_only_failures_can_be_confirmed(campaign: Path) -> None:
+    with CampaignStore.open(campaign) as store:
+        passed = next(iter(store.tests(Outcome.PASS))).candidate.id
+    with pytest.raises(CampaignError, match=f"test {passed} is PASS: only a failure"):
+        confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=[passed])
+
+
+# What is kept
+
+
+def test_kept_is_what_was_found(campaign: Path) -> None:
+    found = in_other_car(campaign)
+    (kept,) = read_confirmations(campaign)
+    assert confirmation_document(kept) == confirmation_document(found)
+    for one, other in zip(kept.tests, found.tests, strict=True):
+        assert one.trajectory is not None
+        assert other.trajectory is not None
+        assert (one.trajectory.to_rows() == other.trajectory.to_rows()).all()
+    before = (campaign / CONFIRMATIONS).read_bytes()
+    write_confirmations(campaign, read_confirmations(campaign))
+    assert (campaign / CONFIRMATIONS).read_bytes() == before
+    assert not list(campaign.glob("*.part"))
+
+
+def test_another_simulator_is_added_and_the_same_replaced(campaign: Path) -> None:
+    first = in_other_car(campaign)
+    second = confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
+    assert [one.key for one in read_confirmations(campaign)] == [first.key, second.key]
+    in_other_car(campaign)
+    assert [one.key for one in read_confirmations(campaign)] == [second.key, first.key]
+
+
+def test_nothing_is_kept_of_a_campaign_that_nobody_confirmed(campaign: Path) -> None:
+    assert read_confirmations(campaign) == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("{", "is damaged (it is not JSON): remove it"),
+        ("[]", "its version is None"),
+        ('{"version": 99}', "written by a newer version of frenetic (form 99, this one reads 1)"),
+        ('{"version": 1}', "KeyError: 'confirmations'"),
+        ('{"version": 1, "confirmations": [{}]}', "KeyError: 'simulator'"),
+    ],
+)
+def test_damaged_file_is_refused_before_anything_is_driven(
+    campaign: Path, text: str, words: str
+) -> None:
+    (campaign / CONFIRMATIONS).write_text(text)
+    with pytest.raises(CampaignError) as refused:
+        confirm(campaign, Unreliable(), DummyDriver(), test_ids=failures(campaign)[:1])
+    assert words in str(refused.value)
+    assert (campaign / CONFIRMATIONS).read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (("tests", 0, "trajectory"), "no base64!"),
+        (("tests", 0, "trajectory"), "AAAA"),
+        (("tests", 0, "other", "moobd"), "low"),
+        (("tests", 0, "other", "outcome"), "MAYBE"),
+        (("tests", 0, "other", "departure_side"), "up"),
+        (("tests", 0, "test"), 1.5),
+        (("car", "length"), None),
+        (("rules", "speed_limit"), -1.0),
+        (("simulator",), "embedded"),
+    ],
+)
+def test_damaged_values_are_named(
+    campaign: Path, place: tuple[str | int, ...], value: object
+) -> None:
+    confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
+    document = json.loads((campaign / CONFIRMATIONS).read_text())
+    inner = document["confirmations"][0]
+    for step in place[:-1]:
+        inner = inner[step]
+    inner[place[-1]] = value
+    (campaign / CONFIRMATIONS).write_text(json.dumps(document))
+    with pytest.raises(CampaignError, match=r"is damaged .*: remove it"):
+        read_confirmations(campaign)
+
+
+def test_failed_write_leaves_the_old_file(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = in_other_car(campaign)
+    before = (campaign / CONFIRMATIONS).read_bytes()
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(CampaignError, match="cannot be written: No space left on device"):
+        write_confirmations(campaign, [found])
+    assert (campaign / CONFIRMATIONS).read_bytes() == before
+
+
+# Pictures
+
+
+def test_both_paths_in_one_picture_per_road_and_a_gallery(campaign: Path) -> None:
+    found = in_other_car(campaign)
+    with CampaignStore.open(campaign) as store:
+        gallery = write_confirmation(store, found)
+    folder = campaign / pictures_of(found)
+    assert gallery == folder / "gallery.png"
+    names = {path.name for path in folder.iterdir()}
+    assert names == {"gallery.png", *(f"test-{i:05d}.png" for i in failures(campaign))}
+    assert all(path.read_bytes()[:4] == b"\x89PNG" for path in folder.iterdir())
+
+
+def test_no_picture_of_what_was_not_driven(campaign: Path) -> None:
+    class Refusing(DummySimulator):
+        def drive(self, road: Road, driver: Driver) -> Drive:
+            raise OSError("no connection")
+
+    found = confirm(campaign, Refusing(), DummyDriver(), test_ids=failures(campaign)[:1])
+    with CampaignStore.open(campaign) as store:
+        assert write_confirmation(store, found) is None
+    assert read_confirmations(campaign)[0].tests[0].trajectory is None

@@ -1,0 +1,254 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from statistics import median
+
+import numpy as np
+import pytest
+
+from frenetic.campaign import RoadTester
+from frenetic.drivers import Planner
+from frenetic.errors import FreneticError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.redrive.minimise import (
+    GUARD,
+    FailureReason,
+    MinimiseProgress,
+    failure_reason,
+    minimise,
+)
+from frenetic.redrive.shrinking import Ending, Shape
+from frenetic.road import Road
+from frenetic.search import Candidate, Frenetic
+from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.testing import DummyDriver, DummySimulator, converse
+
+
+class Watched(EmbeddedSimulator):
+    """Keeps the roads that were driven; breaks after so many if it is told to."""
+
+    def __init__(self, *, breaks_after: int | None = None) -> None:
+        super().__init__()
+        self.driven: list[tuple[float, ...]] = []
+        self.breaks_after = breaks_after
+
+    def drive(self, road, driver):  # type: ignore[no-untyped-def]
+        if self.breaks_after is not None and len(self.driven) >= self.breaks_after:
+            raise ConnectionError("lost the simulator")
+        self.driven.append((road.step, *road.curvatures))
+        return super().drive(road, driver)
+
+
+@pytest.fixture(scope="module")
+def failures() -> list[Road]:
+    """Fifty failing roads of five searches, evenly spaced in time."""
+    tester = RoadTester(EmbeddedSimulator(), Planner())
+    roads: list[Road] = []
+    for seed in range(1, 6):
+        found: list[Road] = []
+
+        def verdict(
+            candidate: Candidate, found: list[Road] = found
+        ) -> tuple[Outcome, float | None]:
+            result = tester.test(candidate).result
+            if result.outcome is Outcome.FAIL:
+                found.append(Road(candidate.curvatures, candidate.step))
+            return result.outcome, result.moobd
+
+        converse(Frenetic(seed=seed), verdict, 300)
+        roads += [found[i * len(found) // 10] for i in range(10)]
+    return roads
+
+
+def make_tester(simulator: EmbeddedSimulator | DummySimulator | None = None) -> RoadTester:
+    driver = DummyDriver() if isinstance(simulator, DummySimulator) else Planner()
+    return RoadTester(simulator or EmbeddedSimulator(), driver)
+
+
+# What a failure's reason is
+
+
+def reason_of(simulator: DummySimulator | EmbeddedSimulator, road: Road) -> FailureReason | None:
+    return failure_reason(road, simulator.drive(road, DummyDriver()))
+
+
+def test_reason_is_the_side_or_the_rule() -> None:
+    road = Road([0.0] * 15)
+    assert reason_of(DummySimulator(lambda road: 4.0), road) is FailureReason.LEFT_LANE_LEFT
+    assert reason_of(DummySimulator(lambda road: -4.0), road) is FailureReason.LEFT_LANE_RIGHT
+    assert reason_of(EmbeddedSimulator(), road) is FailureReason.STOOD_STILL  # no throttle
+    assert reason_of(DummySimulator(speed=1.5), road) is FailureReason.RAN_OUT_OF_TIME
+
+
+def test_no_failure_no_reason() -> None:
+    road = Road([0.0] * 15)
+    simulator = DummySimulator()
+    assert reason_of(simulator, road) is None
+    drive = simulator.drive(road, DummyDriver())
+    assert failure_reason(road, Drive(drive.trajectory, error="it broke")) is None
+
+
+# What is promised
+
+
+def test_failures_of_a_search_become_half_as_long_and_fail_for_the_same_reason(
+    failures: list[Road],
+) -> None:
+    tester = make_tester()
+    shares = []
+    for road in failures:
+        minimised = minimise(road, tester)
+        original, smallest = minimised.original, minimised.smallest
+        # Judged anew, by a simulator that knows nothing of what was driven before.
+        assert failure_reason(
+            smallest.road, EmbeddedSimulator().drive(smallest.road, Planner())
+        ) is failure_reason(road, EmbeddedSimulator().drive(road, Planner()))
+        assert smallest.road.check_validity().valid
+        assert minimised.reason is original.reason is smallest.reason
+        assert smallest.shape.rank <= original.shape.rank
+        assert smallest.shape.curves <= original.shape.curves
+        assert minimised.drives <= 500
+        shares.append(minimised.road.length / road.length)
+    assert len(shares) == 50
+    assert median(shares) <= 0.5
+
+
+def test_result_belongs_to_the_road(failures: list[Road]) -> None:
+    minimised = minimise(failures[0], make_tester())
+    smallest = minimised.smallest
+    assert judge(smallest.road, smallest.drive) == smallest.result == minimised.result
+    assert Shape(tuple(smallest.road.curvatures), smallest.road.step) == smallest.shape
+    assert minimised.improvements[-1].shape == smallest.shape
+    assert minimised.original.shape.values == tuple(failures[0].curvatures)
+    assert minimised.ending is Ending.MINIMAL
+    assert minimised.trouble is None
+
+
+def test_guard_lets_no_road_through_whose_neighbours_pass(failures: list[Road]) -> None:
+    tester = make_tester()
+    for road in failures[:4]:
+        minimised = minimise(road, tester)
+        for factor in (1.0 - GUARD, 1.0 + GUARD):
+            near = Road(factor * minimised.road.curvatures)
+            placed, verdict = near.placed()
+            if verdict.valid:
+                assert placed is not None
+                drive = EmbeddedSimulator().drive(placed, Planner())
+                assert failure_reason(placed, drive) is minimised.reason
+
+
+def test_without_a_guard_it_takes_fewer_drives(failures: list[Road]) -> None:
+    tester = make_tester()
+    guarded, bare = (minimise(failures[0], tester, guard=guard).drives for guard in (GUARD, 0.0))
+    assert bare < guarded
+
+
+@pytest.mark.parametrize("max_drives", [1, 2, 7, 60])
+def test_no_road_is_driven_twice_and_no_drive_is_one_too_many(
+    failures: list[Road], max_drives: int
+) -> None:
+    simulator = Watched()
+    seen: list[MinimiseProgress] = []
+    minimised = minimise(
+        failures[1], make_tester(simulator), max_drives=max_drives, on_progress=seen.append
+    )
+    assert len(simulator.driven) == minimised.drives == max_drives
+    assert len(set(simulator.driven)) == len(simulator.driven)
+    assert minimised.ending is Ending.SPENT
+    assert [progress.drives for progress in seen] == list(range(2, max_drives + 1))
+    lengths = [progress.length for progress in seen]
+    assert lengths == sorted(lengths, reverse=True)
+
+
+def test_a_single_drive_finds_out_that_it_fails(failures: list[Road]) -> None:
+    minimised = minimise(failures[0], make_tester(), max_drives=1)
+    assert minimised.smallest is minimised.original
+    assert minimised.improvements == ()
+
+
+def test_same_road_same_result(failures: list[Road]) -> None:
+    one, other = (minimise(failures[2], make_tester(), max_drives=120) for _ in range(2))
+    assert one.improvements == other.improvements
+    assert one.result == other.result
+    assert one.drives == other.drives
+
+
+def test_roads_of_many_points_become_roads_of_few(failures: list[Road]) -> None:
+    # As they come in the competition's files: some points, joined by a spline.
+    points = failures[0].sample(8.0)
+    road = Road.from_points(points)
+    assert road.step < 1.0
+    minimised = minimise(road, make_tester())
+    assert minimised.original.shape.step == road.step
+    assert minimised.road.step >= 2.0
+    assert len(minimised.road.curvatures) < 60
+
+
+def test_lanes_may_be_of_another_width() -> None:
+    simulator = DummySimulator(lambda road: 6.0)
+    tester = RoadTester(simulator, DummyDriver(), lane_width=5.0)
+    minimised = minimise(Road([0.0, 0.02] * 6, lane_width=5.0), tester)
+    assert minimised.road.lane_width == 5.0
+    assert minimised.road.length <= 30.0  # at least 20 m make a valid road
+
+
+# What may go wrong
+
+
+def test_road_that_passes_is_refused() -> None:
+    with pytest.raises(FreneticError, match="PASS: Car reached the end"):
+        minimise(Road([0.0] * 15), make_tester())
+
+
+def test_road_that_is_invalid_is_refused() -> None:
+    with pytest.raises(FreneticError, match=r"INVALID: .*self-intersecting"):
+        minimise(Road([0.07] * 15), make_tester())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"max_drives": 0}, "max_drives is 0"),
+        ({"max_drives": 2.5}, "max_drives is 2.5"),
+        ({"guard": 1.0}, "guard is 1.0"),
+        ({"guard": -0.1}, "guard is -0.1"),
+        ({"guard": float("nan")}, "guard is nan"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(options: dict[str, float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        minimise(Road([0.0] * 15), make_tester(), **options)  # type: ignore[arg-type]
+
+
+def test_lanes_that_do_not_agree_are_refused() -> None:
+    with pytest.raises(ValueError, match="lanes are 5 m wide, those of the tester 4 m"):
+        minimise(Road([0.0] * 15, lane_width=5.0), make_tester())
+
+
+def test_simulator_that_breaks_for_good_leaves_the_smallest_road(failures: list[Road]) -> None:
+    simulator = Watched(breaks_after=40)
+    minimised = minimise(failures[0], make_tester(simulator))
+    assert minimised.ending is Ending.STOPPED
+    assert minimised.trouble is not None
+    assert "lost the simulator" in minimised.trouble
+    assert minimised.drives == 50
+    assert minimised.road.length < failures[0].length
+
+
+def test_stopped_on_demand_it_keeps_the_smallest_road(failures: list[Road]) -> None:
+    seen: list[MinimiseProgress] = []
+    stop: Callable[[], bool] = lambda: len(seen) >= 30  # noqa: E731
+    minimised = minimise(failures[0], make_tester(), on_progress=seen.append, should_stop=stop)
+    assert minimised.ending is Ending.STOPPED
+    assert minimised.trouble is None
+    assert minimised.drives == 31
+    assert minimised.road.length == seen[-1].length < failures[0].length
+
+
+def test_failures_that_are_no_departure_are_minimised_too() -> None:
+    minimised = minimise(
+        Road(np.full(15, 0.01)), RoadTester(EmbeddedSimulator(), DummyDriver()), guard=0.0
+    )
+    assert minimised.reason is FailureReason.STOOD_STILL
+    assert minimised.road.length <= 30.0

@@ -1,0 +1,573 @@
+"""Reruns: shares that are known, what matters, and what is kept of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, Planner
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.outcome import Outcome
+from frenetic.redrive.robustness import (
+    RERUNS,
+    Repeat,
+    Rerun,
+    RerunProgress,
+    Stability,
+    Variation,
+    draw_worlds,
+    read_reruns,
+    rerun,
+    rerun_document,
+    telling_reruns,
+    write_reruns,
+)
+from frenetic.road import Road
+from frenetic.search import Frenetic
+from frenetic.simulators import Drive, EmbeddedSimulator, Simulator
+from frenetic.simulators.worlds import QUANTITIES, World
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with some failures."""
+    folder = tmp_path_factory.mktemp("made")
+    Campaign(
+        strategy=Frenetic(seed=3),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(failures=6),
+        folder=folder,
+    ).run()
+    return folder
+
+
+@pytest.fixture
+def campaign(made: Path) -> Path:
+    """The same without what other tests have kept in it."""
+    (made / RERUNS).unlink(missing_ok=True)
+    return made
+
+
+def failures_of(folder: Path) -> list[int]:
+    with CampaignStore.open(folder) as store:
+        return [record.candidate.id for record in store.tests(Outcome.FAIL, order_by="moobd")]
+
+
+class Icy(DummySimulator):
+    """Its car leaves its lane where friction is below 0.9, the further the less there is."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda road: 0.0 if self.friction >= 0.9 else 4.0 + 1.0 - self.friction)
+        self.friction = 1.0
+
+
+# How often
+
+
+def test_a_deterministic_failure_repeats_every_time(campaign: Path) -> None:
+    (one,) = rerun(
+        campaign, EmbeddedSimulator(), Planner(), test_ids=failures_of(campaign)[:1], times=20
+    )
+    assert (one.failed, one.judged, one.alike, one.share) == (20, 20, 20, 1.0)
+    assert one.stability is Stability.ROBUST
+    assert all(drive.moobd == one.recorded.moobd for drive in one.drives)
+    assert str(one) == "fails 20 of 20 (100 %, 95 % interval 84 to 100 %)"
+
+
+def test_a_failure_that_hangs_on_friction_repeats_in_its_share_of_the_range(
+    campaign: Path,
+) -> None:
+    # Below 0.9 lies a quarter of 0.8 to 1.2, and the draws are even: exactly 5 of 20.
+    ranges = [Variation("friction", 0.8, 1.2), Variation("speed", 50.0, 90.0)]
+    reruns = rerun(campaign, Icy(), DummyDriver(), times=20, variations=ranges)
+    assert [one.test_id for one in reruns] == failures_of(campaign)
+    for one in reruns:
+        assert (one.failed, one.judged) == (5, 20)
+        assert one.stability is Stability.FRAGILE
+        for drive in one.drives:
+            assert drive.world.friction is not None
+            assert (drive.outcome is Outcome.FAIL) == (drive.world.friction < 0.9)
+
+
+class Startled:
+    """A planner that lets go of the wheel if it first believes itself left of a place."""
+
+    def __init__(self, place: float) -> None:
+        self.place = place
+        self.planner = Planner()
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.planner.reset(setup)
+        self.is_startled: bool | None = None
+
+    def act(self, observation: Observation) -> Controls:
+        if self.is_startled is None:
+            self.is_startled = observation.lateral_offset > self.place
+        if self.is_startled:
+            return Controls(0.3, throttle=0.3)
+        return self.planner.act(replace(observation, lateral_offset=0.0))
+
+
+def test_a_marginal_failure_under_seeded_noise_reports_its_share(tmp_path: Path) -> None:
+    # The error at the start is normal with a standard deviation of 0.2 m: above 0.1049 m in 30 %.
+    driver = Startled(0.2 * 0.5244)
+    gentle = Candidates([0.0] * 12)
+    Campaign(
+        strategy=gentle,
+        simulator=EmbeddedSimulator(),
+        driver=Noisy(driver, offset=0.2, heading=0.0, seed=0),
+        budget=Budget(simulations=1),
+        folder=tmp_path,
+    ).run()
+    (one,) = rerun(
+        tmp_path,
+        EmbeddedSimulator(),
+        driver,
+        test_ids=[1],
+        times=150,
+        variations=[Variation("noise", 0.2, 0.2)],
+    )
+    low, high = one.interval
+    assert low < 0.3 < high
+    assert one.share is not None
+    assert abs(one.share - 0.3) < 0.06
+    assert one.recorded.outcome is Outcome.PASS
+    assert one.stability is None
+    assert one.influences == (), "nothing was varied but the seed"
+
+
+class Candidates:
+    """Always asks for the same road."""
+
+    def __init__(self, curvatures: list[float]) -> None:
+        self.curvatures = curvatures
+        self.asked = 0
+
+    def ask(self) -> Any:
+        from frenetic.search import Candidate, Origin
+
+        self.asked += 1
+        return Candidate(self.asked, np.array(self.curvatures), 10.0, Origin("given"))
+
+    def tell(self, evaluation: object) -> None:
+        pass
+
+
+class Flaky(DummySimulator):
+    """Fails every third drive, whatever is driven."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda road: 5.0 if self.drives % 3 == 0 else 0.0)
+        self.drives = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.drives += 1
+        return super().drive(road, driver)
+
+
+def test_a_simulator_that_is_not_repeatable_is_found_out_without_any_variation(
+    campaign: Path,
+) -> None:
+    (one,) = rerun(campaign, Flaky(), DummyDriver(), test_ids=failures_of(campaign)[:1], times=21)
+    assert (one.failed, one.judged) == (7, 21)
+    assert one.stability is Stability.UNCLEAR
+
+
+class Broken(DummySimulator):
+    """Breaks in two drives of three."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.drives = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.drives += 1
+        if self.drives % 3:
+            return Drive(super().drive(road, driver).trajectory, error="no connection \ud800")
+        return super().drive(road, driver)
+
+
+def test_drives_that_broke_count_neither_way(campaign: Path) -> None:
+    first = failures_of(campaign)[:1]
+    (one,) = rerun(campaign, Broken(), DummyDriver(), test_ids=first, times=9)
+    assert (one.count(Outcome.ERROR), one.judged, one.share) == (6, 3, 0.0)
+    (none,) = rerun(campaign, Broken(), DummyDriver(), test_ids=first, times=2)
+    assert (none.judged, none.share, none.interval) == (0, None, (0.0, 1.0))
+    assert none.stability is Stability.UNCLEAR
+    assert str(none) == "none of 2 drives could be judged"
+    assert {drive.trouble for drive in none.drives} == {"no connection \\ud800"}
+    assert read_reruns(campaign) == (one,)  # the one with nothing to tell replaces nothing
+
+
+# What matters
+
+
+def of_worlds(worlds: tuple[World, ...], ranges: list[Variation], **outcomes: Any) -> Rerun:
+    """A rerun whose drives fail and pass as a function of the world says."""
+    verdict = outcomes["verdict"]
+    drives = tuple(
+        Repeat(world, Outcome.FAIL if (moobd := verdict(world)) < 0.0 else Outcome.PASS, moobd)
+        for world in worlds
+    )
+    recorded = Repeat(World(), Outcome.FAIL, -1.0)
+    return Rerun(1, recorded, tuple(ranges), 0, {"class": "d"}, {"class": "s"}, drives)
+
+
+def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
+    ranges = [Variation("friction", 0.8, 1.0), Variation("delay", 0.0, 0.2)]
+    worlds = draw_worlds(ranges, 20, 1)
+    one = of_worlds(worlds, ranges, verdict=lambda w: w.friction - 0.93)
+    first, second = one.influences
+    assert (first.quantity, first.matters) == ("friction", True)
+    assert first.spearman > 0.8
+    assert (second.quantity, second.matters) == ("delay", False)
+    assert str(one).startswith("fails 13 of 20 (65 %, 95 % interval 43 to 82 %); less friction is")
+    assert "delay" not in str(one)
+
+
+def test_more_of_what_harms_is_worse() -> None:
+    ranges = [Variation("noise", 0.0, 0.4)]
+    worlds = draw_worlds(ranges, 30, 1)
+    one = of_worlds(worlds, ranges, verdict=lambda w: 0.2 - w.noise)
+    (influence,) = one.influences
+    assert influence.spearman < -0.8
+    assert str(influence).startswith("more noise is worse")
+
+
+def test_how_far_out_failing_cars_are_does_not_matter() -> None:
+    # With less friction a car is slower, so it is less far out when its drive is ended.
+    ranges = [Variation("friction", 0.5, 1.0)]
+    one = of_worlds(draw_worlds(ranges, 20, 1), ranges, verdict=lambda w: -w.friction)
+    assert one.failed == 20
+    assert one.influences == ()
+
+
+def test_too_few_drives_say_nothing_about_what_matters() -> None:
+    ranges = [Variation("friction", 0.5, 1.0)]
+    one = of_worlds(draw_worlds(ranges, 7, 1), ranges, verdict=lambda w: w.friction - 0.7)
+    assert one.influences == ()
+
+
+def test_p_values_are_corrected_for_the_number_of_quantities() -> None:
+    ranges = [Variation("friction", 0.5, 1.0), Variation("delay", 0.0, 0.2)]
+    worlds = draw_worlds(ranges, 12, 0)
+    verdict = {"verdict": lambda w: w.delay - 0.1 + 0.2 * w.friction}
+    both = {one.quantity: one.p for one in of_worlds(worlds, ranges, **verdict).influences}
+    alone = {
+        range_.quantity: of_worlds(worlds, [range_], **verdict).influences[0].p for range_ in ranges
+    }
+    smaller = min(alone, key=lambda name: alone[name])
+    assert both[smaller] == pytest.approx(min(1.0, 2.0 * alone[smaller]))
+
+
+@pytest.mark.parametrize(
+    ("failed", "times", "stability"),
+    [
+        (5, 20, Stability.FRAGILE),
+        (6, 20, Stability.UNCLEAR),
+        (14, 20, Stability.UNCLEAR),
+        (15, 20, Stability.ROBUST),
+        (3, 3, Stability.UNCLEAR),
+        (4, 4, Stability.ROBUST),
+        (0, 4, Stability.FRAGILE),
+    ],
+)
+def test_stability_needs_the_whole_interval_on_one_side(
+    failed: int, times: int, stability: Stability
+) -> None:
+    moobds = iter([-1.0] * failed + [1.0] * (times - failed))
+    one = of_worlds((World(),) * times, [], verdict=lambda w: next(moobds))
+    assert one.stability is stability
+
+
+def test_failing_elsewhere_is_failing_but_not_alike() -> None:
+    there = Repeat(World(), Outcome.FAIL, -1.0, 100.0, "left")
+    assert there.fails_like(replace(there, departure_distance=129.0))
+    assert not there.fails_like(replace(there, departure_distance=131.0))
+    assert not there.fails_like(replace(there, departure_side="right"))
+    assert not there.fails_like(replace(there, outcome=Outcome.PASS))
+    stuck = Repeat(World(), Outcome.FAIL, 1.0)
+    assert stuck.fails_like(stuck)
+    assert not stuck.fails_like(there)
+
+
+# Worlds
+
+
+@given(
+    st.lists(st.sampled_from(list(QUANTITIES)), min_size=1, max_size=6, unique=True),
+    st.integers(1, 30),
+    st.integers(0, 99),
+)
+def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -> None:
+    ranges = [Variation(name, QUANTITIES[name].low, QUANTITIES[name].high) for name in names]
+    worlds = draw_worlds(ranges, times, seed)
+    assert len(worlds) == times
+    for one in ranges:
+        values = [world.value(one.quantity) for world in worlds]
+        parts = sorted(
+            math.floor((value - one.low) / (one.high - one.low) * times)
+            for value in values
+            if value is not None
+        )
+        assert parts == list(range(times))
+    assert worlds == draw_worlds(ranges[::-1], times, seed), "the order of the ranges counts"
+    for name in QUANTITIES.keys() - names:
+        assert {world.value(name) for world in worlds} == {None}
+
+
+def test_another_seed_gives_other_worlds_and_each_world_its_own_noise() -> None:
+    ranges = [Variation("noise", 0.2, 0.2)]
+    worlds = draw_worlds(ranges, 10, 1)
+    assert {world.noise for world in worlds} == {0.2}
+    assert len({world.noise_seed for world in worlds}) == 10
+    assert worlds != draw_worlds(ranges, 10, 2)
+
+
+def test_without_variation_all_worlds_are_the_campaigns() -> None:
+    assert draw_worlds([], 3, 0) == (World(),) * 3
+
+
+@pytest.mark.parametrize("times", [0, -1, 2.5, True])
+def test_a_number_of_times_that_is_none_is_refused(times: int) -> None:
+    with pytest.raises(ValueError, match="times is"):
+        draw_worlds([], times, 0)
+
+
+def test_a_quantity_is_varied_once() -> None:
+    with pytest.raises(ValueError, match="speed is varied twice"):
+        draw_worlds([Variation("speed", 50.0, 60.0), Variation("speed", 60.0, 70.0)], 3, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high", "said"),
+    [
+        ("mass", 1.0, 2.0, "cannot vary 'mass': choose from friction, speed"),
+        ("friction", 1.0, 0.8, "friction from 1 to 0.8: a range LOW:HIGH within 0.01 to 1.5"),
+        ("speed", 0.0, 50.0, "within 1 to 500 km/h is needed"),
+        ("noise", math.nan, 1.0, "cannot vary noise from nan to 1"),
+        ("start", -3.0, 0.0, "within -2 to 2 m is needed"),
+    ],
+)
+def test_a_range_that_is_none_is_one_line(name: str, low: float, high: float, said: str) -> None:
+    with pytest.raises(FreneticError) as caught:
+        Variation(name, low, high)
+    assert said in str(caught.value)
+
+
+def test_usual_ranges_follow_the_simulator() -> None:
+    simulator = EmbeddedSimulator(friction=0.5)
+    assert Variation.usual("friction", simulator) == Variation("friction", 0.4, 0.5)
+    assert Variation.usual("speed", simulator) == Variation("speed", 63.0, 77.0)
+    for name in QUANTITIES:
+        assert not Variation.usual(name, simulator).is_fixed
+    with pytest.raises(FreneticError, match="DummySimulator cannot vary friction"):
+        Variation.usual("friction", DummySimulator())
+    with pytest.raises(FreneticError, match="cannot vary 'grip'"):
+        Variation.usual("grip", simulator)
+
+
+def test_a_simulator_that_cannot_is_refused_before_anything_is_driven(campaign: Path) -> None:
+    with pytest.raises(FreneticError, match="DummySimulator cannot vary start"):
+        rerun(campaign, DummySimulator(), DummyDriver(), variations=[Variation("start", 0.0, 0.1)])
+    assert not (campaign / RERUNS).exists()
+
+
+# What is kept
+
+
+def test_the_same_seed_gives_the_same_file_whoever_drives(campaign: Path) -> None:
+    ranges = [Variation("friction", 0.7, 1.0), Variation("noise", 0.0, 0.3)]
+    files = []
+    for workers in (1, 2):
+        rerun(
+            campaign,
+            EmbeddedSimulator(),
+            Planner(),
+            times=6,
+            variations=ranges,
+            seed=4,
+            workers=workers,
+        )
+        files.append((campaign / RERUNS).read_bytes())
+        (campaign / RERUNS).unlink()
+    assert files[0] == files[1]
+
+
+def test_newer_reruns_replace_older_ones_of_the_same_parts_and_ranges(campaign: Path) -> None:
+    first, second, *_ = failures_of(campaign)
+
+    def again(*ids: int, times: int, delay: float | None = None, aggression: float = 1.0) -> None:
+        rerun(
+            campaign,
+            EmbeddedSimulator(),
+            Planner(aggression=aggression),
+            test_ids=ids,
+            times=times,
+            variations=[] if delay is None else [Variation("delay", 0.0, delay)],
+        )
+
+    again(first, second, times=2)
+    again(second, second, times=3, delay=0.1)
+    again(second, times=4, delay=0.2)
+    again(second, times=5, delay=0.1)
+    again(second, times=6)
+    again(second, times=7, delay=0.1, aggression=0.1)
+    kept = read_reruns(campaign)
+    assert [one.test_id for one in kept] == sorted([first, *[second] * 4])
+    times = [len(one.drives) for one in kept if one.test_id == second]
+    assert times == [4, 5, 6, 7]
+    assert not list(campaign.glob("*.part"))
+    with CampaignStore.open(campaign) as store:
+        driver, simulator = store.config["driver"], store.config["simulator"]
+    assert isinstance(driver, dict)
+    assert isinstance(simulator, dict)
+    telling = telling_reruns(kept, driver, simulator)
+    assert {number: len(one.drives) for number, one in telling.items()} == {first: 2, second: 5}
+    assert telling_reruns(kept, driver, {**simulator, "class": "another"}) == {}
+
+
+def test_a_test_that_passed_is_neither_robust_nor_fragile(campaign: Path) -> None:
+    with CampaignStore.open(campaign) as store:
+        passed = next(iter(store.tests(Outcome.PASS))).candidate.id
+    (one,) = rerun(campaign, EmbeddedSimulator(), Planner(), test_ids=[passed], times=10)
+    assert one.failed == 0
+    assert one.stability is None
+    assert rerun_document(one)["stability"] is None
+
+
+def test_it_is_said_how_many_failed_at_the_same_place() -> None:
+    here = Repeat(World(), Outcome.FAIL, -1.0, 50.0, "left")
+    there = replace(here, departure_distance=90.0)
+    same = Rerun(1, here, (), 0, {}, {}, (here,) * 4)
+    assert str(same) == "fails 4 of 4 (100 %, 95 % interval 51 to 100 %)"
+    other = replace(same, drives=(here, *[there] * 3))
+    assert str(other) == f"{same}, 1 of them at the same place"
+
+
+def test_what_is_written_is_read_again(campaign: Path, tmp_path: Path) -> None:
+    ranges = [Variation("friction", 0.6, 1.0), Variation("noise", 0.1, 0.2)]
+    reruns = rerun(campaign, EmbeddedSimulator(), Planner(), times=10, variations=ranges, seed=8)
+    assert read_reruns(campaign) == tuple(sorted(reruns, key=lambda one: one.test_id))
+    for one in reruns:
+        document = json.loads(json.dumps(rerun_document(one)))
+        assert document["failed"] == one.failed
+        assert document["interval"] == list(one.interval)
+        assert document["stability"] == one.stability
+    assert read_reruns(tmp_path) == ()
+
+
+def test_ctrl_c_keeps_what_is_done(campaign: Path) -> None:
+    ids = failures_of(campaign)[:3]
+
+    def interrupt(progress: RerunProgress) -> None:
+        assert progress.total == 12
+        if progress.drives == 6:
+            signal.raise_signal(signal.SIGINT)
+
+    reruns = rerun(
+        campaign, EmbeddedSimulator(), Planner(), test_ids=ids, times=4, on_progress=interrupt
+    )
+    assert [len(one.drives) for one in reruns] == [4, 2]
+    assert tuple(sorted(reruns, key=lambda one: one.test_id)) == read_reruns(campaign)
+
+
+def test_a_test_that_was_not_driven_is_refused(campaign: Path) -> None:
+    with pytest.raises(CampaignError, match="holds no test of candidate 99999"):
+        rerun(campaign, EmbeddedSimulator(), Planner(), test_ids=[99999])
+
+
+VALID = {
+    "test": 1,
+    "seed": 0,
+    "driver": {},
+    "simulator": {},
+    "variations": [{"quantity": "speed", "low": 50.0, "high": 60.0}],
+    "recorded": {
+        "world": {},
+        "outcome": "FAIL",
+        "moobd": -1.0,
+        "departure_distance": None,
+        "departure_side": None,
+        "trouble": None,
+    },
+    "drives": [],
+}
+
+
+def keep(folder: Path, text: str) -> None:
+    (folder / RERUNS).write_text(text, encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[]",
+        "3",
+        '{"version": 0, "reruns": []}',
+        '{"version": 1}',
+        '{"version": 1, "reruns": {"a": 1}}',
+        "[" * 100_000,
+        *(
+            json.dumps({"version": 1, "reruns": [{**VALID, **change}]})
+            for change in (
+                {"test": "1"},
+                {"seed": True},
+                {"drives": [1]},
+                {"drives": [{**VALID["recorded"], "outcome": "MAYBE"}]},  # type: ignore[dict-item]
+                {"recorded": {**VALID["recorded"], "moobd": math.nan}},  # type: ignore[dict-item]
+                {"recorded": {**VALID["recorded"], "moobd": 10**400}},  # type: ignore[dict-item]
+                {"recorded": {**VALID["recorded"], "departure_side": "up"}},  # type: ignore[dict-item]
+                {"recorded": {**VALID["recorded"], "trouble": 1}},  # type: ignore[dict-item]
+                {"recorded": {**VALID["recorded"], "world": {"weather": 1.0}}},  # type: ignore[dict-item]
+                {"variations": [{"quantity": "mass", "low": 1.0, "high": 2.0}]},
+                {"driver": 3},
+            )
+        ),
+    ],
+)
+def test_a_damaged_file_is_one_line_and_stays(campaign: Path, text: str) -> None:
+    keep(campaign, text)
+    with pytest.raises(CampaignError, match=r"reruns\.json is damaged") as caught:
+        read_reruns(campaign)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(CampaignError, match="is damaged"):
+        rerun(campaign, EmbeddedSimulator(), Planner(), times=1)
+    assert (campaign / RERUNS).read_text(encoding="utf-8") == text
+
+
+def test_the_file_that_is_damaged_above_is_fine_otherwise(tmp_path: Path) -> None:
+    keep(tmp_path, json.dumps({"version": 1, "reruns": [VALID]}))
+    assert read_reruns(tmp_path)[0].variations == (Variation("speed", 50.0, 60.0),)
+
+
+def test_a_file_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
+    keep(tmp_path, '{"version": 2, "everything": "else"}')
+    with pytest.raises(CampaignError, match="newer version of frenetic"):
+        read_reruns(tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match="cannot be written"):
+        write_reruns(tmp_path / "nowhere", [])
+
+
+def test_the_parts_are_recorded(campaign: Path) -> None:
+    simulator: Simulator = EmbeddedSimulator(friction=0.95)
+    rerun(campaign, simulator, Planner(), test_ids=failures_of(campaign)[:1], times=1)
+    (kept,) = read_reruns(campaign)
+    assert str(kept.driver["class"]).endswith(":Planner")
+    assert kept.simulator["options"]["vehicle"]["friction"] == 0.95  # type: ignore[index,call-overload]

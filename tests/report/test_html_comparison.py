@@ -1,0 +1,334 @@
+"""The page of a comparison: what it says, and how a browser shows it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from html_browser import background
+from html_campaigns import HOSTILE
+from playwright.sync_api import Page, expect
+
+from frenetic.analysis.comparison import Comparison, compare_measured
+from frenetic.analysis.measuring import CampaignMeasures
+from frenetic.errors import FreneticError
+from frenetic.report.html import Fact
+from frenetic.report.html.comparison import POINTS, comparison_report, write_comparison_page
+
+pytest_plugins = ["browsing"]
+
+
+def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeasures:
+    """With its failures one after the other; every second is a distinct one."""
+    curve = np.clip(np.arange(simulations + 1) - 3, 0, 2 * distinct)
+    return CampaignMeasures(
+        folder=folder,
+        seed=distinct,
+        invalid=distinct,
+        failures_after=curve,
+        distinct_after=(curve + 1) // 2,
+        cells_after=curve // 3,
+        seconds_to_failure=0.1 * distinct if distinct else math.inf,
+        is_finished=True,
+        filled=frozenset((i,) for i in range(2 * distinct // 3)),
+        competition_filled=frozenset((i,) for i in range(distinct)),
+        pairwise_diversity=0.4 - 0.01 * distinct if distinct > 1 else -math.inf,
+        competition_sparseness=25.0 if distinct > 1 else -math.inf,
+    )
+
+
+def made(folder: Path, **groups: list[int]) -> Comparison:
+    measured = {
+        name: tuple(campaign(folder / f"{name}-{i}", n) for i, n in enumerate(numbers))
+        for name, numbers in groups.items()
+    }
+    return compare_measured(measured, shared={"driver": "Planner"})
+
+
+LOW, HIGH = [1, 2, 3, 4, 5], [11, 12, 13, 14, 15]
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Comparison:
+    for name in ("high-0", "low-1"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "report.html").write_text("<!doctype html><title>x</title>")
+    return made(tmp_path, low=LOW, high=HIGH, never=[0] * 5)
+
+
+def blocks_of(comparison: Comparison, folder: Path) -> dict[str, list[Any]]:
+    report = comparison_report(comparison, folder)
+    return {section.id: list(section.blocks) for section in report.sections}
+
+
+# What it says
+
+
+def test_groups_stand_in_the_order_of_the_headline_in_colours_of_their_own(
+    three: Comparison, tmp_path: Path
+) -> None:
+    table = blocks_of(three, tmp_path)["results"][0]
+    assert [group.name for group in table.groups] == ["high", "low", "never"]
+    assert [group.colour for group in table.groups] == [1, 0, 2]
+
+
+def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
+    three: Comparison, tmp_path: Path
+) -> None:
+    medians, ranks, maps = blocks_of(three, tmp_path)["results"]
+    titles = [column.title for column in medians.columns]
+    first = dict(zip(titles, medians.rows[0], strict=True))
+    assert (first["distinct"].value, first["distinct"].note) == ("13", "12–14")
+    never = dict(zip(titles, medians.rows[2], strict=True))
+    assert (never["pairwise"].value, never["pairwise"].note) == ("none", "")
+    assert "failures per\u00a0100" not in titles, "all have as many simulations"
+    assert medians.caption.endswith("The same in all campaigns: simulations 60, errors 0.")
+    places = [row[0] for row in ranks.rows]
+    assert [(cell.value, cell.note) for cell in places] == [
+        ("1.", "3.0"),
+        ("2.", "8.0"),
+        ("3.", "13.0"),
+    ]
+    assert [cell.strength for cell in places] == [1.0, 0.5, 0.0]
+    assert [cell.value for cell in maps.rows[0]][:2] == ["10", "84.0\u00a0%"]
+
+
+def test_curves_are_thinned_and_have_bands_where_there_are_enough(tmp_path: Path) -> None:
+    long = tuple(campaign(tmp_path / str(i), 9 + i, simulations=3000) for i in range(5))
+    few = (campaign(tmp_path / "x", 4), campaign(tmp_path / "y", 6))
+    comparison = compare_measured({"long": long, "few": few})
+    (block,) = blocks_of(comparison, tmp_path)["curves"]
+    distinct = {curve.group.name: curve for curve in block.panels[0].curves}
+    curve = distinct["long"]
+    assert len(curve.x) == len(curve.median) == len(curve.low) == POINTS
+    assert (curve.x[0], curve.x[-1], curve.median[-1]) == (0, 3000, 11.0)
+    assert curve.singles == ()
+    assert (distinct["few"].low, len(distinct["few"].singles)) == ((), 2)
+
+
+def test_pairs_are_told_the_best_first(three: Comparison, tmp_path: Path) -> None:
+    (block,) = blocks_of(three, tmp_path)["pairs"]
+    by = block.measures[0]
+    assert by.title == "distinct failures per 100 simulations"
+    assert [(pair.first.name, pair.second.name) for pair in by.pairs] == [
+        ("high", "low"),
+        ("high", "never"),
+        ("low", "never"),
+    ]
+    assert all((pair.a12, pair.effect, pair.better) == (1.0, "large", 1) for pair in by.pairs)
+    assert by.pairs[0].verdict == "the first is better"
+    assert by.pairs[0].p == "0.0079"
+
+
+def test_nothing_is_claimed_of_few(tmp_path: Path) -> None:
+    (block,) = blocks_of(made(tmp_path, a=[1, 2], b=[8, 9]), tmp_path)["pairs"]
+    (pair,) = block.measures[0].pairs
+    assert (pair.effect, pair.p, pair.p_corrected, pair.better) == ("–", "–", "–", 0)
+    assert pair.verdict == "too few repeats to tell"
+
+
+def test_each_measure_is_defined(three: Comparison, tmp_path: Path) -> None:
+    facts = [fact for block in blocks_of(three, tmp_path)["measures"] for fact in block.facts]
+    names = {fact.name for fact in facts}
+    assert names >= {one.measure.title for one in three.measures}
+    diversity = next(fact for fact in facts if fact.name == "diversity of failures")
+    assert diversity.value.endswith("More is better; 0..1.")
+
+
+def test_only_reports_that_are_there_are_linked(three: Comparison, tmp_path: Path) -> None:
+    (table,) = blocks_of(three, tmp_path / "pages")["campaigns"]
+    links = dict(zip((row[0] for row in table.rows), table.links, strict=True))
+    assert links["../high-0"] == "../high-0/report.html"
+    assert links["../high-1"] is None
+    assert sum(link is not None for link in links.values()) == 2
+
+
+def test_addresses_lead_nowhere_but_to_files(tmp_path: Path) -> None:
+    folder = tmp_path / "javascript:alert(1)#?"
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("such a name is not possible here")
+    (folder / "report.html").write_text("x")
+    comparison = compare_measured({"a": (campaign(folder, 1),), "b": (campaign(tmp_path, 2),)})
+    (table,) = blocks_of(comparison, tmp_path)["campaigns"]
+    assert table.links == ("javascript%3Aalert%281%29%23%3F/report.html", None)
+
+
+def test_the_page_is_the_same_each_time_and_replaces_what_is_there(
+    three: Comparison, tmp_path: Path
+) -> None:
+    path = tmp_path / "page.html"
+    written = []
+    for _ in range(2):
+        assert write_comparison_page(three, path, title="Bench", command="frenetic bench") == path
+        written.append(path.read_bytes())
+    assert written[0] == written[1]
+    text = written[0].decode()
+    assert "<title>Bench</title>" in text
+    data = json.loads(text.split('id="data">')[1].split("</script>")[0])
+    assert data["sections"][0]["title"] == "Bench"
+    with pytest.raises(FreneticError, match="cannot be written"):
+        write_comparison_page(three, tmp_path / "nowhere" / "page.html")
+
+
+# How a browser shows it
+
+
+@pytest.fixture
+def page(show: Callable[..., Page], three: Comparison, tmp_path: Path) -> Page:
+    return show(write_comparison_page(three, tmp_path / "page.html", facts=[Fact("seeds", "5")]))
+
+
+def test_page_has_all_parts(page: Page) -> None:
+    expect(page.locator("h1")).to_have_text("low, high and never compared")
+    expect(page.locator("#summary .lead")).to_contain_text("high finds more distinct failures")
+    assert page.locator("main h2").all_text_contents() == [
+        "Results",
+        "Over the budget",
+        "Campaign by campaign",
+        "Pair by pair",
+        "What is measured",
+        "Campaigns",
+        "Configuration",
+    ]
+    expect(page.locator("#summary .tile dt").first).to_have_text("1. high")
+    assert page.locator(".curve-panels .plot-container").count() == 3
+    expect(page.locator("#campaigns tbody tr")).to_have_count(15)
+    expect(page.locator("#campaigns a").first).to_have_attribute("href", "low-1/report.html")
+    expect(page.locator("#configuration")).to_contain_text("seeds")
+
+
+def test_a_group_can_be_hidden_in_all_curves(page: Page) -> None:
+    lines = page.locator(".curve-panels .scatterlayer .trace")
+    before = lines.count()
+    button = page.locator(".legend button").first
+    button.click()
+    expect(button).to_have_attribute("aria-pressed", "false")
+    expect(lines).to_have_count(before - 9)  # a median and two edges of a band, in three charts
+    button.click()
+    expect(lines).to_have_count(before)
+
+
+def test_a_point_stands_for_each_campaign(page: Page) -> None:
+    panel = page.locator(".spread-panel").first
+    expect(panel.locator("h3")).to_have_text("distinct failures per 100 simulations")
+    expect(panel.locator(".dot")).to_have_count(15)
+    expect(panel.locator(".box")).to_have_count(3)
+    places = panel.locator(".spread").first.locator(".dot")
+    lefts = places.evaluate_all("els => els.map(el => parseFloat(el.style.left))")
+    assert lefts == sorted(lefts)
+    assert lefts[-1] == 100.0
+
+
+def test_what_never_happened_has_an_end_of_its_own(page: Page) -> None:
+    later = page.locator(".spread-panel", has_text="simulations to first failure")
+    expect(later.locator(".spread-axis span", has_text="none")).to_have_attribute(
+        "style", re.compile(r"left: 100%")
+    )
+    less = page.locator(".spread-panel", has_text="diversity of failures")
+    expect(less.locator(".spread-axis span", has_text="none")).to_have_attribute(
+        "style", re.compile(r"left: 0%")
+    )
+
+
+def test_pairs_change_with_the_measure(page: Page) -> None:
+    caption = page.locator("#pairs .caption")
+    expect(caption).to_contain_text("By distinct failures per 100 simulations: more is better")
+    page.select_option("#pairs-by", label="invalid share")
+    expect(caption).to_contain_text("By invalid share: less is better")
+    expect(page.locator("#pairs tbody tr")).to_have_count(3)
+    expect(page.locator("#pairs tbody tr").first).to_contain_text("the second is better")
+
+
+def test_dark_colours_follow_the_system(
+    show: Callable[..., Page], three: Comparison, tmp_path: Path
+) -> None:
+    path = write_comparison_page(three, tmp_path / "page.html")
+    swatch = "getComputedStyle(document.querySelector('.swatch')).backgroundColor"
+    light, dark = show(path), show(path, color_scheme="dark")
+    assert background(dark) < 150 < background(light)
+    assert light.evaluate(swatch) != dark.evaluate(swatch)
+
+
+@pytest.mark.parametrize("width", [320, 390, 768])
+def test_small_screens_need_no_scrolling_sideways(
+    show: Callable[..., Page], tmp_path: Path, width: int
+) -> None:
+    name = "a_generator_with_a_very_long_name_that_nobody_can_break_anywhere"
+    groups = {name: LOW, **{f"g{i}": HIGH for i in range(9)}}
+    path = write_comparison_page(made(tmp_path, **groups), tmp_path / "page.html")
+    page = show(path, viewport={"width": width, "height": 844}, has_touch=True)
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert page.locator(".swatch.again").count() > 0, "ten groups have eight colours"
+
+
+def test_paper_is_white_and_shows_all_columns(page: Page) -> None:
+    assert len(page.pdf(format="A4")) > 20_000
+    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
+    page.emulate_media(media="print")
+    assert background(page) == 3 * 255
+    wide = "els => els.filter(el => el.scrollWidth > el.clientWidth + 1).length"
+    page.set_viewport_size({"width": 680, "height": 900})
+    assert page.locator(".group-table .table").evaluate_all(wide) == 0
+
+
+def test_no_text_from_outside_is_run(show: Callable[..., Page], tmp_path: Path) -> None:
+    comparison = compare_measured(
+        {HOSTILE: (campaign(tmp_path, 3),), "b": (campaign(tmp_path, 4),)},
+        notes=[HOSTILE],
+        shared={HOSTILE: HOSTILE},
+    )
+    page = show(
+        write_comparison_page(
+            comparison,
+            tmp_path / "page.html",
+            title=HOSTILE,
+            lead=HOSTILE,
+            facts=[Fact(HOSTILE, HOSTILE)],
+            command=HOSTILE,
+        )
+    )
+    expect(page.locator("h1")).to_have_text(HOSTILE)
+    expect(page.locator("#results tbody th").last).to_have_text(HOSTILE)
+    assert page.evaluate("window.hacked === undefined && typeof hacked === 'undefined'")
+    assert page.locator("main img").count() == 0
+
+
+def test_one_campaign_each_has_a_page(show: Callable[..., Page], tmp_path: Path) -> None:
+    comparison = made(tmp_path, a=[3], b=[0])
+    page = show(write_comparison_page(comparison, tmp_path / "page.html"))
+    expect(page.locator("#summary .lead")).to_contain_text("Too few repeats to tell")
+    assert page.locator(".box").count() == 0
+
+
+def test_a_measure_that_is_equal_everywhere_has_an_axis_from_zero(
+    show: Callable[..., Page], tmp_path: Path
+) -> None:
+    comparison = made(tmp_path, one=[0, 0, 0, 0, 0], other=[0, 0, 0, 0, 0])
+    page = show(write_comparison_page(comparison, tmp_path / "page.html"))
+    panels = page.locator(".spread-panel")
+    invalid = panels.filter(has=page.get_by_role("heading", name="failures", exact=True))
+    assert invalid.locator(".spread-axis .track span").all_text_contents()[0] == "0"
+    for panel in panels.all():
+        ticks = panel.locator(".spread-axis .track span").all_text_contents()
+        assert not any(text.startswith("\u2212") for text in ticks)
+
+
+def test_names_of_groups_are_not_broken_on_a_phone(
+    show: Callable[..., Page], tmp_path: Path
+) -> None:
+    comparison = made(tmp_path, Frenetic=LOW, RandomSearch=HIGH)
+    path = write_comparison_page(comparison, tmp_path / "page.html")
+    page = show(path, viewport={"width": 390, "height": 844}, has_touch=True)
+    heights = page.locator(".group-table tbody th .group > span").evaluate_all(
+        "els => els.map(el => el.getBoundingClientRect().height)"
+    )
+    assert max(heights) < 1.5 * min(heights)
+    assert max(heights) < 30
