@@ -17,9 +17,10 @@ from frenetic import (
     draw_drive,
 )
 from frenetic.analysis import compare
+from frenetic.analysis.failures import representative_failures
 from frenetic.report import draw_gallery
 from frenetic.report.comparison import draw_comparison
-from frenetic.report.failures import stored_test, telling_failures
+from frenetic.report.failures import stored_test
 
 IMAGES = Path(__file__).parent / "images"
 SEED = 1
@@ -45,7 +46,7 @@ def draw_failures() -> None:
             # Of the telling failures, the one on the longest road makes the README's picture.
             tests = [
                 stored_test(store, store.test(record.candidate.id))
-                for record in telling_failures(store, 12)
+                for record in representative_failures(store, 12)
             ]
             assert all(test.record.outcome is Outcome.FAIL for test in tests)
             drawn = [(test, test.drive) for test in tests if test.drive is not None]

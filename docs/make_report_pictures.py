@@ -16,7 +16,7 @@ from playwright.sync_api import Browser, Page, sync_playwright
 
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
 from frenetic.analysis import Variation, rerun
-from frenetic.report.failures import distinct_failures
+from frenetic.analysis.failures import distinct_failures
 from frenetic.report.html import write_report
 
 IMAGES = Path(__file__).resolve().parent / "images"

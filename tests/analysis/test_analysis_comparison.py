@@ -17,8 +17,7 @@ from frenetic.analysis.comparison import (
     compare_measured,
 )
 from frenetic.analysis.groups import find_campaigns, group_campaigns
-from frenetic.analysis.measures import HEADLINE, MEASURES
-from frenetic.analysis.measuring import CampaignMeasures, Cell
+from frenetic.analysis.metrics import HEADLINE, MEASURES, CampaignMeasures, Cell
 from frenetic.analysis.statistics import Magnitude
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Delayed, Planner

@@ -11,7 +11,7 @@ import pytest
 
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.analysis.findings import findings, in_short, p_text, verdict
-from frenetic.analysis.measuring import CampaignMeasures
+from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.analysis.tables import (
     comparison_table_csv,
     comparison_table_markdown,

@@ -7,18 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from frenetic.analysis.failures import distinct_failures, representative_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.cli.console import print_failures
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.report.failures import (
-    distinct_failures,
-    road_document,
-    stored_test,
-    telling_failures,
-    write_failures,
-)
+from frenetic.report.failures import road_document, stored_test, write_failures
 from frenetic.road.files import read_road
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -48,8 +43,8 @@ def test_stored_drive_is_judged_as_it_was(store: CampaignStore) -> None:
             assert again.moobd == pytest.approx(record.moobd, abs=1e-3)
 
 
-def test_telling_failures_are_few_failing_different_and_worst_first(store: CampaignStore) -> None:
-    chosen = telling_failures(store, 4)
+def test_representative_failures_are_few_failing_different_and_worst_first(store: CampaignStore) -> None:
+    chosen = representative_failures(store, 4)
     ids = [record.candidate.id for record in chosen]
     assert len(set(ids)) == 4
     assert all(record.outcome is Outcome.FAIL for record in chosen)
@@ -59,11 +54,11 @@ def test_telling_failures_are_few_failing_different_and_worst_first(store: Campa
     assert chosen[0].candidate.id == worst.candidate.id
 
 
-def test_each_telling_failure_is_another_problem(store: CampaignStore) -> None:
+def test_each_representative_failure_is_another_problem(store: CampaignStore) -> None:
     clusters = distinct_failures(store)
     failures = [record.candidate.id for record in store.tests(Outcome.FAIL)]
     assert sorted(i for cluster in clusters for i in cluster.ids) == failures
-    chosen = [record.candidate.id for record in telling_failures(store, 1000)]
+    chosen = [record.candidate.id for record in representative_failures(store, 1000)]
     assert chosen == [cluster.most_severe for cluster in clusters]
 
 
@@ -99,7 +94,7 @@ def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignSt
 
 
 def test_listed_failures_get_pictures(store: CampaignStore) -> None:
-    assert write_failures(store, telling_failures(store, 2))
+    assert write_failures(store, representative_failures(store, 2))
     folder = store.folder / "failures"
     assert len(list(folder.glob("test-*.png"))) == 2
     assert (folder / "gallery.png").is_file()

@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
 
-from frenetic.analysis.clusters import Cluster, Clusters
+from frenetic.analysis.failures import Cluster, Clusters, distinct_failures
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
@@ -30,7 +30,7 @@ from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import confirm
 from frenetic.redrive.robustness import Repeat, Rerun, Variation, write_reruns
 from frenetic.report.confirmation import write_confirmation
-from frenetic.report.failures import distinct_failures, stored_test
+from frenetic.report.failures import stored_test
 from frenetic.report.html import (
     Chart,
     Fact,

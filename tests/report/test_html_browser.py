@@ -18,10 +18,11 @@ from html_browser import background
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
 from playwright.sync_api import Browser, Page, expect
 
+from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.cli import cli
 from frenetic.outcome import Outcome
-from frenetic.report.failures import distinct_failures, road_document, stored_test
+from frenetic.report.failures import road_document, stored_test
 from frenetic.report.html import (
     Bars,
     Chart,

@@ -16,7 +16,7 @@ from html_campaigns import HOSTILE
 from playwright.sync_api import Page, expect
 
 from frenetic.analysis.comparison import Comparison, compare_measured
-from frenetic.analysis.measuring import CampaignMeasures
+from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.errors import FreneticError
 from frenetic.report.html import Fact
 from frenetic.report.html.comparison import POINTS, comparison_report, write_comparison_page

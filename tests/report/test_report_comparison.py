@@ -12,7 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from frenetic.analysis.comparison import Comparison, compare_measured
-from frenetic.analysis.measuring import CampaignMeasures
+from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.errors import FreneticError
 from frenetic.report.comparison import _draw_measure, draw_comparison
 

@@ -10,13 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from frenetic.analysis.bends import Bend, find_bends
-    from frenetic.analysis.clusters import (
-        Cluster,
-        Clusters,
-        Failure,
-        cluster_failures,
-        failures_of,
-    )
     from frenetic.analysis.comparison import Comparison, compare, compare_measured
     from frenetic.analysis.competition import (
         CompetitionFeatures,
@@ -24,10 +17,16 @@ if TYPE_CHECKING:
         competition_features,
         competition_segment,
     )
+    from frenetic.analysis.failures import (
+        Cluster,
+        Clusters,
+        Failure,
+        cluster_failures,
+        failures_of,
+    )
     from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
     from frenetic.analysis.groups import find_campaigns, group_campaigns
-    from frenetic.analysis.measures import MEASURES, Measure
-    from frenetic.analysis.measuring import CampaignMeasures, measure_campaign
+    from frenetic.analysis.metrics import MEASURES, CampaignMeasures, Measure, measure_campaign
     from frenetic.analysis.segments import Segment, segment_of, segment_profile, segments_of
     from frenetic.analysis.sparseness import (
         CompetitionSparseness,
@@ -41,7 +40,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "frenetic.analysis.bends": ("Bend", "find_bends"),
-    "frenetic.analysis.clusters": (
+    "frenetic.analysis.failures": (
         "Cluster",
         "Clusters",
         "Failure",
@@ -57,8 +56,7 @@ _HOMES = {
     ),
     "frenetic.analysis.features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
     "frenetic.analysis.groups": ("find_campaigns", "group_campaigns"),
-    "frenetic.analysis.measures": ("MEASURES", "Measure"),
-    "frenetic.analysis.measuring": ("CampaignMeasures", "measure_campaign"),
+    "frenetic.analysis.metrics": ("MEASURES", "CampaignMeasures", "Measure", "measure_campaign"),
     "frenetic.redrive.regression": ("Replay", "replay", "write_junit"),
     "frenetic.redrive.robustness": ("Rerun", "Variation", "read_reruns", "rerun", "telling_reruns"),
     "frenetic.analysis.segments": ("Segment", "segment_of", "segment_profile", "segments_of"),

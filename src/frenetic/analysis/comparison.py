@@ -20,12 +20,14 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
-from frenetic.analysis.measures import HEADLINE, MEASURES, Measure
-from frenetic.analysis.measuring import (
+from frenetic.analysis.metrics import (
+    HEADLINE,
+    MEASURES,
     MOST_COMPARED,
     MOST_PAIRED,
     CampaignMeasures,
     Cell,
+    Measure,
     measure_campaign,
 )
 from frenetic.analysis.statistics import (

@@ -18,7 +18,7 @@ import numpy as np
 
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
-from frenetic.analysis.measuring import measure_campaign
+from frenetic.analysis.metrics import measure_campaign
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant, folder_names
 from frenetic.bench.generator import GeneratorProcess

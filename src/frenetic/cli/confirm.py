@@ -53,11 +53,11 @@ def confirm(
     same side of the lane within 30 m along the road. The drives are kept in confirmations.json in
     the campaign's folder, with pictures of both paths in confirmed/.
     """
+    from frenetic.analysis.failures import LISTED, representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.campaign import describe
     from frenetic.redrive.confirm import CONFIRMATIONS, confirmation_document
     from frenetic.redrive.confirm import confirm as confirm_failures
-    from frenetic.report.failures import LISTED, telling_failures
 
     if test_ids and top is not None:
         raise click.UsageError("--top and the ID of a test exclude each other")
@@ -71,7 +71,7 @@ def confirm(
         recorded = store.config.get("simulator"), store.config.get("driver")
         chosen = list(dict.fromkeys(test_ids))
         if not chosen:
-            failures = telling_failures(store, top or LISTED)
+            failures = representative_failures(store, top or LISTED)
             chosen = [record.candidate.id for record in failures]
     if not chosen:
         click.echo("[]" if as_json else f"{campaign} holds no failure")

@@ -230,10 +230,11 @@ def _of_campaign(
     out: Path | None,
 ) -> tuple[Setup, list[Work]]:
     """How a campaign's tests are driven, and those that are to be minimised."""
+    from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.stored import stored_test
     from frenetic.outcome import Outcome
-    from frenetic.report.failures import file_stem, telling_failures
+    from frenetic.report.failures import file_stem
     from frenetic.report.minimised import MINIMISED, MinimisedFiles
 
     given = {
@@ -253,7 +254,7 @@ def _of_campaign(
         if test_ids:
             records = [store.test(test_id) for test_id in dict.fromkeys(test_ids)]
         else:
-            records = telling_failures(store, top or 1)
+            records = representative_failures(store, top or 1)
         suffix = "-other.json" if given else ".json"
         works = []
         for record in records:

@@ -139,10 +139,10 @@ def rerun(
     failure that surely repeats in less than half of the worlds is fragile, in half of them or more
     robust. Results are kept in reruns.json in the campaign's folder.
     """
+    from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.redrive.robustness import RERUNS
     from frenetic.redrive.robustness import rerun as rerun_campaign
-    from frenetic.report.failures import telling_failures
 
     if test_ids and top is not None:
         raise click.UsageError("--top and the ID of a test exclude each other")
@@ -150,7 +150,7 @@ def rerun(
         parts = recorded_parts(store, given)
         chosen: list[int] | None = list(test_ids) or None
         if top is not None:
-            chosen = [record.candidate.id for record in telling_failures(store, top)]
+            chosen = [record.candidate.id for record in representative_failures(store, top)]
     driver, simulator = parts.make_driver(), parts.make_simulator()
     variations = [one.variation(simulator) for one in asked]
     log = Log()

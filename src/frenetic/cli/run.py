@@ -272,15 +272,10 @@ def _search(
     seed: object,
 ) -> None:
     """Runs or resumes a campaign, shows how it goes and what it found."""
+    from frenetic.analysis.failures import distinct_failures, representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.outcome import Outcome
-    from frenetic.report.failures import (
-        FAILURES,
-        GALLERY,
-        distinct_failures,
-        most_severe,
-        write_failures,
-    )
+    from frenetic.report.failures import FAILURES, GALLERY, write_failures
 
     folder = campaign.folder
     log = Log()
@@ -301,7 +296,7 @@ def _search(
             trouble = error
     with CampaignStore.open(folder) as store:
         clusters = distinct_failures(store)
-        listed = most_severe(store, clusters)
+        listed = representative_failures(store, clusters=clusters)
         counts = store.counts()
         if summary is not None and as_json:
             more = {"distinct_failures": len(clusters), "seed": seed}

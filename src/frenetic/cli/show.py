@@ -41,8 +41,8 @@ def show(campaign: Path, test_id: int | None, plot: Path | None, as_json: bool) 
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
+    from frenetic.analysis.failures import LISTED, distinct_failures
     from frenetic.outcome import Outcome
-    from frenetic.report.failures import LISTED, distinct_failures
 
     counts = store.counts()
     config, facts = store.config, store.facts

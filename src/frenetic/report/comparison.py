@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import Comparison, MeasureComparison
-from frenetic.analysis.measuring import curves
+from frenetic.analysis.metrics import curves
 from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, form_of, write_figure
 

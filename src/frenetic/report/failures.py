@@ -1,4 +1,4 @@
-"""The failing roads of a campaign: the most telling ones, and their files in its folder."""
+"""The files of failing roads in a campaign's folder."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from frenetic._support.interrupt import catch_interrupt
-from frenetic.analysis.clusters import Clusters, cluster_failures, failures_of
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.stored import StoredTest as StoredTest
 from frenetic.campaign.stored import stored_test as stored_test
@@ -21,39 +20,8 @@ PICTURES: Final = "pictures"
 """Folder in a campaign's folder for pictures of tests that did not fail."""
 GALLERY: Final = "gallery.png"
 """Picture in that folder of all listed failures at a glance."""
-LISTED: Final = 10
-"""Failures that are listed and drawn at the end of a run."""
-COMPARED: Final = 10_000
-"""Failures that are compared with each other to tell which are distinct, the most severe first."""
 MOST_FILES: Final = 1000
 """Failing roads that get a file of their own, the most severe first; all are in the database."""
-
-
-def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:
-    """The failures of a campaign, those that are the same problem put together.
-
-    Args:
-        store: the campaign.
-        limit: only so many failures are looked at, the most severe; None for all.
-
-    Raises:
-        CampaignError: the campaign is damaged.
-    """
-    return cluster_failures(failures_of(store, limit))
-
-
-def most_severe(store: CampaignStore, clusters: Clusters, number: int = LISTED) -> list[TestRecord]:
-    """The most severe failure of each of the ``number`` most severe clusters, worst first."""
-    listed = clusters.clusters[:number]
-    return [store.test(cluster.most_severe, with_trajectory=False) for cluster in listed]
-
-
-def telling_failures(store: CampaignStore, number: int = LISTED) -> list[TestRecord]:
-    """The most severe failures of which no two are the same problem, worst first.
-
-    Fewer than ``number`` come back where there are fewer distinct failures.
-    """
-    return most_severe(store, distinct_failures(store), number)
 
 
 def file_stem(candidate_id: int) -> str:

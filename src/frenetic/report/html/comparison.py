@@ -15,8 +15,7 @@ import numpy as np
 from frenetic._support.thinning import evenly
 from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
 from frenetic.analysis.findings import findings, in_short, p_text
-from frenetic.analysis.measures import Measure, Topic
-from frenetic.analysis.measuring import CampaignMeasures, Curve, curves
+from frenetic.analysis.metrics import CampaignMeasures, Curve, Measure, Topic, curves
 from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 from frenetic.report.html.blocks import (
     Block,

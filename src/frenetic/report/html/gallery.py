@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from frenetic._support.words import counted
-from frenetic.analysis.clusters import Cluster, Clusters
+from frenetic.analysis.failures import Cluster, Clusters
 from frenetic.oracle import Side
 from frenetic.redrive.robustness import Rerun
 from frenetic.report.html.blocks import Section

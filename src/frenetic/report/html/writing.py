@@ -11,14 +11,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic.analysis.clusters import Clusters
+from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.stored import stored_test
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
-from frenetic.report.failures import distinct_failures
 from frenetic.report.html.blocks import Section
 from frenetic.report.html.confirmed import confirmed_sections
 from frenetic.report.html.drives import DRIVES_SIZE, DriveData, drive_data

@@ -35,7 +35,7 @@ from frenetic.analysis.segments import (
     segment_profile,
     segments_of,
 )
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import frame_at, sample_line
@@ -46,6 +46,10 @@ THRESHOLD: Final = 2.0
 """m, root mean square difference up to which failures are put together: half a lane."""
 BATCH: Final = 3000
 """Failures that are linked at a time; memory and time grow with the square."""
+COMPARED: Final = 10_000
+"""Failures of a campaign that are compared with each other, the most severe first."""
+LISTED: Final = 10
+"""Representative failures that are listed and drawn where no number is asked for."""
 
 _AHEAD: Final = 15.0  # [m] of road after the place that counts
 _SPACING: Final = 2.5  # [m]
@@ -168,6 +172,41 @@ def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]
     return [
         Failure.of(segment, id=record.candidate.id, moobd=record.moobd or 0.0)
         for record, segment in segments_of(store, Outcome.FAIL, order_by="moobd", limit=limit)
+    ]
+
+
+def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:
+    """The failures of a campaign, those that are the same problem put together.
+
+    Args:
+        store: the campaign.
+        limit: how many failures are compared, the most severe first; None for all.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    return cluster_failures(failures_of(store, limit))
+
+
+def representative_failures(
+    store: CampaignStore, number: int = LISTED, *, clusters: Clusters | None = None
+) -> list[TestRecord]:
+    """The most severe failure of each of the ``number`` most severe clusters, the worst first.
+
+    The records come without their trajectories; fewer where there are fewer distinct failures.
+
+    Args:
+        store: the campaign.
+        number: how many at most.
+        clusters: its distinct failures where they are known already.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    found = distinct_failures(store) if clusters is None else clusters
+    return [
+        store.test(cluster.most_severe, with_trajectory=False)
+        for cluster in found.clusters[:number]
     ]
 
 

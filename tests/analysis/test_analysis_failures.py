@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from made_drives import departing
 
 from frenetic.analysis import Clusters, Failure, cluster_failures
-from frenetic.analysis import clusters as module
-from frenetic.analysis.clusters import describe
+from frenetic.analysis import failures as module
+from frenetic.analysis.failures import describe
 from frenetic.oracle import Side
 from frenetic.road import Pose, Road
 

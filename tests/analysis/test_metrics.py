@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 from made_campaigns import search, store_of
 
-from frenetic.analysis import measuring
-from frenetic.analysis.clusters import cluster_failures, failures_of
+from frenetic.analysis import metrics
 from frenetic.analysis.competition import competition_features
+from frenetic.analysis.failures import cluster_failures, failures_of
 from frenetic.analysis.features import FEATURES, features_of
-from frenetic.analysis.measures import HEADLINE, MEASURES, Measure
-from frenetic.analysis.measuring import (
+from frenetic.analysis.metrics import (
     COMPETITION_AXES,
+    HEADLINE,
     MAP_AXES,
+    MEASURES,
     CampaignMeasures,
+    Measure,
     curves,
     measure_campaign,
 )
@@ -172,7 +174,7 @@ def test_of_many_failures_some_are_compared(
 ) -> None:
     with CampaignStore.open(searched) as store:
         points = [segment.points() for _, segment in segments_of(store, Outcome.FAIL)]
-    monkeypatch.setattr(measuring, "MOST_PAIRED", 3)
+    monkeypatch.setattr(metrics, "MOST_PAIRED", 3)
     thinned = measure_campaign(searched)
     middle = round((len(points) - 1) / 2)
     expected = diversity([points[0], points[middle], points[-1]]).pairwise
