@@ -43,7 +43,9 @@ def test_stored_drive_is_judged_as_it_was(store: CampaignStore) -> None:
             assert again.moobd == pytest.approx(record.moobd, abs=1e-3)
 
 
-def test_representative_failures_are_few_failing_different_and_worst_first(store: CampaignStore) -> None:
+def test_representative_failures_are_few_failing_different_and_worst_first(
+    store: CampaignStore,
+) -> None:
     chosen = representative_failures(store, 4)
     ids = [record.candidate.id for record in chosen]
     assert len(set(ids)) == 4

@@ -46,7 +46,9 @@ from itertools import islice
 from numbers import Integral, Real
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self, TypeAlias
+
+from msgspec import Meta
 
 if TYPE_CHECKING:
     from frenetic.campaign.progress import Progress
@@ -54,6 +56,9 @@ if TYPE_CHECKING:
 
 Level: TypeAlias = Literal["debug", "info", "warning", "error"]
 WorkerStatus: TypeAlias = Literal["starting", "idle", "driving", "lost"]
+# Bounds that readers check.
+Count: TypeAlias = Annotated[int, Meta(ge=0, lt=1 << 53)]
+Seconds: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e10)]  # up to three centuries
 
 LOG: Final = "campaign.log"
 """Name of the log in a campaign's folder."""
@@ -124,9 +129,9 @@ class WorkerState:
 
     name: str
     state: WorkerStatus
-    tests: int
+    tests: Count
     """Road tests it has done."""
-    seconds_in_state: float
+    seconds_in_state: Seconds
     """s since this state began."""
 
 

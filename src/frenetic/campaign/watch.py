@@ -12,22 +12,23 @@ by the clock of the one who watches.
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from io import BufferedReader
 from pathlib import Path
-from typing import Any, Final, get_args
+from typing import Annotated, Any, Final
 
 import numpy as np
+from msgspec import Meta, Struct, ValidationError, convert
+from msgspec.json import decode
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.budget import Budget
-from frenetic.campaign.log import ENDINGS, LOG, Event, Level, WorkerState, WorkerStatus
+from frenetic.campaign.log import ENDINGS, LOG, Count, Event, Level, Seconds, WorkerState
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
@@ -46,10 +47,9 @@ MAX_WORKERS: Final = 1000
 """Workers that are remembered of one line."""
 
 _HEAD: Final = 256  # bytes by which a file is recognised: they hold the time of its first line
-_MAX_COUNT: Final = 1 << 53
-_MAX_SECONDS: Final = 1e10  # three centuries
 _MAX_TEXT: Final = 500  # characters
 _MAX_NAME: Final = 60  # characters
+_Whole = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
 
 
 class Status(StrEnum):
@@ -197,8 +197,8 @@ class CampaignWatcher:
     def __init__(self, folder: Path, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._path = Path(folder) / LOG
         self._clock = clock
-        self._tail = _Tail()
-        self._story = _Story()
+        self._reader = _LogReader()
+        self._summary = _LogSummary()
         self._quiet_since = clock()
         self._has_looked = self._has_grown = False
 
@@ -218,25 +218,40 @@ class CampaignWatcher:
             self._quiet_since = now
             self._has_grown = self._has_looked
         self._has_looked = True
-        return self._story.state(
+        return self._summary.state(
             quiet_seconds=now - self._quiet_since,
             has_grown=self._has_grown,
-            too_long=self._tail.too_long,
+            too_long=self._reader.too_long,
             trouble=trouble,
         )
 
     def _read(self, file: BufferedReader) -> bool:
         """Takes in what is new in the file; returns whether anything is."""
-        if not self._tail.belongs_to(file):
-            self._tail, self._story = _Tail(), _Story()
-            self._tail.belongs_to(file)
-        is_new = self._tail.has_news
-        for line in self._tail.lines(file):
-            self._story.take(line)
+        if not self._reader.belongs_to(file):
+            self._reader, self._summary = _LogReader(), _LogSummary()
+            self._reader.belongs_to(file)
+        is_new = self._reader.has_news
+        for line in self._reader.lines(file):
+            self._summary.add(line)
         return is_new
 
 
-class _Tail:
+class _ProgressLine(Struct):
+    """The fields of a line of progress; it counts for nothing if one is out of bounds."""
+
+    invalid: Count
+    passed: Count
+    failed: Count
+    errors: Count
+    dropped: Count
+    seconds: Seconds
+    budget_spent: Annotated[float, Meta(ge=0.0, le=1.0)]
+    running: Count
+    min_moobd: Annotated[float, Meta(ge=-1e6, le=1e6)] | None = None
+    workers: object = None
+
+
+class _LogReader:
     """The whole lines of a growing file that are new since the last time."""
 
     def __init__(self) -> None:
@@ -279,7 +294,7 @@ class _Tail:
                 return
 
 
-class _Story:
+class _LogSummary:
     """What the lines of a log have told so far."""
 
     def __init__(self) -> None:
@@ -299,24 +314,20 @@ class _Story:
         self._running = 0
         self._workers: object = ()
 
-    def take(self, line: bytes) -> None:
-        """Takes a line into account, if it can be understood."""
+    def add(self, line: bytes) -> None:
+        """Takes a line into account as a whole, or counts it as unreadable."""
         if not line.strip():
             return
         try:
-            record = json.loads(line.decode("utf-8", "replace"))
-            if not (isinstance(record, dict) and isinstance(record.get("event"), str)):
-                raise ValueError("no line of a campaign's log")
-            self._take_event(record["event"], record)
+            record = decode(line.decode("utf-8", "replace"), type=dict[str, Any])
+            event = convert(record.get("event"), str)
+            if event == Event.PROGRESS:
+                self._add_progress(convert(record, _ProgressLine))
         except (ValueError, RecursionError):
             self._unreadable += 1
-
-    def _take_event(self, event: str, record: Mapping[str, object]) -> None:
-        """Takes a line into account as a whole, or raises a `ValueError`."""
+            return
         message = _message(event, record)
-        if event == Event.PROGRESS:
-            self._take_progress(record)
-        elif event in (Event.STARTED, Event.RESUMED):
+        if event in (Event.STARTED, Event.RESUMED):
             if event == Event.STARTED:
                 self._forget_progress()
             self._recent.clear()  # the time in between belongs to nobody
@@ -334,10 +345,10 @@ class _Story:
             self._messages.append(message)
             self._message_count += 1
 
-    def _take_progress(self, record: Mapping[str, object]) -> None:
-        progress, running = _progress(record), _count(record.get("running"))
-        self._progress, self._running = progress, running
-        self._workers = record.get("workers")
+    def _add_progress(self, line: _ProgressLine) -> None:
+        progress = convert(line, Progress, from_attributes=True)
+        self._progress, self._running = progress, line.running
+        self._workers = line.workers
         self._status = Status.RUNNING
         seconds = progress.seconds
         if self._recent and (seconds, progress.tests) < self._recent[-1]:
@@ -385,12 +396,12 @@ class _Story:
 
 
 def _message(event: str, record: Mapping[str, object]) -> Message:
-    level = record.get("level")
+    event = _text(event, _MAX_NAME)
     return Message(
         time=_text(record.get("time"), _MAX_NAME),
-        level=next((known for known in get_args(Level) if known == level), "info"),
-        event=_text(event, _MAX_NAME),
-        text=_text(record.get("message"), _MAX_TEXT) or _text(event, _MAX_NAME),
+        level=_valid(record.get("level"), Level) or "info",
+        event=event,
+        text=_text(record.get("message"), _MAX_TEXT) or event,
     )
 
 
@@ -400,17 +411,17 @@ def _setup(record: Mapping[str, object]) -> Setup:
         strategy=_part(record.get("strategy")),
         driver=_part(record.get("driver")),
         simulator=_part(record.get("simulator")),
-        seed=_whole(record.get("seed")),
-        budget=_budget(record.get("budget")),
+        seed=_valid(record.get("seed"), _Whole),
+        budget=_valid(record.get("budget"), Budget),
         host=_text(record.get("host"), _MAX_NAME) or None,
-        process_id=_whole(record.get("process_id")),
+        process_id=_valid(record.get("process_id"), _Whole),
     )
 
 
 def _part(described: object) -> str | None:
     """The name of a part of a campaign, and what it is laid over."""
     names: list[str] = []
-    while isinstance(described, Mapping) and len(names) < 5:
+    while isinstance(described, dict) and len(names) < 5:
         names.append(_text(described.get("class"), 300).rpartition(":")[2][:_MAX_NAME] or "?")
         described = described.get("driver")
     if isinstance(described, str):
@@ -418,67 +429,20 @@ def _part(described: object) -> str | None:
     return " over ".join(names) or None
 
 
-def _budget(value: object) -> Budget | None:
-    if not isinstance(value, Mapping):
-        return None
-    try:
-        limits = {
-            "simulations": _whole(value.get("simulations")),
-            "failures": _whole(value.get("failures")),
-        }
-        seconds = value.get("time")
-        return Budget(**limits, time=None if seconds is None else _number(seconds, _MAX_SECONDS))
-    except ValueError:
-        return None
-
-
-def _progress(record: Mapping[str, object]) -> Progress:
-    """What a line of progress says, or a `ValueError`."""
-    moobd = record.get("min_moobd")
-    return Progress(
-        **{
-            name: _count(record.get(name))
-            for name in ("invalid", "passed", "failed", "errors", "dropped")
-        },
-        min_moobd=None if moobd is None else _number(moobd, 1e6, least=-1e6),
-        seconds=_number(record.get("seconds"), _MAX_SECONDS),
-        budget_spent=_number(record.get("budget_spent"), 1.0),
-    )
-
-
 def _workers(listed: object) -> Iterator[WorkerState]:
     """The workers of a line of progress, without those that cannot be understood."""
-    if not isinstance(listed, list):
-        return
-    for worker in listed[:MAX_WORKERS]:
-        if not isinstance(worker, Mapping):
-            continue
-        state = next((s for s in get_args(WorkerStatus) if s == worker.get("state")), None)
-        name = _text(worker.get("name"), _MAX_NAME)
-        if state is None or not name:
-            continue
-        try:
-            tests = _count(worker.get("tests"))
-            seconds = _number(worker.get("seconds_in_state"), _MAX_SECONDS)
-        except ValueError:
-            continue
-        yield WorkerState(name, state, tests, seconds)
+    for value in listed[:MAX_WORKERS] if isinstance(listed, list) else ():
+        worker = _valid(value, WorkerState)
+        if worker is not None and (name := _text(worker.name, _MAX_NAME)):
+            yield replace(worker, name=name)
 
 
-def _count(value: object) -> int:
-    if type(value) is not int or not 0 <= value < _MAX_COUNT:
-        raise ValueError("no count")
-    return value
-
-
-def _whole(value: object) -> int | None:
-    return value if type(value) is int and 0 <= value < 1 << 63 else None
-
-
-def _number(value: object, most: float, *, least: float = 0.0) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise ValueError("no number within its bounds")
-    return float(value)
+def _valid(value: object, kind: Any) -> Any:
+    """A value as a ``kind``, None if it is none."""
+    try:
+        return convert(value, kind)
+    except ValidationError:
+        return None
 
 
 def _text(value: object, most: int) -> str:
