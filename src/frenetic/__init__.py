@@ -9,9 +9,11 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from frenetic._support import moved
 from frenetic._support.kernel_cache import ensure_kernel_cache
 
 ensure_kernel_cache()  # before anything imports numba
+moved.install()
 
 if TYPE_CHECKING:
     from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord

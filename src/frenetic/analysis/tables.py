@@ -5,13 +5,12 @@ from __future__ import annotations
 import csv
 import io
 import math
-import os
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from frenetic._support.files import write_file
 from frenetic.analysis.comparison import Comparison
 from frenetic.errors import FreneticError
 
@@ -73,17 +72,7 @@ def write_table(comparison: Comparison, path: Path | str) -> Path:
     """
     path = Path(path)
     form = table_form(path)
-    partial = path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
-    try:
-        partial.write_text(form(comparison), encoding="utf-8", newline="")
-        partial.replace(path)
-    except OSError as error:
-        raise FreneticError(
-            f"the table {path} cannot be written: {error.strerror or error}; choose another place"
-        ) from None
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
+    write_file(path, form(comparison), remedy="choose another place for the table")
     return path
 
 

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from frenetic._support.files import write_file
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
@@ -289,15 +290,12 @@ class Bench:
             "versions": package_versions(),
         }
         path = self.folder / BENCH
-        partial = path.with_suffix(".json.part")
-        try:
-            partial.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-            partial.replace(path)
-        except OSError as error:
-            raise FreneticError(
-                f"{path} cannot be written: {error.strerror or error}; choose another folder with"
-                " --out"
-            ) from None
+        write_file(
+            path,
+            json.dumps(document, indent=1) + "\n",
+            remedy="choose another folder with --out",
+            durable=True,
+        )
 
     def _try_out(self, entrant: Entrant) -> None:
         """Builds a generator once.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -12,8 +11,9 @@ from typing import Final
 
 import numpy as np
 
+from frenetic._support.files import write_file
 from frenetic.campaign.stored import StoredTest
-from frenetic.errors import FreneticError, UnknownNameError
+from frenetic.errors import UnknownNameError
 from frenetic.export.competition import GROUND, competition_document, stored_test_document
 from frenetic.road import MAP_SIZE, Road
 from frenetic.road.geometry import CURVATURE
@@ -161,14 +161,4 @@ def write_road(exported: ExportedRoad, name: str, path: Path) -> None:
     """
     # Bytes, since text files have other line ends on Windows.
     data = road_format(name).render(exported).encode("utf-8")
-    partial = path.with_name(path.name + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(data)
-        partial.replace(path)
-    except OSError as error:
-        with suppress(OSError):
-            partial.unlink()
-        raise FreneticError(
-            f"{path} cannot be written: {error.strerror or error}; choose a place with --out"
-        ) from None
+    write_file(path, data, remedy="choose a place with --out", parents=True)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from frenetic._support.files import write_file
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import CampaignError
 
@@ -35,15 +36,13 @@ class KeptFile:
         """
         path = folder / self.name
         document = {"version": self.version, self.key: items}
-        partial = path.with_suffix(".json.part")
-        try:
-            partial.write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
-            partial.replace(path)
-        except OSError as error:
-            raise CampaignError(
-                f"{path} cannot be written: {error.strerror or error}; check the permissions of the"
-                " folder"
-            ) from None
+        write_file(
+            path,
+            json.dumps(document, allow_nan=False) + "\n",
+            remedy="check the permissions of the folder",
+            error=CampaignError,
+            durable=True,
+        )
         return path
 
     def read(self, folder: Path, read_item: Callable[[Any], T]) -> list[T]:

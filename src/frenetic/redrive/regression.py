@@ -10,6 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
+from frenetic._support.files import write_file
 from frenetic.campaign.campaign import describe
 from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.tester import Tested
@@ -206,14 +207,7 @@ def write_junit(replay: Replay, path: Path) -> None:
     Raises:
         CampaignError: the file cannot be written.
     """
-    partial = path.with_name(f"{path.name}.part")
-    try:
-        partial.write_bytes(junit(replay))
-        partial.replace(path)
-    except OSError as error:
-        raise CampaignError(
-            f"cannot write {path}: {error.strerror or error}; choose another file with --junit"
-        ) from None
+    write_file(path, junit(replay), remedy="choose another file with --junit", error=CampaignError)
 
 
 def junit(replay: Replay) -> bytes:

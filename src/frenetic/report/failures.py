@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
+from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.stored import StoredTest as StoredTest
@@ -82,9 +83,8 @@ def write_failures(
         for record in store.tests(Outcome.FAIL, order_by="moobd", limit=MOST_FILES):
             document = road_document(stored_test(store, record), store.config)
             path = folder / f"{file_stem(record.candidate.id)}.json"
-            partial = path.with_suffix(".json.part")
-            partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
-            partial.replace(path)
+            with replacing(path) as partial:
+                partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
     except OSError as error:
         raise CampaignError(
             f"{folder} cannot be written: {error.strerror or error}; all results are safe in"

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.files import write_file
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.redrive.minimise import OPERATOR, Minimised
@@ -137,12 +138,7 @@ def write_minimised(
     """
     from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib takes its time
 
-    partial = files.road.with_name(files.road.name + ".part")
-    try:
-        partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
-        partial.replace(files.road)
-    except OSError as error:
-        raise FreneticError(f"{files.road} cannot be written: {error.strerror or error}") from None
+    write_file(files.road, json.dumps(document) + "\n", remedy="check its folder's permissions")
     before, after = minimised.original, minimised.smallest
     draw_drive(after.road, after.drive, files.picture, title=f"{name}, minimised")
     draw_gallery(

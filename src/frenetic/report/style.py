@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import warnings
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -12,6 +10,7 @@ from typing import Any, Final
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from frenetic._support.files import replacing
 from frenetic.errors import FreneticError
 
 SUFFIXES: Final = (".png", ".svg", ".pdf")
@@ -79,14 +78,10 @@ def write_figure(figure: Figure, path: Path, form: str) -> None:
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(drawn, format=form, dpi=DPI, metadata=undated[form])
     path = Path(path)
-    unfinished = path.with_name(f".{path.stem[:80]}-{os.getpid()}.unfinished")
     try:
-        unfinished.write_bytes(drawn.getvalue())
-        unfinished.replace(path)
+        with replacing(path) as partial:
+            partial.write_bytes(drawn.getvalue())
     except OSError as error:
         raise FreneticError(
             f"cannot write the picture {path}: {error.strerror or error}"
         ) from error
-    finally:
-        with suppress(OSError):
-            unfinished.unlink(missing_ok=True)

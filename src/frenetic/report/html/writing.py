@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.files import write_file
 from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.stored import stored_test
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
 from frenetic.report.html.blocks import Section
@@ -75,18 +75,7 @@ def write_page(report: Report, path: Path | str) -> Path:
         FreneticError: it cannot be written.
     """
     path = Path(path)
-    page = render(report)
-    partial = path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
-    try:
-        partial.write_text(page, encoding="utf-8", newline="\n")
-        partial.replace(path)
-    except OSError as error:
-        raise FreneticError(
-            f"the page {path} cannot be written: {error.strerror or error}; choose another place"
-        ) from None
-    finally:
-        with suppress(OSError):
-            partial.unlink(missing_ok=True)
+    write_file(path, render(report), remedy="choose another place for the page")
     return path
 
 

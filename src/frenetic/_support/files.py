@@ -1,0 +1,71 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from frenetic.errors import FreneticError
+
+
+def write_file(
+    path: Path,
+    content: str | bytes,
+    *,
+    remedy: str,
+    error: type[FreneticError] = FreneticError,
+    durable: bool = False,
+    parents: bool = False,
+) -> None:
+    """Writes a file in place of what was there; a text as UTF-8, with its line ends as they are.
+
+    Args:
+        path: the file.
+        content: all of it.
+        remedy: what the user can do if it cannot be written.
+        error: the class of the error in that case.
+        durable: whether it has to be there even if the power fails right afterwards.
+        parents: whether its folder is made if there is none.
+
+    Raises:
+        FreneticError: the file cannot be written; of the class ``error``.
+    """
+    try:
+        if parents:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path, durable=durable) as partial:
+            partial.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+    except OSError as reason:
+        raise error(f"{path} cannot be written: {reason.strerror or reason}; {remedy}") from None
+
+
+@contextmanager
+def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
+    """Gives a new file's path beside ``path`` to write to, which takes its place in the end.
+
+    If anything is raised meanwhile, what was there stays, and nothing is left of the new file.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    partial = path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
+    try:
+        yield partial
+        if durable:
+            _flush(partial)
+        partial.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            partial.unlink()
+        raise
+
+
+def _flush(path: Path) -> None:
+    """Has the disk write what the system keeps of a file in memory."""
+    file = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)

@@ -1,0 +1,75 @@
+"""Modules that have moved: a documented path keeps working at its old place.
+
+An import of an old path gives the module of today, and a `DeprecationWarning` that names its place.
+Runs on Python 3.9, as all that the competition's pipeline imports of the package does.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from importlib import import_module
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any, Final
+
+MOVED: Final = {
+    "frenetic.analysis.comparing": "frenetic.analysis.comparison",
+    "frenetic.analysis.confirming": "frenetic.redrive.confirm",
+    "frenetic.analysis.minimise": "frenetic.redrive.minimise",
+    "frenetic.analysis.replaying": "frenetic.redrive.regression",
+    "frenetic.analysis.rerunning": "frenetic.redrive.robustness",
+    "frenetic.analysis.shrinking": "frenetic.redrive.shrinking",
+    "frenetic.campaign.checking": "frenetic.campaign.check",
+    "frenetic.campaign.dispatch": "frenetic.campaign.loop",
+    "frenetic.campaign.watching": "frenetic.campaign.watch",
+}
+"""Old path -> new path; a module of a package that moved needs no entry of its own."""
+
+
+def install() -> None:
+    """Makes the old paths importable."""
+    if not any(isinstance(finder, _MovedFinder) for finder in sys.meta_path):
+        # First: the path of a moved package would lead others to a second copy of its modules.
+        sys.meta_path.insert(0, _MovedFinder())
+
+
+def new_path(name: str) -> str | None:
+    """Where the module of an old path is today; None if it has not moved."""
+    package = name if name.startswith("frenetic.") else ""
+    while package:
+        if package in MOVED:
+            return MOVED[package] + name[len(package) :]
+        package = package.rpartition(".")[0]
+    return None
+
+
+# No subclasses of importlib.abc's: its import takes longer than that of all else here.
+
+
+class _MovedFinder:
+    """Finds the modules that have moved."""
+
+    def find_spec(self, name: str, *_: object) -> ModuleSpec | None:
+        """Where today's module is; None for a name that has not moved."""
+        found = new_path(name)
+        if found is None:
+            return None
+        loader: Any = _MovedLoader(found)
+        return ModuleSpec(name, loader)
+
+
+class _MovedLoader:
+    """Puts the module of today in the place of the old one."""
+
+    def __init__(self, new: str) -> None:
+        self._new = new
+
+    def create_module(self, _: ModuleSpec) -> None:
+        """Lets the import system make a module."""
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Gives the import system another one in its place."""
+        old = module.__name__
+        sys.modules[old] = import_module(self._new)
+        warnings.warn(f"{old} is {self._new} now", DeprecationWarning, stacklevel=2)
