@@ -199,7 +199,7 @@ def test_failed_write_leaves_the_old_file(campaign: Path, monkeypatch: pytest.Mo
     def full(*_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(CampaignError, match="cannot be written: No space left on device"):
         write_confirmations(campaign, [found])
     assert (campaign / CONFIRMATIONS).read_bytes() == before
