@@ -36,13 +36,13 @@ class Departure:
     """Where a car had left its lane by more than the tolerance."""
 
     time: float
-    """s of simulated time."""
+    """Simulated time, in s."""
     distance: float
-    """m along the road."""
+    """Distance along the road, in m."""
     x: float
-    """m, centre of mass."""
+    """Coordinate of the centre of mass, in m."""
     y: float
-    """m, centre of mass."""
+    """Coordinate of the centre of mass, in m."""
     side: Side
     """Side of the ego lane on which it left, in driving direction."""
 
@@ -55,13 +55,13 @@ class Result:
     reason: str
     """Why, in one sentence."""
     moobd: float | None
-    """m, minimum oob distance; None unless PASS or FAIL."""
+    """Minimum oob distance, in m; None unless PASS or FAIL."""
     moobd_distance: float | None
-    """m along the road where the oob distance was least; None unless PASS or FAIL."""
+    """Distance along the road where the oob distance was least, in m; None unless PASS or FAIL."""
     max_oob_share: float | None
     """Largest share 0..1 of the car's box outside the ego lane; None unless PASS or FAIL."""
     duration: float
-    """s of simulated time until the drive ended."""
+    """Simulated time until the drive ended, in s."""
     departure: Departure | None
     """Where the car left the lane, if that is why it failed."""
 
@@ -175,11 +175,11 @@ class Assessment:
     end: int
     """RUNNING, REACHED, LEFT_LANE, STUCK or TIMED_OUT."""
     distance: FloatArray
-    """(n,) m along the road."""
+    """Distance along the road, (n,) in m."""
     lateral_offset: FloatArray
-    """(n,) m left of the ego lane's centre line."""
+    """Distance left of the ego lane's centre line, (n,) in m."""
     oob_distance: FloatArray
-    """(n,) m, see `Result.moobd`."""
+    """Oob distance, (n,) in m, see `Result.moobd`."""
     oob_share: FloatArray
     """(n,) 0..1."""
 

@@ -64,13 +64,13 @@ class SpeedPlanner(BuiltIn):
     aggression: float = 1.0
     """Scales both budgets; much more than 1 asks for more than the tyres can give."""
     lateral_acceleration: float = 8.0
-    """m/s^2 in curves, at aggression 1."""
+    """Lateral acceleration in curves, in m/s^2 at aggression 1."""
     braking: float = 2.2
-    """m/s^2 before curves, at aggression 1."""
+    """Deceleration before curves, in m/s^2 at aggression 1."""
     smoothing: float = 4.0
-    """m of road on each side over which a curve's curvature is averaged."""
+    """Length of road on each side over which a curve's curvature is averaged, in m."""
     speed_gain: float = 1.5
-    """1/s, acceleration per m/s of speed error."""
+    """Acceleration per m/s of speed error, in 1/s."""
 
     may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing",)
 
@@ -100,9 +100,9 @@ class Planner(SpeedPlanner):
     law: ClassVar[int] = laws.PLANNER
 
     lookahead_time: float = 0.3
-    """s of driving to the point that is steered for."""
+    """Driving time to the point that is steered for, in s."""
     lookahead_min: float = 5.0
-    """m, lookahead distance at rest."""
+    """Lookahead distance at rest, in m."""
 
     may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing", "lookahead_time")
 
@@ -118,15 +118,15 @@ class Stanley(SpeedPlanner):
     law: ClassVar[int] = laws.STANLEY
 
     lateral_acceleration: float = 6.0
-    """m/s^2 in curves, at aggression 1."""
+    """Lateral acceleration in curves, in m/s^2 at aggression 1."""
     braking: float = 2.8
-    """m/s^2 before curves, at aggression 1."""
+    """Deceleration before curves, in m/s^2 at aggression 1."""
     offset_gain: float = 1.5
-    """1/s, how fast a lateral offset is worked off."""
+    """Rate at which a lateral offset is corrected, in 1/s."""
     softening: float = 2.0
-    """m/s, keeps the steering calm at low speed."""
+    """Speed that keeps the steering calm at low speed, in m/s."""
     yaw_damping: float = 0.05
-    """s, steering against yaw rate beyond the road's."""
+    """Gain of steering against yaw rate beyond the road's, in s."""
 
     may_be_zero: ClassVar[tuple[str, ...]] = ("smoothing", "yaw_damping")
 
@@ -153,14 +153,14 @@ class BeamngAi(Planner):
     law: ClassVar[int] = laws.PLANNER
 
     lateral_acceleration: float = 6.44
-    """m/s^2 in curves, at aggression 1."""
+    """Lateral acceleration in curves, in m/s^2 at aggression 1."""
     braking: float = 6.1
-    """m/s^2 before curves, at aggression 1."""
+    """Deceleration before curves, in m/s^2 at aggression 1."""
     smoothing: float = 4.0
-    """m of road on each side over which a curve's curvature is averaged."""
+    """Length of road on each side over which a curve's curvature is averaged, in m."""
     lookahead_time: float = 0.454
-    """s of driving to the point that is steered for."""
+    """Driving time to the point that is steered for, in s."""
     lookahead_min: float = 2.19
-    """m, lookahead distance at rest."""
+    """Lookahead distance at rest, in m."""
     speed_gain: float = 0.517
-    """1/s, acceleration per m/s of speed error."""
+    """Acceleration per m/s of speed error, in 1/s."""

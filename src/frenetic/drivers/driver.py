@@ -10,7 +10,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.errors import DriverError
 
 AHEAD_SPACING = 2.0
-"""m along the road between two points of the view ahead."""
+"""Distance along the road between two points of the view ahead, in m."""
 AHEAD_POINTS = 40
 """Points of a full view: 78 m."""
 
@@ -24,25 +24,25 @@ class DriveSetup:
     lane_width: float
     """m."""
     period: float
-    """s between two calls of `act`."""
+    """Time between two calls of `act`, in s."""
     front_axle: float
-    """m from the centre of mass to the front axle."""
+    """Distance from the centre of mass to the front axle, in m."""
     rear_axle: float
-    """m from the centre of mass to the rear axle."""
+    """Distance from the centre of mass to the rear axle, in m."""
     car_length: float
     """m."""
     car_width: float
     """m."""
     max_steering: float
-    """rad, the front wheels' largest angle."""
+    """The front wheels' largest angle, in rad."""
     max_acceleration: float
-    """m/s^2 at full throttle and low speed."""
+    """Acceleration at full throttle and low speed, in m/s^2."""
     max_deceleration: float
-    """m/s^2 at full brake on a dry road."""
+    """Deceleration at full brake on a dry road, in m/s^2."""
 
     @property
     def wheelbase(self) -> float:
-        """M between the axles."""
+        """Distance between the axles, in m."""
         return self.front_axle + self.rear_axle
 
 
@@ -51,24 +51,24 @@ class Observation:
     """What a driver sees: its car relative to the ego lane, and the lane ahead."""
 
     time: float
-    """s since the start."""
+    """Time since the start, in s."""
     speed: float
-    """m/s along the car."""
+    """Speed along the car, in m/s."""
     yaw_rate: float
-    """rad/s, positive to the left."""
+    """Yaw rate in rad/s, positive to the left."""
     steering: float
-    """rad, angle of the front wheels, positive to the left."""
+    """Angle of the front wheels in rad, positive to the left."""
     lateral_offset: float
-    """m, centre of mass to the left of the ego lane's centre line."""
+    """Offset of the centre of mass to the left of the ego lane's centre line, in m."""
     heading_error: float
-    """rad, the car's heading less the lane's, positive when it points to the left, in -pi..pi."""
+    """The car's heading less the lane's in rad, positive when it points to the left, in -pi..pi."""
     ahead: FloatArray
-    """(n, 2) m, the ego lane's centre line in the car's frame: x ahead, y to the left.
+    """The ego lane's centre line in the car's frame, (n, 2) in m: x ahead, y to the left.
 
     The origin is the centre of mass. The first point is abreast of it, then one follows every 2 m
     of road. n is at most 40; a limited view has fewer."""
     curvature_ahead: FloatArray
-    """(n,) 1/m, curvature of the ego lane's centre line at the points of `ahead`."""
+    """Curvature of the ego lane's centre line at the points of `ahead`, (n,) in 1/m."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Controls:
     """What a driver does until it is asked again."""
 
     steering: float
-    """rad, wanted angle of the front wheels, positive to the left; the car limits it."""
+    """Wanted angle of the front wheels in rad, positive to the left; the car limits it."""
     throttle: float = 0.0
     """0..1; values beyond are cut."""
     brake: float = 0.0

@@ -27,7 +27,7 @@ from frenetic.drivers.driver import (
 )
 
 HEADING_PER_OFFSET: Final = 0.1
-"""rad per m: heading error of a driver of which only the lateral error is said."""
+"""Heading error per lateral error, in rad per m, where only the lateral error is given."""
 
 _BLOCK = 256
 

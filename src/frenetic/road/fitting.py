@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 __all__ = ["MARGIN", "RigidMotion", "fit_to_map"]
 
 MARGIN: Final = 10.0
-"""m that a road's centre line keeps from the map's edge: half its width and some air."""
+"""Distance of a road's centre line from the map's edge, in m: half its width and some air."""
 
 _QUARTER: Final = math.pi / 2  # [rad]
 
@@ -42,7 +42,7 @@ class RigidMotion:
     """A rotation about the origin, then a translation: distances and curvatures stay."""
 
     rotation: float
-    """rad, counter-clockwise, applied first."""
+    """Rotation in rad, counter-clockwise, applied first."""
     dx: float
     """m"""
     dy: float

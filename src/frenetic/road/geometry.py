@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 X, Y, HEADING, CURVATURE, COS, SIN = range(6)
 
 SUB_STEP = 1.0
-"""m, the longest sub-step of a table."""
+"""Longest sub-step of a table, in m."""
 SUB_TURN = 0.5
-"""rad, the most that a table's sub-step may turn."""
+"""Largest turn of a table's sub-step, in rad."""
 
 # Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which
 # turns by SUB_TURN at most, its error is below 1e-11 m.

@@ -11,7 +11,7 @@ from frenetic._support.compiled import njit
 from frenetic.road.geometry import frame_at
 
 SECTION = 0.5
-"""m along the road between the cross-sections at which the lane is cut into quadrilaterals.
+"""Distance between the cross-sections that cut the lane into quadrilaterals, in m.
 
 On the sharpest valid curve (radius 14.3 m) an edge then deviates by 2 mm, the share by 0.001.
 """

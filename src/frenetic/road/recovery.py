@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from typing import TypeAlias
 
 RECOGNISED = 1e-5
-"""m, largest distance to the given points at which they count as samples of a clothoid chain."""
+"""Largest distance to the given points at which they count as samples of a clothoid chain, in m."""
 MOST_RECOGNISED = 300
 """Points beyond which nobody looks for a clothoid chain; the work grows with their cube."""
 SPLINE_STEP = 0.5
-"""m between the curvature samples of a road along a spline."""
+"""Distance between the curvature samples of a road along a spline, in m."""
 CORRECTION = 4.0
-"""m along the road over which a road along a spline works off its distance from it."""
+"""Length of road over which a road along a spline corrects its distance from it, in m."""
 
 Recovered: TypeAlias = tuple[FloatArray, float, tuple[float, float, float]]
 

@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 MAX_SAMPLES = 10_000
 """Most curvature samples of a road."""
 MAX_LENGTH = 50_000.0
-"""m, longest road."""
+"""Length of the longest road, in m."""
 MAX_CURVATURE = 10.0
-"""1/m, sharpest curve that can be represented; valid roads stay below 0.07."""
+"""Sharpest curve that can be represented, in 1/m; valid roads stay below 0.07."""
 MAX_COORDINATE = 1e7
-"""m, how far from the origin a given point may be."""
+"""Largest distance of a given point from the origin, in m."""
 MIN_DISTANCE = 1e-6
-"""m, between two consecutive points that are given."""
+"""Least distance of two consecutive given points, in m."""
 POINT_SPACING = 2.0
-"""m, spacing of the points in which a road leaves our hands (validity, files, other simulators)."""
+"""Spacing of a road's points for validity, files and other simulators, in m."""
 
 
 class Pose(NamedTuple):
@@ -41,7 +41,7 @@ class Pose(NamedTuple):
     y: float
     """m."""
     heading: float
-    """rad, counter-clockwise from +x."""
+    """Heading in rad, counter-clockwise from +x."""
 
 
 START = Pose(0.0, 0.0, math.pi / 2)
@@ -55,7 +55,7 @@ class Lane:
     centre: FloatArray
     """(n, 2) m."""
     left: FloatArray
-    """(n, 2) m, the left edge seen in driving order of the road."""
+    """Left edge seen in driving order of the road, (n, 2) in m."""
     right: FloatArray
     """(n, 2) m."""
 
@@ -73,13 +73,13 @@ class Road:
     """
 
     curvatures: FloatArray
-    """(N,) 1/m, positive turns left; read-only."""
+    """Curvature samples, (N,) in 1/m, positive turns left; read-only."""
     step: float = 10.0
-    """m between two samples."""
+    """Distance between two samples, in m."""
     pose: Pose = START
     """Where the first sample lies and which way the road starts."""
     lane_width: float = 4.0
-    """m, of each of the two lanes."""
+    """Width of each of the two lanes, in m."""
 
     def __init__(
         self,
@@ -170,12 +170,12 @@ class Road:
 
     @property
     def length(self) -> float:
-        """M along the centre line."""
+        """Length of the centre line, in m."""
         return (len(self.curvatures) - 1) * self.step
 
     @cached_property
     def sub_step(self) -> float:
-        """M between two rows of `table`."""
+        """Distance between two rows of `table`, in m."""
         return self.step / geometry.sub_steps(self.curvatures, self.step)
 
     @cached_property
@@ -189,28 +189,28 @@ class Road:
 
     @property
     def headings(self) -> FloatArray:
-        """(N,) rad, heading at the curvature samples, not wrapped."""
+        """Heading at the curvature samples, (N,) in rad, not wrapped."""
         return self.table[:: round(self.step / self.sub_step), geometry.HEADING]
 
     @property
     def points(self) -> FloatArray:
-        """(N, 2) m, positions of the curvature samples."""
+        """Positions of the curvature samples, (N, 2) in m."""
         return self.table[:: round(self.step / self.sub_step), : geometry.HEADING]
 
     @cached_property
     def road_points(self) -> FloatArray:
-        """(n, 2) m, the centre line at 2 m or denser: what validity, files and simulators get."""
+        """Centre line for validity, files and simulators, (n, 2) in m, every 2 m or denser."""
         points = self.sample(POINT_SPACING)
         points.setflags(write=False)
         return points
 
     def distances(self, spacing: float = POINT_SPACING) -> FloatArray:
-        """(n,) m, equal steps along the road from 0 to its length, ``spacing`` or a little less."""
+        """Distances along the road, (n,) in m: equal steps of ``spacing`` or a little less."""
         spacing = _positive(spacing, "spacing")
         return np.linspace(0.0, self.length, max(1, math.ceil(self.length / spacing - 1e-9)) + 1)
 
     def sample(self, spacing: float = POINT_SPACING, offset: float = 0.0) -> FloatArray:
-        """(n, 2) m, points at `distances(spacing)`, ``offset`` m to the left of the centre line."""
+        """Points at `distances(spacing)`, (n, 2) in m, ``offset`` m left of the centre line."""
         points: FloatArray = geometry.sample_line(
             self.table, self.sub_step, self.distances(spacing), float(offset)
         )

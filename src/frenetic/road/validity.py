@@ -44,7 +44,7 @@ __all__ = [
 
 
 MAP_SIZE: Final = 200.0
-"""m, side of the competition's square map."""
+"""Side of the competition's square map, in m."""
 
 _MAX_POINTS: Final = 500
 _NODE_DISTANCE: Final = 1.0  # [m] along the polyline of the road points

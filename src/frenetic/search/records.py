@@ -30,12 +30,12 @@ class Candidate:
     id: int
     """Counts from 1 in the order of asking."""
     curvatures: FloatArray
-    """(N,) 1/m, read-only."""
+    """Curvature samples, (N,) in 1/m, read-only."""
     step: float
-    """m between two curvature samples."""
+    """Distance between two curvature samples, in m."""
     origin: Origin
     points: FloatArray | None = None
-    """(N, 2) m, read-only: the road as points on the map, if that is how it was proposed.
+    """Points of the road on the map, (N, 2) in m, read-only, if it was proposed as points.
 
     Then these are judged and driven where they lie, and the curvatures follow from them; there are
     none if no road passes through the points.

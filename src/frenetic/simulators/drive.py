@@ -15,11 +15,11 @@ class CarBody:
     """The rectangle that a car covers on the ground, relative to its centre of mass."""
 
     length: float = 4.508
-    """m, bumper to bumper (BMW 320i, CommonRoad vehicle 2)."""
+    """Length from bumper to bumper, in m (BMW 320i, CommonRoad vehicle 2)."""
     width: float = 1.610
-    """m, without mirrors."""
+    """Width in m, without mirrors."""
     centre_ahead: float = 0.0
-    """m, how far the rectangle's centre lies ahead of the centre of mass."""
+    """Distance of the rectangle's centre ahead of the centre of mass, in m."""
 
     def to_array(self) -> FloatArray:
         """(3,) length, width and centre_ahead, as the kernels want it."""
@@ -31,19 +31,19 @@ class Rules:
     """When a drive ends and what counts as failing it."""
 
     speed_limit: float = 70.0
-    """km/h, what the driver is told to keep."""
+    """Speed limit that the driver is told, in km/h."""
     oob_tolerance: float = 0.95
     """Share (0..1] of the car's box that may be outside the ego lane; more is a FAIL."""
     goal_distance: float = 8.0
-    """m from the road's last point at which the drive has passed."""
+    """Distance from the road's last point at which the drive has passed, in m."""
     stuck_distance: float = 1.0
-    """m that a car has to move within `stuck_time`."""
+    """Distance that a car has to move within `stuck_time`, in m."""
     stuck_time: float = 10.0
     """s."""
     timeout_base: float = 20.0
-    """s granted to every drive, whatever its length."""
+    """Time granted to every drive, in s, whatever its length."""
     timeout_speed: float = 2.5
-    """m/s, mean speed below which a drive takes too long: timeout = base + length / speed."""
+    """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -65,23 +65,23 @@ class Trajectory:
     """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64."""
 
     time: FloatArray
-    """s of simulated time since the start; the first record is the start."""
+    """Simulated time since the start, in s; the first record is the start."""
     x: FloatArray
-    """m, centre of mass."""
+    """Coordinate of the centre of mass, in m."""
     y: FloatArray
-    """m, centre of mass."""
+    """Coordinate of the centre of mass, in m."""
     heading: FloatArray
-    """rad, counter-clockwise from +x, unwrapped."""
+    """Heading in rad, counter-clockwise from +x, unwrapped."""
     speed: FloatArray
-    """m/s, along the car."""
+    """Speed along the car, in m/s."""
     lateral_speed: FloatArray
-    """m/s, across the car, positive to the left."""
+    """Lateral speed across the car in m/s, positive to the left."""
     yaw_rate: FloatArray
-    """rad/s, positive to the left."""
+    """Yaw rate in rad/s, positive to the left."""
     steering: FloatArray
-    """rad, angle of the front wheels, positive to the left."""
+    """Angle of the front wheels in rad, positive to the left."""
     steering_input: FloatArray
-    """rad, the angle that the driver asked for."""
+    """Angle that the driver asked for, in rad."""
     throttle: FloatArray
     """0..1, as the driver asked."""
     brake: FloatArray

@@ -6,9 +6,9 @@ import math
 from typing import Final
 
 MAX_START_OFFSET: Final = 2.0
-"""m that a car may start left or right of the ego lane's centre: to the lane's edge."""
+"""Largest distance of a start from the ego lane's centre, in m: to the lane's edge."""
 MAX_START_HEADING: Final = math.pi / 4.0
-"""rad that it may be turned against the road there."""
+"""Largest angle of a start against the road, in rad."""
 
 
 class StartingPlace:
@@ -19,7 +19,7 @@ class StartingPlace:
 
     @property
     def start_offset(self) -> float:
-        """M to the left of the ego lane's centre at which the car starts."""
+        """Distance of the car's start to the left of the ego lane's centre, in m."""
         return self._start_offset
 
     @start_offset.setter
@@ -28,7 +28,7 @@ class StartingPlace:
 
     @property
     def start_heading(self) -> float:
-        """Rad to the left of the road's direction in which the car points at the start."""
+        """Angle of the car's start to the left of the road's direction, in rad."""
         return self._start_heading
 
     @start_heading.setter

@@ -119,17 +119,17 @@ class World:
     friction: float | None = None
     """Of the road."""
     speed: float | None = None
-    """km/h, speed limit."""
+    """Speed limit, in km/h."""
     noise: float | None = None
-    """m, of a `Noisy` layer in place of the driver's own, if it has one."""
+    """Offset of a `Noisy` layer in m, in place of the driver's own, if it has one."""
     noise_seed: int = 0
     """Of that layer."""
     delay: float | None = None
-    """s, of a `Delayed` layer in place of the driver's own, if it has one."""
+    """Delay of a `Delayed` layer in s, in place of the driver's own, if it has one."""
     start: float | None = None
-    """m to the left of the ego lane's centre, where the car starts."""
+    """Distance of the car's start to the left of the ego lane's centre, in m."""
     heading: float | None = None
-    """rad to the left of the road's direction, at the start."""
+    """Angle of the car's start to the left of the road's direction, in rad."""
 
     def value(self, name: str) -> float | None:
         """What a quantity is, None if it is as in the campaign."""

@@ -65,7 +65,7 @@ class Circling:
     """Drives off straight ahead and slowly, then steers to the left and keeps to that."""
 
     angle = 0.15
-    """rad, asked of the front wheels."""
+    """Angle asked of the front wheels, in rad."""
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
         """Another drive."""

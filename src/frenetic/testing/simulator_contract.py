@@ -20,7 +20,7 @@ from frenetic.testing.dummy import DummyDriver
 from frenetic.testing.probes import Broken, Circling, Watch, Weaving
 
 RECORD_RATE = 10.0
-"""Hz, the least at which a drive has to be recorded."""
+"""Least rate of a drive's records, in Hz."""
 
 _ENDS = {
     RUNNING: "stopped before a rule ended it",
@@ -59,15 +59,15 @@ class SimulatorContract:
     asks_driver = True
     """False for a simulator that drives by itself and never asks the driver."""
     start_speed = 0.0
-    """m/s at which a drive starts, for a simulator whose car does not start at rest."""
+    """Speed at the start of a drive, in m/s, for a simulator whose car does not start at rest."""
     repeats_within = 0.0
-    """m by which two drives of the same road may be apart at the same time; 0: bit for bit."""
+    """Distance of two drives of the same road at the same time, in m; 0: bit for bit."""
     latency = 0.1
-    """s by which what a driver sees may be older than the record, and a record of what it does."""
+    """Largest age of what a driver sees, and of the record of its answer, in s."""
     ends_within = 0.5
-    """s for which a drive may be recorded after a rule has ended it."""
+    """Longest recording after a rule has ended the drive, in s."""
     wall_limit = 600.0
-    """s of wall time that one drive of this suite may take."""
+    """Limit of the wall time of one drive of this suite, in s."""
 
     def make(self, rules: Rules) -> Simulator:
         """A simulator with the given rules."""

@@ -30,11 +30,11 @@ from frenetic.road.road import (
 )
 
 TOLERANCE: Final = 0.01
-"""m, largest distance of a road from the line in its file, and largest gap in that line."""
+"""Largest distance of a road from the line in its file, and largest gap in that line, in m."""
 KINK: Final = 0.01
-"""rad, largest change of heading from the end of one geometry to the start of the next."""
+"""Largest change of heading from the end of one geometry to the start of the next, in rad."""
 STEPS: Final = (0.5, 0.25, 0.1)
-"""m between the samples of a road that follows a line; the first within `TOLERANCE` is taken."""
+"""Steps of a road that follows a line, in m; the first within `TOLERANCE` is taken."""
 
 _SPACING: Final = 0.1  # m between the points of a trace
 _EQUAL_CURVATURE: Final = 1e-9  # 1/m
@@ -55,7 +55,7 @@ class Clothoid:
     length: float
     """m."""
     start: float
-    """1/m, curvature."""
+    """Curvature, in 1/m."""
     end: float
     """1/m."""
 
@@ -76,9 +76,9 @@ class Polynomial:
     length: float
     """m."""
     ahead: Cubic
-    """m along the heading at its start, by the parameter."""
+    """Distance along the heading at its start, in m, by the parameter."""
     left: Cubic
-    """m across it."""
+    """Distance across it, in m."""
     last: float | None
     """The parameter at its end; None where that is where its length is reached."""
 
@@ -111,7 +111,7 @@ class Polynomial:
         return np.column_stack([distance, x + u * c - v * s, y + u * s + v * c, direction])
 
     def _distances(self, p: FloatArray) -> FloatArray:
-        """(n,) m along at the parameters ``p`` (n,), by Simpson's rule between them."""
+        """Distances at the parameters ``p`` (n,), (n,) in m, by Simpson's rule between them."""
         (_, _, du, dv), (_, _, mu, mv) = self._at(p), self._at(0.5 * (p[1:] + p[:-1]))
         speed, middle = np.hypot(du, dv), np.hypot(mu, mv)
         pieces = (speed[1:] + 4.0 * middle + speed[:-1]) * np.diff(p) / 6.0
@@ -131,9 +131,9 @@ class Offset:
     """A ``laneOffset``: how far left of the reference line the lanes' centre line lies."""
 
     distance: float
-    """m along the road from which on it holds."""
+    """Distance along the road at which it begins to hold, in m."""
     shift: Cubic
-    """m, by the distance from there."""
+    """Shift in m, by the distance from there."""
 
 
 def exact_road(

@@ -38,9 +38,9 @@ from frenetic.road.road import (
 )
 
 FLAT: Final = 0.01
-"""m, what a road that counts as flat may rise or fall in all, and a lane's width may change."""
+"""Largest rise or fall of a flat road, and largest change of a lane's width, in m."""
 LEVEL: Final = 1e-3
-"""rad, what a road that counts as level may lean to a side."""
+"""Largest lean of a level road to a side, in rad."""
 
 
 def from_opendrive(data: bytes) -> Road:
@@ -145,7 +145,7 @@ def _require_flat(road: Element) -> None:
 
 
 def _ego_lane_width(road: Element) -> float:
-    """M, the width of lane -1, which has to be a driving lane of constant width."""
+    """Width of lane -1 in m, which must be a driving lane of constant width."""
     sections = road.findall("lanes/laneSection")
     if not sections:
         raise RoadError("its road has no lanes")

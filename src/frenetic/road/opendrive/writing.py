@@ -38,7 +38,7 @@ class _Piece:
     first: int
     last: int
     start: float
-    """1/m, curvature."""
+    """Curvature, in 1/m."""
     end: float
     """1/m."""
 

@@ -14,9 +14,9 @@ from frenetic.simulators.drive import CarBody
 WHEELBASE_PER_LENGTH: Final = 0.6
 """BeamNG.tech does not tell where the axles are."""
 LENGTHS: Final = (1.0, 30.0)
-"""m, between which the length of a car is."""
+"""Least and largest length of a car, in m."""
 WIDTHS: Final = (0.5, 5.0)
-"""m, likewise its width."""
+"""Least and largest width of a car, in m."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class CarState:
     """What BeamNG.tech says of the car at one moment."""
 
     time: float
-    """s on the simulator's own clock, which started at some time."""
+    """Time on the simulator's own clock in s, which started at some time."""
     position: FloatArray
-    """(3,) m, the car's reference node."""
+    """The car's reference node, (3,) in m."""
     forward: FloatArray
     """(3,) unit vector ahead."""
     up: FloatArray
@@ -42,7 +42,7 @@ class CarState:
 
     @property
     def heading(self) -> float:
-        """Rad, counter-clockwise from +x."""
+        """Heading in rad, counter-clockwise from +x."""
         return math.atan2(self.forward[1], self.forward[0])
 
     @property
@@ -53,7 +53,7 @@ class CarState:
 
     @property
     def speed(self) -> float:
-        """m/s over the ground."""
+        """Speed over the ground, in m/s."""
         return math.hypot(self.velocity[0], self.velocity[1])
 
 
@@ -62,15 +62,15 @@ class MeasuredCar:
     """A car as it was measured in BeamNG.tech, to the millimetre."""
 
     length: float
-    """m, of its bounding box."""
+    """Length of its bounding box, in m."""
     width: float
-    """m, of its bounding box."""
+    """Width of its bounding box, in m."""
     ahead: float
-    """m by which the box's middle lies ahead of the car's position."""
+    """Distance by which the box's middle lies ahead of the car's position, in m."""
     left: float
-    """m, likewise to the left."""
+    """Distance by which it lies to the left, in m."""
     steering: float
-    """rad of the front wheels at steering input 1; negative if that turns to the right."""
+    """Front wheels' angle at steering input 1, in rad; negative if that turns to the right."""
 
     @property
     def body(self) -> CarBody:
@@ -79,11 +79,11 @@ class MeasuredCar:
 
     @property
     def wheelbase(self) -> float:
-        """M between the axles, as it is assumed."""
+        """Assumed distance between the axles, in m."""
         return WHEELBASE_PER_LENGTH * self.length
 
     def middle(self, state: CarState) -> tuple[float, float]:
-        """m, where the middle of the car's box is."""
+        """Middle of the car's box, in m."""
         x, y, _ = state.position + self.ahead * state.forward + self.left * state.left
         return float(x), float(y)
 
@@ -93,7 +93,7 @@ class MeasuredCar:
 
 
 def measured_box(corners: FloatArray, state: CarState) -> tuple[float, float, float, float]:
-    """(length, width, ahead, left) m of a box, to the millimetre.
+    """Length, width, ahead and left of a box in m, to the millimetre.
 
     Args:
         corners: (8, 3) m: front, then rear; each bottom left, bottom right, top left, top right.

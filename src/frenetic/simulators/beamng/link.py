@@ -42,9 +42,9 @@ EXTRA: Final = 'pip install "frenetic-roads[beamng]"'
 OLDEST: Final = (1, 36)
 """The first version of BeamNGpy that will do; it belongs to BeamNG.tech 0.39."""
 START_LIMIT: Final = 180.0
-"""s that BeamNG.tech may take to start."""
+"""Time that BeamNG.tech may take to start, in s."""
 LOAD_LIMIT: Final = 300.0
-"""s that BeamNG.tech may take for each answer while it loads a level."""
+"""Time that BeamNG.tech may take for each answer while it loads a level, in s."""
 
 ROAD: Final = "frenetic_road"
 GOAL: Final = "frenetic_goal"
@@ -414,7 +414,7 @@ class Link:
             )
 
     def box(self) -> FloatArray:
-        """(8, 3) m, corners of the car's box, in the order of `measured_box`."""
+        """Corners of the car's box, (8, 3) in m, in the order of `measured_box`."""
         with _asking("asking for the car's box"):
             corners = self._ego.get_bbox()
             return np.array([corners[name] for name in _CORNERS], dtype=float)

@@ -12,7 +12,7 @@ from typing import Any, Final
 from frenetic.simulators.beamng.car import LENGTHS, WIDTHS
 
 RECORD_RATE: Final = 20
-"""Hz, of records and of a driver's decisions."""
+"""Rate of records and of a driver's decisions, in Hz."""
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from frenetic.road import Pose, Road
 LEVELS: Final = {"tech_ground": 0.0, "smallgrid": 0.0, "gridmap_v2": 100.0}
 """Levels with room for a flat map -> m, height of their ground."""
 MARKING_WIDTH: Final = 0.15
-"""m, of the lines along the road's edges."""
+"""Width of the lines along the road's edges, in m."""
 DROP: Final = 0.2
-"""m above the ground at which the car is put; it settles before the drive begins."""
+"""Distance above the ground at which the car is put, in m; it settles before the drive begins."""
 WIDEST_AI_LANE: Final = 6.3
-"""m, width of a lane from which on BeamNG.AI takes it for two."""
+"""Least width of a lane that BeamNG.AI takes for two, in m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,17 +26,17 @@ class Scene:
     """A road on flat ground and a car at its beginning."""
 
     centre: FloatArray
-    """(n, 2) m, the centre line at 2 m or denser."""
+    """The centre line at 2 m or denser, (n, 2) in m."""
     edges: tuple[FloatArray, FloatArray]
-    """(n, 2) m each, the left and the right edge marking."""
+    """Left and right edge marking, (n, 2) in m each."""
     width: float
-    """m, of the road: two lanes."""
+    """Width of the road, in m: two lanes."""
     ground: float
-    """m, height of the ground."""
+    """Height of the ground, in m."""
     start: tuple[float, float]
-    """m, where the car's position is put, which need not be its middle."""
+    """Place of the car's position, which need not be its middle, in m."""
     heading: float
-    """rad, of the car at the start."""
+    """Heading of the car at the start, in rad."""
 
     def nodes(self, line: FloatArray) -> list[tuple[float, float, float]]:
         """A line as nodes on the ground."""

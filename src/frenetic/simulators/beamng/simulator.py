@@ -41,9 +41,9 @@ if TYPE_CHECKING:
     from frenetic.doctor import Check
 
 PERIOD: Final = 1.0 / RECORD_RATE
-"""s between two records."""
+"""Time between two records, in s."""
 WALL_LIMIT: Final = 600.0
-"""s of wall time that a drive may take unless another limit is given."""
+"""Default limit of a drive's wall time, in s."""
 
 _SETTLING: Final = 3.0  # s: a count-down passes, then the car comes to rest on its springs
 _SETTLINGS: Final = 3
@@ -404,7 +404,7 @@ class BeamngSimulator:
         self.link.unload()
 
     def _measured_steering(self, car: MeasuredCar) -> float:
-        """Rad of the front wheels at input 1, from the circle that the car drives slowly."""
+        """Front wheels' angle at input 1 in rad, from the circle that the car drives slowly."""
         share, slow = 0.25, 3.0
         for _ in range(10 * RECORD_RATE):
             self.link.control(share, 0.3, 0.0)

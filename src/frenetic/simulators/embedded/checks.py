@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from frenetic.simulators.embedded.simulator import EmbeddedSimulator
 
 SLOW: Final = 0.1
-"""s of wall time that no drive of a second's length needs where kernels are compiled."""
+"""Wall time that no drive of a second needs where kernels are compiled, in s."""
 _TIMES: Final = 20
 
 

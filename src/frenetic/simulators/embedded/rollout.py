@@ -27,11 +27,11 @@ from frenetic.simulators.embedded.vehicle import (
 from frenetic.simulators.observing import assess_now, look_ahead
 
 STEP = 0.01
-"""s, of the RK4 integration: 100 Hz."""
+"""Step of the RK4 integration, in s: 100 Hz."""
 STEPS_PER_PERIOD = 5
 """RK4 steps between two decisions and records: 20 Hz."""
 PERIOD = STEP * STEPS_PER_PERIOD
-"""s between two decisions and records."""
+"""Time between two decisions and records, in s."""
 
 # Columns of the records, as in Trajectory.
 TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RBRAKE = range(11)

@@ -50,9 +50,9 @@ GRAVITY: Final = 9.81
 AIR_DENSITY: Final = 1.2
 """kg/m³, at 20 °C."""
 BRAKE_FADE_SPEED: Final = 0.5
-"""m/s, rolling speed below which brakes and rolling drag fade out: a car comes to rest smoothly."""
+"""Rolling speed below which brakes and rolling drag fade out, in m/s, for a smooth stop."""
 STEP_RATE: Final = 100.0
-"""Hz, the RK4 step rate for which a vehicle's parameters are checked to be stable."""
+"""RK4 step rate for which a vehicle's parameters are checked to be stable, in Hz."""
 
 # The state vector.
 X: Final = 0
@@ -107,30 +107,30 @@ class Vehicle:
     mass: float = 1093.2952334674046
     """kg."""
     yaw_inertia: float = 1791.5995300122856
-    """kg m², about the vertical axis."""
+    """Yaw inertia about the vertical axis, in kg m²."""
     front_axle: float = 1.1561957064
-    """m, from the centre of mass forward to the front axle."""
+    """Distance from the centre of mass forward to the front axle, in m."""
     rear_axle: float = 1.4227170936
-    """m, from the centre of mass back to the rear axle."""
+    """Distance from the centre of mass back to the rear axle, in m."""
     cg_height: float = 0.61373004
-    """m, of the centre of mass above the ground; the sprung mass's, as in CommonRoad's model."""
+    """Height of the centre of mass above the ground, in m; the sprung mass's, as in CommonRoad."""
     length: float = 4.508
-    """m, bumper to bumper."""
+    """Length from bumper to bumper, in m."""
     width: float = 1.610
-    """m, without mirrors."""
+    """Width in m, without mirrors."""
     body_shift: float = 0.0
-    """m, how far the body's centre lies ahead of the middle between the axles; may be 0."""
+    """Distance of the body's centre ahead of the middle between the axles, in m; may be 0."""
 
     tyre_shape: float = 1.3507
     """Magic Formula C (p_cy1), up to 2."""
     tyre_peak: float = 1.0489
     """Magic Formula D per load (p_dy1): the friction coefficient at `friction` 1."""
     tyre_stiffness: float = 21.92
-    """1/rad, cornering stiffness per load (-p_ky1), whatever the `friction`."""
+    """Cornering stiffness per load (-p_ky1) in 1/rad, whatever the `friction`."""
     friction: float = 1.0
     """Scale of the peak force: 1 is a dry road, about 0.7 a wet one, about 0.3 snow."""
     crawl_speed: float = 2.0
-    """m/s, the rolling speed at least assumed in a tyre's slip.
+    """Least rolling speed assumed in a tyre's slip, in m/s.
 
     The tyres' damping of lateral motion is proportional to 1/speed, so their equation is stiff near
     standstill. With this floor their force becomes viscous there instead, which holds the wheels to
@@ -143,22 +143,22 @@ class Vehicle:
     """
 
     steering_limit: float = 1.066
-    """rad, largest angle of the front wheels."""
+    """Largest angle of the front wheels, in rad."""
     steering_rate: float = 0.4
-    """rad/s, fastest change of that angle."""
+    """Fastest change of that angle, in rad/s."""
     steering_lag: float = 0.1
-    """s, time constant of the actuator; our choice, typical of electric power steering."""
+    """Time constant of the actuator, in s; our choice, typical of electric power steering."""
 
     engine_acceleration: float = 4.5
-    """m/s², on a level road at full throttle below `switch_speed`, at the rear axle.
+    """Acceleration on a level road at full throttle below `switch_speed`, in m/s², rear axle.
 
     Our choice: CommonRoad's 11.5 m/s² (switching at 7.319 m/s) is a racer's. 4.5 m/s² up to 15 m/s
     are 67.5 W/kg, which take the car from 0 to 100 km/h in 8 s, as a family car does.
     """
     switch_speed: float = 15.0
-    """m/s, above which the engine's power limits the acceleration: it falls with 1/speed."""
+    """Speed above which the engine's power limits the acceleration (to 1/speed), in m/s."""
     brake_deceleration: float = 9.0
-    """m/s², at full pedal as far as the tyres allow; our choice, a good car's emergency stop."""
+    """Deceleration at full pedal, in m/s², within the tyres' limit; our choice, a good car's."""
     brake_front_share: float = 0.66
     """Share (0..1] of the brake force at the front axle, at least.
 
@@ -166,7 +166,7 @@ class Vehicle:
     electronic brake-force distribution does: the rear axle never locks first.
     """
     drag_area: float = 0.65
-    """m², drag coefficient times frontal area (about 0.3 times 2.2 m²); may be 0."""
+    """Drag coefficient times frontal area, in m² (about 0.3 times 2.2 m²); may be 0."""
     rolling_resistance: float = 0.012
     """Rolling drag per weight; may be 0."""
 
@@ -267,7 +267,7 @@ class Vehicle:
 
     @property
     def wheelbase(self) -> float:
-        """m, from axle to axle."""
+        """Wheelbase from axle to axle, in m."""
         return self.front_axle + self.rear_axle
 
     @property

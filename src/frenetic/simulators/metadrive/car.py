@@ -10,7 +10,7 @@ from frenetic.simulators.drive import Rules
 from frenetic.simulators.embedded.vehicle import Vehicle
 
 PERIOD: Final = 0.05
-"""s between two decisions and records: 20 Hz."""
+"""Time between two decisions and records, in s: 20 Hz."""
 STEPS_PER_PERIOD: Final = 3
 """Steps of the physics in a period: 60 Hz, Bullet's own rate. MetaDrive's 50 Hz do not fit."""
 PHYSICS_STEP: Final = PERIOD / STEPS_PER_PERIOD
@@ -19,9 +19,9 @@ PHYSICS_STEP: Final = PERIOD / STEPS_PER_PERIOD
 VEHICLE: Final = Vehicle.metadrive()
 """Sizes and limits: MetaDrive's ``static_default``, whose parameters are not drawn."""
 ENGINE_FORCE: Final = 800.0
-"""N at each wheel at full throttle."""
+"""Force at each wheel at full throttle, in N."""
 BRAKE_IMPULSE: Final = 150.0
-"""N s by which MetaDrive's full brake slows each wheel in a step of the physics."""
+"""Impulse by which MetaDrive's full brake slows each wheel in a step of the physics, in N s."""
 FULL_BRAKE: Final = VEHICLE.brake_deceleration * VEHICLE.mass * PHYSICS_STEP / (4.0 * BRAKE_IMPULSE)
 """Share of MetaDrive's brake that is a driver's full brake: up to it, the car slows in proportion.
 MetaDrive's whole pedal is four times as much, more than the tyres hold."""
@@ -31,7 +31,7 @@ class Decision(NamedTuple):
     """What the car does until the next decision."""
 
     steering: float = 0.0
-    """rad, asked of the front wheels, positive to the left."""
+    """Steering asked of the front wheels in rad, positive to the left."""
     throttle: float = 0.0
     """0..1."""
     brake: float = 0.0
@@ -48,7 +48,7 @@ class Decision(NamedTuple):
 
     @property
     def wheel_angle(self) -> float:
-        """Rad, what the front wheels do; MetaDrive's turn at once."""
+        """Angle of the front wheels, in rad; MetaDrive's turn at once."""
         return min(max(self.steering, -VEHICLE.steering_limit), VEHICLE.steering_limit)
 
     @property

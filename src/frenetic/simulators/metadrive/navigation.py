@@ -19,24 +19,24 @@ from frenetic.road import Road
 EGO_LANE: Final = "ego"
 """The name of the ego lane in MetaDrive's map."""
 PIECE_LENGTH: Final = 40.0
-"""m of road, about; MetaDrive's own maps have lanes of 40 m and more."""
+"""Approximate length of a piece, in m; MetaDrive's own maps have lanes of 40 m and more."""
 STRAIGHT_RADIUS: Final = 200.0
-"""m, radius of the arc from which a piece is called straight."""
+"""Least radius of an arc that is called straight, in m."""
 
 
 class Piece(NamedTuple):
     """A piece of the ego lane, with the checkpoint at its end."""
 
     end: float
-    """m along the ego lane."""
+    """Distance along the ego lane, in m."""
     x: float
-    """m, of the checkpoint, seen from the road's start, as y."""
+    """Coordinate of the checkpoint in m, seen from the road's start, as y."""
     y: float
     """m."""
     radius: float
-    """m, 0 if it is straight."""
+    """Radius in m, 0 if it is straight."""
     turn: float
-    """rad by which it turns left, 0 if it is straight."""
+    """Turn to the left in rad, 0 if it is straight."""
 
 
 def pieces_of(road: Road) -> list[Piece]:
@@ -89,15 +89,15 @@ class RoadNavigation:
         return dimension
 
     def get_navi_info(self) -> Any:
-        """(10,) 0..1, five for the checkpoint ahead and five for the one after it."""
+        """Numbers 0..1, (10,): five for the checkpoint ahead and five for the one after it."""
         return self._info
 
     def get_current_lane_width(self) -> float:
-        """M."""
+        """Width of the ego lane, in m."""
         return self._width
 
     def get_current_lateral_range(self, position: Any, engine: Any) -> float:  # noqa: ARG002
-        """M from the left edge of the ego lane to the right one."""
+        """Distance from the left edge of the ego lane to the right one, in m."""
         return self._width
 
     def reset(self, vehicle: Any) -> None:  # noqa: ARG002

@@ -34,7 +34,7 @@ from frenetic.simulators.metadrive.navigation import EGO_LANE, RoadNavigation
 SEED: Final = 0
 """Of every road, so that the car is the same on each."""
 POINT_SPACING: Final = 1.25
-"""m between the points of the map's lines. MetaDrive puts those together that are less than 1 m
+"""Distance between the points of the map's lines, in m. MetaDrive merges points less than 1 m
 apart, and on the inner lane of the sharpest valid curve they are a seventh closer."""
 SETTLING_STEPS: Final = 60
 """Steps of the physics that the car stands before a drive: MetaDrive drops it onto its wheels."""
@@ -44,17 +44,17 @@ class Motion(NamedTuple):
     """Where the car is and how it moves, as the physics has it."""
 
     x: float
-    """m, centre of mass."""
+    """Coordinate of the centre of mass, in m."""
     y: float
-    """m, centre of mass."""
+    """Coordinate of the centre of mass, in m."""
     heading: float
-    """rad, in -pi..pi."""
+    """Heading in rad, in -pi..pi."""
     speed: float
-    """m/s, along the car."""
+    """Speed along the car, in m/s."""
     lateral_speed: float
-    """m/s, positive to the left."""
+    """Lateral speed in m/s, positive to the left."""
     yaw_rate: float
-    """rad/s, positive to the left."""
+    """Yaw rate in rad/s, positive to the left."""
 
 
 class _PhysicsEngine(BaseEngine):  # type: ignore[misc]
