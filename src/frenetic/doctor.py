@@ -1,9 +1,9 @@
-"""Whether the simulators work on this machine: checks that say what is wrong and what to do.
+"""Checks of the simulators on this machine: what is wrong and what to do.
 
-A simulator that knows more about itself than whether it drives offers a method ``checks``, which
-gives a `Check` for each thing it looks at and ends with the one that makes the next ones pointless.
-It is called on a simulator that is not entered. `drive_checks` are what every simulator has to
-pass. A class attribute ``needs`` names the modules without which it is not installed.
+A simulator may offer a method ``checks``, which is called before the simulator is entered. It gives
+a `Check` for each thing that it checks, and stops when the rest would be pointless. Every simulator
+must pass `drive_checks`. A class attribute ``needs`` names the modules without which the simulator
+is not installed.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from frenetic.simulators.simulator import Simulator
 
 @dataclass(frozen=True)
 class Check:
-    """Something that was looked at."""
+    """One thing that was checked."""
 
     name: str
     is_ok: bool
     found: str
-    """What it is like, or what is wrong with it."""
+    """Its state, or what is wrong with it."""
     remedy: str = ""
     """What to do; empty if nothing is wrong."""
 
@@ -43,28 +43,28 @@ class Checkable(Protocol):
     """A simulator that checks itself."""
 
     def checks(self) -> Iterator[Check]:
-        """What it looks at, in order; nothing follows what makes the rest pointless."""
+        """Its checks, in order, up to one that makes the rest pointless."""
 
 
 class Health(StrEnum):
-    """How a simulator is."""
+    """State of a simulator."""
 
     OK = "ok"
     BROKEN = "something is wrong"
     NOT_SET_UP = "not set up"
-    """It is installed, but needs to be told something."""
+    """It is installed, but needs an option."""
     NOT_INSTALLED = "not installed"
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What was found out about a simulator."""
+    """Findings about a simulator."""
 
     simulator: str
     health: Health
     checks: tuple[Check, ...]
     note: str = ""
-    """Why nothing was checked; empty if something was."""
+    """Reason why nothing was checked; empty if something was."""
 
     @property
     def failed(self) -> tuple[Check, ...]:
@@ -83,7 +83,7 @@ def examine(
     Args:
         name: as on the command line.
         options: the simulator is made with.
-        on_check: called with every check as it is done.
+        on_check: called with each finished check.
 
     Raises:
         FreneticError: there is no such simulator, or its options do not suit.
@@ -99,7 +99,7 @@ def examine(
 
 
 def examine_all() -> Iterator[Examination]:
-    """Checks all simulators that are installed, each as it is made without options."""
+    """Checks all installed simulators, each made without options."""
     for entry in SIMULATORS.entries():
         try:
             factory = SIMULATORS.load(entry.name)
@@ -126,12 +126,12 @@ def _checks(simulator: Simulator) -> Iterator[Check]:
 
 
 def broken(name: str, error: Exception, remedy: str) -> Check:
-    """A check that ended in an error; our own say what to do themselves."""
+    """A check that ended in an error; our own errors say what to do."""
     text = str(error) if isinstance(error, FreneticError) else describe_error(error)
     return Check(name, False, text, remedy)
 
 
-# Roads that everybody manages
+# Roads that every driver can follow
 
 STRAIGHT: Final = Road(np.zeros(13), pose=Pose(40.0, 100.0, 0.0))
 """120 m."""
@@ -149,7 +149,7 @@ def drive_checks(
     Args:
         simulator: entered.
         driver: Stanley if None.
-        who: what the driver is called.
+        who: name of the driver.
     """
     for name, road in (("straight road", STRAIGHT), ("curve", CURVE)):
         yield drive_check(simulator, driver or Stanley(), road, f"{name}, {who}")
@@ -170,7 +170,7 @@ def drive_check(simulator: Simulator, driver: Driver, road: Road, name: str) -> 
 
 
 def time_of_drives(simulator: Simulator, driver: Driver, times: int) -> float:
-    """The wall time in s of one drive on the road with the curve, the fastest of several."""
+    """Wall time of the fastest of several drives on the road with the curve, in s."""
     taken = []
     for _ in range(times):
         start = time.perf_counter()

@@ -1,10 +1,10 @@
-"""The errors a user can cause, each with a message for the person reading it."""
+"""Errors that a user can cause, each with a message for the reader."""
 
 from __future__ import annotations
 
 
 def describe_error(error: BaseException) -> str:
-    """An error of somebody else's code, class and text, in one line of at most 450 characters."""
+    """Class and text of an error in foreign code, in one line of at most 450 characters."""
     try:
         text = " ".join(str(error).split())
     except Exception:
@@ -13,7 +13,7 @@ def describe_error(error: BaseException) -> str:
 
 
 class FreneticError(Exception):
-    """A mistake or a circumstance that the user can mend.
+    """A mistake or a circumstance that the user can fix.
 
     The message is one line: what was given, what is allowed, what to do. The command line prints it
     and exits with code 2.
@@ -29,7 +29,7 @@ class CampaignError(FreneticError):
 
 
 class StrategyError(CampaignError):
-    """A strategy that raised, or of whose roads all are refused, so that a search cannot go on."""
+    """A strategy that raised, or whose roads are all refused, which ends the search."""
 
 
 class DriverError(FreneticError):

@@ -1,7 +1,7 @@
-"""Judging a drive: outcome, reason, how far the car was out of its lane, where and on which side.
+"""The verdict on a drive: outcome, reason, how far the car left its lane, where and on which side.
 
-The rules for ending a drive live here once, as a kernel that looks at one record: simulators call
-it after every record to know when to stop, and `judge` calls it over a whole trajectory.
+One kernel holds the rules for ending a drive. It assesses one record: simulators call it after
+every record to know when to stop, and `judge` calls it over a whole trajectory.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 Side: TypeAlias = Literal["left", "right"]
 
 RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
-"""What a record says about its drive: it goes on, or how it ended."""
+"""State of a drive at a record: it goes on, or how it ended."""
 
 # Columns of the assessment of a trajectory, one row per record.
 DISTANCE, OFFSET, OOB_SHARE = range(3)
@@ -33,7 +33,7 @@ DISTANCE, OFFSET, OOB_SHARE = range(3)
 
 @dataclass(frozen=True)
 class Departure:
-    """Where a car had left its lane by more than the tolerance."""
+    """The place where a car left its lane by more than the tolerance."""
 
     time: float
     """Simulated time, in s."""
@@ -44,16 +44,16 @@ class Departure:
     y: float
     """Coordinate of the centre of mass, in m."""
     side: Side
-    """Side of the ego lane on which it left, in driving direction."""
+    """Side of the ego lane on which the car left, in driving direction."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a drive means: a `Drive` judged on its road."""
+    """The verdict on a `Drive` along its road."""
 
     outcome: Outcome
     reason: str
-    """Why, in one sentence."""
+    """The reason, in one sentence."""
     moobd: float | None
     """Minimum oob distance, in m; None unless PASS or FAIL."""
     moobd_distance: float | None
@@ -63,7 +63,7 @@ class Result:
     duration: float
     """Simulated time until the drive ended, in s."""
     departure: Departure | None
-    """Where the car left the lane, if that is why it failed."""
+    """Place where the car left the lane, if it failed for that reason."""
 
 
 @njit()
@@ -80,7 +80,7 @@ def assess_record(
     i: int,
     s_before: float,
 ) -> tuple[int, float, float, float, float]:
-    """What record ``i`` says: (end, s, d, road heading, oob share).
+    """Assessment of record ``i``: (end, s, d, road heading, oob share).
 
     Args:
         table, ds: the road, see `frenetic.road.geometry`.
@@ -204,15 +204,15 @@ def assess(road: Road, drive: Drive) -> Assessment:
 
 
 def _rounded_up(share: float) -> str:
-    """A share in percent that never reads as less than it is."""
+    """A share in percent, never rounded below its value."""
     return f"{math.ceil(share * 1000.0 - 1e-9) / 10.0:g}%"
 
 
 def judge(road: Road, drive: Drive) -> Result:
     """The verdict on one drive of a road.
 
-    The trajectory is followed record by record until a rule ends the drive. Records after that do
-    not count. A drive that stops before any rule ended it, or that carries an error, is an ERROR.
+    Records count until a rule ends the drive. A drive that stops before any rule ends it, or that
+    carries an error, is an ERROR.
     """
     records = len(drive.trajectory)
     if drive.error is not None or records == 0:

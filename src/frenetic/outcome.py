@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class Outcome(str, Enum):  # noqa: UP042  # Python 3.9 runs `frenetic.competition`
-    """What became of a road test."""
+    """The end of a road test."""
 
     __str__ = str.__str__  # PASS, not Outcome.PASS: it is an `enum.StrEnum`, which 3.9 lacks
 
@@ -23,12 +23,12 @@ class Outcome(str, Enum):  # noqa: UP042  # Python 3.9 runs `frenetic.competitio
 
     @property
     def is_driven(self) -> bool:
-        """Whether a drive took place that was judged: PASS or FAIL."""
+        """Whether a drive was judged: PASS or FAIL."""
         return self in (Outcome.PASS, Outcome.FAIL)
 
     @property
     def is_simulated(self) -> bool:
-        """Whether it cost a simulation, one that broke included."""
+        """Whether it cost a simulation, including one that broke."""
         return self not in (Outcome.INVALID, Outcome.DROPPED)
 
     @property

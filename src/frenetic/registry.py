@@ -1,7 +1,7 @@
 """Strategies, drivers and simulators by name: built in, installed by others, or a user's own.
 
-A name stands for ``module:Class`` and is imported when it is used, so that listing what there is
-imports nothing. Other packages add theirs with an entry point in the group ``frenetic.strategies``,
+A name stands for ``module:Class`` and is imported on use, so listing the names imports nothing.
+Other packages add theirs with an entry point in the group ``frenetic.strategies``,
 ``frenetic.drivers`` or ``frenetic.simulators``.
 """
 
@@ -23,12 +23,12 @@ from typing import Any, Final
 from frenetic.errors import FreneticError, UnknownNameError, describe_error
 
 USER_MODULE: Final = "frenetic_user_"
-"""What the names of modules begin with that are loaded from a user's file."""
+"""Prefix of the names of modules loaded from a user's file."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """Something that can be asked for by name."""
+    """A part that has a name."""
 
     name: str
     target: str
@@ -36,7 +36,7 @@ class Entry:
     origin: str
     """``built in``, or the distribution that installed it."""
     summary: str = ""
-    """One line, where it is known without importing anything."""
+    """One line, if known without an import."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class Registry:
     """The known names of one kind of part."""
 
     kind: str
-    """What a user calls it: strategy, driver, simulator."""
+    """Word for the kind: strategy, driver, simulator."""
     group: str
     """Entry-point group."""
     built_in: Mapping[str, tuple[str, str]]
     """Name -> (``module:Class``, summary)."""
     methods: tuple[str, ...]
-    """What an object has to have to be one."""
+    """Methods that an object of this kind must have."""
 
     def entries(self) -> list[Entry]:
         """All names: the built-in ones, then the installed ones in alphabetical order.
@@ -73,9 +73,9 @@ class Registry:
         return list(found.values())
 
     def load(self, spec: str) -> Callable[..., Any]:
-        """The class (or factory) that a name, ``module:Class`` or ``file.py:Class`` stands for.
+        """The class (or factory) of a name, ``module:Class`` or ``file.py:Class``.
 
-        Modules are looked for in the current folder, too.
+        Modules may lie in the current folder.
 
         Raises:
             UnknownNameError: no such name; the message lists the known ones.
@@ -92,7 +92,7 @@ class Registry:
         )
 
     def make(self, spec: str, **options: Any) -> Any:
-        """An instance of what `spec` names, made with the given options.
+        """An instance of the part that `spec` names, made with the given options.
 
         Raises:
             FreneticError: as `load`; or the options do not suit, or it lacks a needed method.
@@ -102,7 +102,7 @@ class Registry:
         try:
             made = factory(**options)
         except (TypeError, ValueError, ArithmeticError) as error:
-            # A complaint about a type seldom says which option it is about.
+            # An error about a type seldom names the option.
             given = ", ".join(f"{name}={value!r}" for name, value in options.items())
             which = f" with {given}" if isinstance(error, TypeError) and given else ""
             raise FreneticError(f"{self.kind} {spec!r}{which}: {_line(error)}") from error
@@ -122,7 +122,7 @@ class Registry:
     def make_from(
         self, spec: str, options: Mapping[str, Any], available: Mapping[str, object]
     ) -> Any:
-        """An instance made with the given options, and with what is available and its class takes.
+        """An instance made with the given options and those available ones that its class takes.
 
         Raises:
             FreneticError: as `make`; or an option is one of those that are available.
@@ -138,7 +138,7 @@ class Registry:
         return self.make(spec, **options, **taken)
 
     def option_names(self, factory: Callable[..., Any]) -> list[str] | None:
-        """Names of the options that a factory takes, None if it takes any or hides them."""
+        """Names of a factory's options, None if it takes any or hides them."""
         try:
             parameters = inspect.signature(factory).parameters.values()
         except (TypeError, ValueError):
@@ -220,13 +220,13 @@ def load_user_file(name: str) -> Any:
     """The module in a user's file; loaded once, under the same name in every process.
 
     Raises:
-        FreneticError: there is no such file, or it is no Python.
+        FreneticError: the file does not exist or is no Python.
     """
     path = Path(name).expanduser()
     if not path.is_file():
         raise FreneticError(f"there is no file {name!r}")
     path = path.resolve()
-    # The same in every process, so that what is made of it can be sent from one to another.
+    # The same name in every process, so that its objects can be sent between processes.
     digest = hashlib.sha256(os.fsencode(path)).hexdigest()[:12]
     module_name = f"{USER_MODULE}{path.stem}_{digest}"
     if module_name in sys.modules:
@@ -236,7 +236,7 @@ def load_user_file(name: str) -> Any:
         raise FreneticError(f"{name!r} cannot be read as Python")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
-    # As for ``python file.py``: it may import its neighbours.
+    # The file may import its neighbours, as under ``python file.py``.
     if str(path.parent) not in sys.path:
         sys.path.insert(0, str(path.parent))
     try:

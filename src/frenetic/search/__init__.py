@@ -1,4 +1,4 @@
-"""What to try next: the Strategy protocol, its operators and its implementations."""
+"""Search: the Strategy protocol, its operators and its implementations."""
 
 from __future__ import annotations
 

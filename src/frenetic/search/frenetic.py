@@ -82,23 +82,23 @@ class Frenetic:
     - Where the value before a new one lies further than `max_change` outside the bound, because it
       was scaled, P1 and P5 put the new one on the bound.
 
-    When several candidates are outstanding, each decision follows from what has been told by then:
-    a parent's next mutants may be asked before the earlier ones are told, and none is asked any
-    more once a failing one is told; those asked before are not wanted any more. Asked and told one
-    by one, it is exactly Listing 1.
+    With several candidates outstanding, each decision follows from the results told by then: a
+    parent's next mutants may be asked before the earlier ones are told. Once a failing one is told,
+    no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
+    is exactly Listing 1.
 
-    Our deviations, of which ``max_redraws=0`` turns the first off and the second is off unless it
-    is asked for: see `is_valid` and `skip_repeats`.
+    Our two deviations are `is_valid`, which ``max_redraws=0`` turns off, and `skip_repeats`, which
+    is off by default.
 
-    It remembers only roads below the threshold that can still become parents, and the `cross_num`
-    best; with `skip_repeats` also 16 bytes of every road.
+    The strategy remembers only roads below the threshold that can still become parents, and the
+    `cross_num` best; with `skip_repeats` also 16 bytes of every road.
 
     Args:
         seed: A whole number of at least 0.
         map_size: m, side of the square map.
         random_budget: Share of the budget spent on random roads, 0..1.
         threshold: m, only roads with a MOOBD below this have offspring.
-        cross_freq: Number of tests that has to be exceeded from one crossover to the next.
+        cross_freq: Number of tests between two crossovers that must be exceeded.
         cross_num: Number of parents and of children of a crossover.
         curvature_bound: 1/m, largest absolute value of new curvatures.
         max_change: 1/m, largest difference of a new curvature to the one before it.
@@ -112,12 +112,12 @@ class Frenetic:
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
             Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
-            again (for a child: parents and operator, too). F1 .. F4 leave nothing to draw: their
-            mutants are handed out whatever they are. So is the last draw when all were refused.
+            again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
+            mutants are always proposed. So is the last draw when all were refused.
         max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
-        skip_repeats: Whether a road that was proposed before is drawn again like one that is
-            refused, and left out where there is nothing to draw (F1 .. F4). Listing 1 tests about
-            one road in five for a second time.
+        skip_repeats: Whether a road that was proposed before is drawn again like a refused one, and
+            left out where there is nothing to draw (F1 .. F4). Listing 1 tests about one road in
+            five a second time.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
@@ -189,7 +189,7 @@ class Frenetic:
         return next(self._proposals)
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Take note of what became of a candidate.
+        """Learn the result of a candidate.
 
         Raises:
             ValueError: See `Ledger.settle`.

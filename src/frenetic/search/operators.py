@@ -1,7 +1,7 @@
-"""How roads are drawn, mutated and crossed: pure functions on curvature values.
+"""Operators that draw, mutate and cross roads: pure functions on curvature values.
 
-The operators of Listing 1 in Castellano et al., "Frenetic at the SBST 2021 Tool Competition"; the
-names that an `Origin` carries and what each does are in `DOES`.
+They are the operators of Listing 1 in Castellano et al., "Frenetic at the SBST 2021 Tool
+Competition"; `DOES` lists the names that an `Origin` carries, and what each operator does.
 
 Roads are (N,) float64 arrays of curvatures κ in 1/m with N >= 2; nothing is modified in place, and
 no result shares memory with an argument. Whether a road is valid is judged elsewhere: P6 may leave

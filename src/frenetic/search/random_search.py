@@ -36,7 +36,7 @@ _Draw = TypeVar("_Draw", "FloatArray", "FloatArray | None")
 
 
 def competition_check(map_size: float) -> RoadCheck:
-    """A check for roads that fit the map somehow and that the competition calls valid there."""
+    """A check whether a road fits the map in some pose and is valid there by the rules."""
 
     def is_valid(curvatures: FloatArray, step: float) -> bool:
         try:
@@ -56,7 +56,7 @@ class RandomRoads:
 
     The paper sends every road to the simulator and so wastes more than a quarter of its tests on
     invalid ones. Our deviation, which ``max_redraws=0`` turns off: a road that `is_valid` refuses
-    is drawn again, up to `max_redraws` times; the last draw is handed out whatever it is.
+    is drawn again, up to `max_redraws` times; the last draw is always returned.
 
     Args:
         map_size: m, side of the square map.
@@ -107,9 +107,9 @@ class RandomRoads:
         return self.redrawn(lambda: self._draw_once(rng))
 
     def redrawn(self, draw: Callable[[], _Draw]) -> _Draw:
-        """Return what `draw` returns, drawn again while it is an invalid road and draws are left.
+        """Return the road that `draw` returns, drawn again while it is invalid and draws are left.
 
-        None, for an operator that does not apply, is returned as it is.
+        None, from an operator that does not apply, is returned at once.
         """
         drawn = draw()
         for _ in range(self._max_redraws):

@@ -1,4 +1,4 @@
-"""What passes between a campaign and a search strategy."""
+"""Records that a campaign and a search strategy exchange."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from frenetic.outcome import Outcome
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a candidate comes from."""
+    """Origin of a candidate."""
 
     operator: str
     """Name of the operator that made it, as in Listing 1: ``random``, ``P1`` .. ``C2``."""
     parents: tuple[int, ...] = ()
-    """Ids of the candidates it was made from."""
+    """Ids of its parents."""
     generation: int = 0
-    """0 for a random road, otherwise one more than its youngest parent's."""
+    """Generation: 0 for a random road, otherwise one more than its youngest parent's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Candidate:
     """A road that a strategy wants judged."""
 
     id: int
-    """Counts from 1 in the order of asking."""
+    """Number from 1 in the order of asking."""
     curvatures: FloatArray
     """Curvature samples, (N,) in 1/m, read-only."""
     step: float
@@ -59,7 +59,7 @@ def _read_only(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What became of a candidate: what a strategy is told."""
+    """Result of a candidate, as a strategy is told it."""
 
     candidate: Candidate
     outcome: Outcome

@@ -1,4 +1,4 @@
-"""The seam between a campaign and a search algorithm."""
+"""The protocol between a campaign and a search algorithm."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from frenetic.search.records import Candidate, Evaluation, Origin
 class SearchEnded(Exception):  # noqa: N818 - it is no error
     """A strategy has nothing left to propose; the message says why, in a few words.
 
-    Raised by `ask`, it ends the campaign when what runs is finished.
+    `ask` raises it, and the campaign ends when the running drives are finished.
     """
 
 
 @runtime_checkable
 class Strategy(Protocol):
-    """A search algorithm: says which road to try next, and learns what became of it.
+    """A search algorithm: proposes the next road and learns its result.
 
     The contract, which `frenetic.testing.strategy_contract.StrategyContract` tests:
 
@@ -37,8 +37,8 @@ class Strategy(Protocol):
       looks at no clock.
     - A strategy is used from one thread at a time.
 
-    A strategy of one's own keeps its books with a `Ledger`, which leaves it its two decisions: what
-    to propose, and what to remember.
+    Your own strategy can leave its bookkeeping to a `Ledger`. Two decisions remain: what to
+    propose, and what to remember.
     """
 
     def ask(self) -> Candidate:
@@ -46,7 +46,7 @@ class Strategy(Protocol):
         ...
 
     def tell(self, evaluation: Evaluation) -> None:
-        """Take note of what became of a candidate.
+        """Learn the result of a candidate.
 
         Raises:
             ValueError: The candidate was never asked, or was told already; nothing has changed.
@@ -59,14 +59,14 @@ class Strategy(Protocol):
 class SelectiveStrategy(Strategy, Protocol):
     """A strategy that may lose interest in a candidate while others are driven.
 
-    A campaign asks before it has a candidate driven. One that is not wanted any more is told as
-    DROPPED and not driven; it costs no simulation.
+    A campaign asks before a candidate is driven. An unwanted one is told as DROPPED and not driven;
+    it costs no simulation.
     """
 
     def is_wanted(self, candidate: Candidate) -> bool:
         """Return whether a candidate that was asked and not yet told is still worth a drive.
 
-        It changes nothing, follows from what was asked and told alone, and once False stays False.
+        It changes nothing, depends only on what was asked and told, and once False stays False.
         """
         ...
 
@@ -74,7 +74,7 @@ class SelectiveStrategy(Strategy, Protocol):
 class Ledger:
     """Numbers the candidates of a strategy and knows which of them wait to be told.
 
-    Its memory is that of the candidates asked and not yet told.
+    It remembers only candidates that were asked and not yet told.
     """
 
     def __init__(self) -> None:
