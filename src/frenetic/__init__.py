@@ -6,11 +6,11 @@ used, so that ``import frenetic`` takes no time.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from frenetic._support import moved
 from frenetic._support.kernel_cache import ensure_kernel_cache
+from frenetic._support.lazy import lazy_names
 
 ensure_kernel_cache()  # before anything imports numba
 moved.install()
@@ -38,44 +38,46 @@ if TYPE_CHECKING:
     from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
     from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator, Trajectory, Vehicle
 
-_HOMES = {
-    "frenetic.campaign": ("Budget", "Campaign", "CampaignStore", "Summary", "TestRecord"),
-    "frenetic.drivers": (
-        "BeamngAi",
-        "Controls",
-        "Delayed",
-        "DriveSetup",
-        "Driver",
-        "LimitedView",
-        "Noisy",
-        "Observation",
-        "Planner",
-        "Stanley",
-    ),
-    "frenetic.errors": ("FreneticError",),
-    "frenetic.export": ("data_frame",),
-    "frenetic.oracle": ("Departure", "Result", "judge"),
-    "frenetic.outcome": ("Outcome",),
-    "frenetic.report": ("draw_drive", "draw_road"),
-    "frenetic.road": ("Pose", "Road", "Verdict", "check_validity"),
-    "frenetic.search": (
-        "Candidate",
-        "Evaluation",
-        "Frenetic",
-        "Origin",
-        "RandomSearch",
-        "Strategy",
-    ),
-    "frenetic.simulators": (
-        "Drive",
-        "EmbeddedSimulator",
-        "Rules",
-        "Simulator",
-        "Trajectory",
-        "Vehicle",
-    ),
-}
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.campaign": ("Budget", "Campaign", "CampaignStore", "Summary", "TestRecord"),
+        "frenetic.drivers": (
+            "BeamngAi",
+            "Controls",
+            "Delayed",
+            "DriveSetup",
+            "Driver",
+            "LimitedView",
+            "Noisy",
+            "Observation",
+            "Planner",
+            "Stanley",
+        ),
+        "frenetic.errors": ("FreneticError",),
+        "frenetic.export": ("data_frame",),
+        "frenetic.oracle": ("Departure", "Result", "judge"),
+        "frenetic.outcome": ("Outcome",),
+        "frenetic.report": ("draw_drive", "draw_road"),
+        "frenetic.road": ("Pose", "Road", "Verdict", "check_validity"),
+        "frenetic.search": (
+            "Candidate",
+            "Evaluation",
+            "Frenetic",
+            "Origin",
+            "RandomSearch",
+            "Strategy",
+        ),
+        "frenetic.simulators": (
+            "Drive",
+            "EmbeddedSimulator",
+            "Rules",
+            "Simulator",
+            "Trajectory",
+            "Vehicle",
+        ),
+    },
+)
 
 __all__ = [
     "BeamngAi",
@@ -118,14 +120,6 @@ __all__ = [
     "draw_road",
     "judge",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
-    globals()[name] = value
-    return value
 
 
 def __dir__() -> list[str]:

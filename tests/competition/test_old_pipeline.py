@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+from old_python import too_new, too_new_in
 from stand_in import Executor2022, RoadTest, driven, enter, run_2022
 
 from frenetic.competition import Frenetic
@@ -86,73 +85,13 @@ def test_numpy_and_scipy_suffice_and_the_roads_are_the_same(
         assert np.allclose(plain, compiled, atol=1e-6)
 
 
-# What Python 3.9 does not have, as far as this project is tempted.
-NEW_NAMES = {
-    ("enum", "StrEnum"),
-    ("itertools", "pairwise"),
-    *(
-        ("typing", name)
-        for name in (
-            "Concatenate",
-            "Never",
-            "NotRequired",
-            "ParamSpec",
-            "Required",
-            "Self",
-            "TypeAlias",
-            "TypeGuard",
-            "Unpack",
-            "assert_never",
-            "override",
-            "reveal_type",
-        )
-    ),
-    ("numpy", "typing"),  # not in numpy 1.19
-    ("numpy.typing", "NDArray"),
-}
-NEW_ARGUMENTS = {("zip", "strict"), ("dataclass", "kw_only"), ("dataclass", "slots")}
-
-
-def too_new(tree: ast.AST) -> Iterator[str]:
-    """What a module would ask of its Python, when it is imported or run, that 3.9 does not have."""
-    if isinstance(tree, ast.If) and "TYPE_CHECKING" in ast.unparse(tree.test):
-        children: list[ast.AST] = list(tree.orelse)
-    elif isinstance(tree, (ast.AnnAssign, ast.arg)):
-        # `from __future__ import annotations` leaves annotations unread.
-        children = [tree.value] if isinstance(tree, ast.AnnAssign) and tree.value else []
-    else:
-        children = list(ast.iter_child_nodes(tree))
-        if isinstance(tree, ast.FunctionDef) and tree.returns:
-            children.remove(tree.returns)
-    match tree:
-        case ast.ImportFrom(module=str(module), names=names):
-            yield from (
-                f"{module}.{a.name}"
-                for a in names
-                if (module, a.name) in NEW_NAMES or module == "numpy.typing"
-            )
-        case ast.Import(names=names):
-            yield from (a.name for a in names if a.name == "numpy.typing")
-        case ast.Call(func=ast.Name(id=function), keywords=keywords):
-            yield from (
-                f"{function}({k.arg}=)" for k in keywords if (function, k.arg) in NEW_ARGUMENTS
-            )
-        case ast.BinOp(op=ast.BitOr(), right=ast.Constant(value=None)):
-            yield ast.unparse(tree)
-    for child in children:
-        yield from too_new(child)
-
-
 def test_python_3_9_can_run_what_the_plug_in_imports(
     outcome: tuple[list[list[tuple[float, float]]], list[str]],
 ) -> None:
     files = [Path(file) for file in outcome[1]]
     assert {"generator.py", "frenetic.py", "validity.py"} <= {file.name for file in files}
     for file in files:
-        source = file.read_text(encoding="utf-8")
-        ast.parse(source, feature_version=(3, 9))
-        assert "def " not in source or "from __future__ import annotations" in source
-        assert list(too_new(ast.parse(source))) == [], file
+        assert too_new_in(file) == [], file
 
 
 @pytest.mark.parametrize(
@@ -166,4 +105,4 @@ def test_python_3_9_can_run_what_the_plug_in_imports(
     ],
 )
 def test_what_python_3_9_lacks_is_noticed(line: str) -> None:
-    assert list(too_new(ast.parse(line)))
+    assert too_new(line)

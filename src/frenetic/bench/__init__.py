@@ -1,12 +1,32 @@
-"""Road generators held against each other: others' and our own, with repeats, on the same terms."""
+"""Road generators held against each other: others' and our own, with repeats, on the same terms.
+
+The names are imported when they are used: `frenetic.bench.hosting` runs on Python 3.9 with numpy
+and scipy only, where the rest of this package is not to be had.
+"""
 
 from __future__ import annotations
 
-from frenetic.bench.bench import Bench, BenchProgress, RunState, new_folder, read_bench
-from frenetic.bench.entrants import Entrant
-from frenetic.bench.processes import Run, RunEnd
-from frenetic.bench.proposing import End, Ending
-from frenetic.bench.running import Terms, run_entrant
+from typing import TYPE_CHECKING
+
+from frenetic._support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from frenetic.bench.bench import Bench, BenchProgress, RunState, new_folder, read_bench
+    from frenetic.bench.entrants import Entrant
+    from frenetic.bench.processes import Run, RunEnd
+    from frenetic.bench.proposing import End, Ending
+    from frenetic.bench.running import Terms, run_entrant
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.bench.bench": ("Bench", "BenchProgress", "RunState", "new_folder", "read_bench"),
+        "frenetic.bench.entrants": ("Entrant",),
+        "frenetic.bench.processes": ("Run", "RunEnd"),
+        "frenetic.bench.proposing": ("End", "Ending"),
+        "frenetic.bench.running": ("Terms", "run_entrant"),
+    },
+)
 
 __all__ = [
     "Bench",

@@ -17,10 +17,10 @@ from types import TracebackType
 from typing import IO, Any, Final, Self
 
 import frenetic
-from frenetic.campaign.store import JSONValue
+from frenetic.bench.hosting.messages import Assignment
 from frenetic.competition.settings import SEED
 
-HOST: Final = Path(frenetic.__file__).parent / "competition" / "hosting" / "main.py"
+HOST: Final = Path(frenetic.__file__).parent / "bench" / "hosting" / "main.py"
 """What the process runs."""
 MOST_LOGGED: Final = 10 * 1024 * 1024
 """Bytes of what a generator prints that are kept."""
@@ -42,7 +42,7 @@ class GeneratorProcess:
     It is sent and sends JSON objects, a line each. What the generator prints goes into a file.
 
     Args:
-        assignment: what to run; the first object that the process is sent.
+        assignment: what to run; the first that the process is sent.
         folder: the working directory of the generator, made if need be.
         log: file for what it prints.
         python: the interpreter; by default the one that runs this.
@@ -50,7 +50,7 @@ class GeneratorProcess:
 
     def __init__(
         self,
-        assignment: Mapping[str, JSONValue],
+        assignment: Assignment,
         *,
         folder: Path,
         log: Path,
@@ -69,7 +69,7 @@ class GeneratorProcess:
             OSError: it cannot be started.
         """
         self._folder.mkdir(parents=True, exist_ok=True)
-        seed = str(self._assignment.get("seed", 0))
+        seed = str(self._assignment.seed)
         # Not resolved: that of a virtual environment is a link that must stay one.
         python = sys.executable if self._python is None else str(self._python.absolute())
         own_group: dict[str, Any] = {"start_new_session": True}
@@ -96,7 +96,7 @@ class GeneratorProcess:
         for thread in self._threads:
             thread.start()
         with suppress(GeneratorLostError):  # `receive` will find out
-            self.send(self._assignment)
+            self.send(vars(self._assignment))
         return self
 
     def __exit__(
@@ -117,7 +117,7 @@ class GeneratorProcess:
             if not thread.is_alive():
                 stream.close()
 
-    def send(self, message: Mapping[str, JSONValue]) -> None:
+    def send(self, message: Mapping[str, Any]) -> None:
         """Sends an object.
 
         Raises:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -14,6 +14,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
+from frenetic.bench.hosting.messages import Answer
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester, Tested, road_through
 from frenetic.errors import RoadError
@@ -174,16 +175,16 @@ class GeneratorStrategy:
         self._ledger.settle(evaluation)
         tested = self._tester.last[0] if self._tester.last else None
         self._clock.executed += evaluation.outcome.is_simulated
-        answer: dict[str, JSONValue] = {
-            "outcome": str(evaluation.outcome),
-            "description": tested.result.reason if tested else "The simulator broke",
-            "records": self._records(evaluation, tested),
-            "simulated": tested.result.duration if tested else 0.0,
-            "spent": self._clock.spent,
-        }
+        answer = Answer(
+            outcome=str(evaluation.outcome),
+            description=tested.result.reason if tested else "The simulator broke",
+            records=self._records(evaluation, tested),
+            spent=self._clock.spent,
+            simulated=tested.result.duration if tested else 0.0,
+        )
         self._since = time.monotonic()
         with suppress(GeneratorLostError):  # its last words may still wait to be received
-            self._process.send(answer)
+            self._process.send(vars(answer))
 
     def dismiss(self) -> Ending:
         """Says that the budget is spent, and waits until the generator has ended."""
@@ -245,7 +246,7 @@ class GeneratorStrategy:
                 curvatures, step = road.curvatures, road.step
         return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
-    def _records(self, evaluation: Evaluation, tested: Tested | None) -> Sequence[JSONValue]:
+    def _records(self, evaluation: Evaluation, tested: Tested | None) -> list[Any]:
         """What the simulator recorded, as the pipeline's records."""
         candidate = evaluation.candidate
         if tested is None or tested.trajectory is None or tested.pose is None:

@@ -10,6 +10,7 @@ from typing import Final
 
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
+from frenetic.bench.hosting.messages import Assignment
 from frenetic.bench.proposing import (
     End,
     Ending,
@@ -233,27 +234,23 @@ def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:
     return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": seed}}
 
 
-def assignment(
-    entrant: Entrant, terms: Terms, seed: int, result_folder: Path
-) -> dict[str, JSONValue]:
+def assignment(entrant: Entrant, terms: Terms, seed: int, result_folder: Path) -> Assignment:
     """What a generator's process is told to run."""
     rules = terms.simulator.rules
-    return {
-        "module": entrant.module,
-        "class": entrant.class_name,
-        "path": None if entrant.path is None else str(entrant.path.resolve()),
-        "map_size": int(terms.map_size)
-        if terms.map_size == int(terms.map_size)
-        else terms.map_size,
-        "seed": seed % 2**32,  # more bits than those no generator of numbers takes
-        "time_budget": terms.budget,
-        "seconds_per_test": terms.seconds_per_test,
-        "counts_computing": terms.counts_computing,
-        "oob_tolerance": rules.oob_tolerance,
-        "speed_limit": rules.speed_limit,
-        "lane_width": 4.0,
-        "result_folder": str(result_folder),
-    }
+    size = terms.map_size
+    return Assignment(
+        module=entrant.module,
+        class_name=entrant.class_name,
+        path=None if entrant.path is None else str(entrant.path.resolve()),
+        seed=seed % 2**32,  # more bits than those no generator of numbers takes
+        map_size=int(size) if size == int(size) else size,
+        time_budget=terms.budget,
+        seconds_per_test=terms.seconds_per_test,
+        counts_computing=terms.counts_computing,
+        oob_tolerance=rules.oob_tolerance,
+        speed_limit=rules.speed_limit,
+        result_folder=str(result_folder),
+    )
 
 
 def _campaign(

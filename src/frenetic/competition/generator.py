@@ -8,11 +8,12 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
+from frenetic import search
 from frenetic._support.compiled import IS_COMPILED
-from frenetic.competition.budget import TimeBudget
 from frenetic.competition.pipeline import (
     Executor,
     RoadTests,
+    TimeBudget,
     least_oob_distance,
     restart_generation_clock,
 )
@@ -177,6 +178,18 @@ class Generator:
             logger.warning("is_over: the executor raised %s", describe_error(error))
             self._exceptions += 1
             return False
+
+
+class Frenetic(Generator):
+    """Random roads, then mutants and crossovers of the worst: `frenetic.search.Frenetic`."""
+
+    strategy = search.Frenetic
+
+
+class RandomSearch(Generator):
+    """Random roads only, the baseline: `frenetic.search.RandomSearch`."""
+
+    strategy = search.RandomSearch
 
 
 def _name(candidate: Candidate) -> str:

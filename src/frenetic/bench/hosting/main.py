@@ -19,7 +19,7 @@ def main() -> None:
     """Take the streams, then do what the bench says."""
     incoming, outgoing = take_streams()
     import_frenetic()
-    from frenetic.competition.hosting.running import serve
+    from frenetic.bench.hosting.session import serve
 
     serve(incoming, outgoing)
 
@@ -59,6 +59,6 @@ if __name__ == "__main__":
     main()
 elif __name__ == "__mp_main__":  # a process that a generator has started with multiprocessing
     import_frenetic()
-    from frenetic.competition.hosting import offered
+    from frenetic.bench.hosting import offered
 
     offered.install()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from frenetic.competition.hosting.offered.elsewhere import OnlyByName
+from frenetic.bench.hosting.offered.placeholder import Placeholder
 
 Vector = tuple[float, float, float]
 
@@ -48,5 +48,5 @@ class SimulationDataRecord(NamedTuple):
 SimulationDataRecords = list[SimulationDataRecord]
 
 
-class SimulationData(OnlyByName):
+class SimulationData(Placeholder):
     """The pipeline's record of a whole drive in BeamNG.tech."""

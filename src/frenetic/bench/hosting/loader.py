@@ -15,8 +15,8 @@ from types import ModuleType
 from typing import Any, Final
 
 import frenetic
-from frenetic.competition.hosting import offered
-from frenetic.competition.hosting.assignment import Assignment
+from frenetic.bench.hosting import offered
+from frenetic.bench.hosting.messages import Assignment
 from frenetic.errors import FreneticError, describe_error
 from frenetic.road import check_validity
 
@@ -29,7 +29,7 @@ class GeneratorError(FreneticError):
 
 def prepare_path(assignment: Assignment) -> None:
     """Put the generator's folders first on the module path, then the working directory."""
-    folders = [] if assignment.path is None else [str(assignment.path)]
+    folders = [] if assignment.path is None else [assignment.path]
     if assignment.is_file:
         folders.append(str(_file(assignment).parent))
     sys.path[:0] = [*folders, ""]
@@ -117,7 +117,7 @@ def _file(assignment: Assignment) -> Path:
     """The file of a generator; relative to the working directory or else to its path."""
     file = Path(assignment.module).expanduser()
     if not file.is_file() and assignment.path is not None:
-        file = assignment.path / file
+        file = Path(assignment.path, file)
     return file.resolve()
 
 

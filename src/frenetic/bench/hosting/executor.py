@@ -6,23 +6,23 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, NoReturn
 
-from frenetic.competition.hosting.assignment import Assignment
-from frenetic.competition.hosting.clock import VirtualClock
-from frenetic.competition.hosting.offered.code_pipeline.executors import AbstractTestExecutor
-from frenetic.competition.hosting.offered.code_pipeline.tests_generation import (
+from frenetic.bench.hosting.clock import VirtualClock
+from frenetic.bench.hosting.messages import Answer, Assignment
+from frenetic.bench.hosting.offered.code_pipeline.executors import AbstractTestExecutor
+from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
     RoadTest,
     TestGenerationStatistic,
 )
-from frenetic.competition.hosting.offered.code_pipeline.validation import (
+from frenetic.bench.hosting.offered.code_pipeline.validation import (
     WRONG_TYPE,
     TestValidator,
     points_of,
 )
-from frenetic.competition.hosting.offered.self_driving.simulation_data import SimulationDataRecord
-from frenetic.competition.hosting.parent import Message, Parent
+from frenetic.bench.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from frenetic.bench.hosting.parent import Parent
 
 OVER: Final = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
@@ -81,36 +81,6 @@ class TimeBudget:
         return RemainingTime(remaining) if self._as_number else {_TIME_BUDGET: remaining}
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What became of a test."""
-
-    outcome: str
-    """PASS, FAIL, ERROR or INVALID."""
-    description: str
-    records: list[SimulationDataRecord]
-    spent: float
-    """Virtual s of the budget so far."""
-    simulated: float
-    """s of simulated time."""
-
-    @property
-    def is_executed(self) -> bool:
-        """Whether it cost a simulation."""
-        return self.outcome != "INVALID"
-
-    @classmethod
-    def from_json(cls, message: Message) -> Answer:
-        """Return the bench's answer to a test."""
-        return cls(
-            outcome=message["outcome"],
-            description=message["description"],
-            records=[_record(row) for row in message["records"]],
-            spent=message["spent"],
-            simulated=message["simulated"],
-        )
-
-
 class HostedExecutor(AbstractTestExecutor):
     """Has tests executed by the bench, one at a time, from any thread.
 
@@ -141,7 +111,7 @@ class HostedExecutor(AbstractTestExecutor):
         self.map_size = assignment.map_size
         self.oob_tolerance = assignment.oob_tolerance
         self.speed_limit = assignment.speed_limit
-        self.result_folder = str(assignment.result_folder)
+        self.result_folder = assignment.result_folder
         self.time_budget = TimeBudget(self._clock, as_number=remaining_as_number)
         self.stats = TestGenerationStatistic()
         self.test_validator = TestValidator(assignment.map_size)
@@ -180,15 +150,16 @@ class HostedExecutor(AbstractTestExecutor):
             if message.get("over"):
                 self._clock.start()
                 self._refuse()
-            answer = Answer.from_json(message)
+            answer = Answer(**message)
             if points is None:
                 answer = replace(answer, description=WRONG_TYPE)
+            records = [_record(row) for row in answer.records]
             if isinstance(the_test, RoadTest):
-                _note(the_test, answer)
+                _note(the_test, answer, records)
             self._count(answer, seconds)
             self._clock.settle(answer.spent)
             self.start_generation_time = self._timer()
-            return answer.outcome, answer.description, answer.records
+            return answer.outcome, answer.description, records
 
     def validate_test(self, the_test: Any) -> tuple[bool, str]:
         """Return whether a test is valid, and if not, why; costs nothing."""
@@ -241,11 +212,11 @@ class HostedExecutor(AbstractTestExecutor):
                 getattr(self.stats, name).append(seconds)
 
 
-def _note(test: RoadTest, answer: Answer) -> None:
+def _note(test: RoadTest, answer: Answer, records: list[SimulationDataRecord]) -> None:
     """Writes what became of a test into it."""
     test.set_validity(answer.is_executed, "" if answer.is_executed else answer.description)
     if answer.is_executed:
-        test.execution_data = answer.records
+        test.execution_data = records
         test.test_outcome = answer.outcome
         test.description = answer.description
         vars(test).pop("features", None)  # of an earlier drive

@@ -5,8 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-from frenetic.competition.hosting.offered.self_driving.road_polygon import RoadPolygon
-from frenetic.competition.hosting.offered.self_driving.shapes import shapely_geometry
+from frenetic.bench.hosting.offered.self_driving.road_polygon import RoadPolygon, shapely_geometry
 
 
 class RoadBoundingBox:

@@ -8,16 +8,15 @@ import queue
 import signal
 import sys
 import threading
-from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any, BinaryIO, Final, NoReturn
+from typing import BinaryIO, Final, NoReturn
+
+from frenetic.bench.hosting.messages import Message
 
 ORPHANED: Final = 3
 """Exit code when the parent is gone."""
 
 _PR_SET_PDEATHSIG: Final = 1  # of linux/prctl.h
-
-Message = Mapping[str, Any]
 
 
 class Parent:

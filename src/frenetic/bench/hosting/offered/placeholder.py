@@ -1,4 +1,4 @@
-"""What drives BeamNG.tech in the pipeline, so is not to be had here."""
+"""Classes of the pipeline that drive BeamNG.tech: here they have names only."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 from frenetic.errors import FreneticError
 
 
-class OnlyByName:
+class Placeholder:
     """A class for annotations and `isinstance`.
 
     Raises:

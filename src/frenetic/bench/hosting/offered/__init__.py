@@ -10,8 +10,8 @@ import inspect
 import pkgutil
 import sys
 
-from frenetic.competition.hosting.offered import code_pipeline, self_driving
-from frenetic.competition.hosting.offered.code_pipeline import (
+from frenetic.bench.hosting.offered import code_pipeline, self_driving
+from frenetic.bench.hosting.offered.code_pipeline import (
     beamng_executor,
     executors,
     test_analysis,
@@ -19,7 +19,7 @@ from frenetic.competition.hosting.offered.code_pipeline import (
     validation,
     visualization,
 )
-from frenetic.competition.hosting.offered.self_driving import (
+from frenetic.bench.hosting.offered.self_driving import (
     bbox,
     catmull_rom,
     edit_distance_polyline,

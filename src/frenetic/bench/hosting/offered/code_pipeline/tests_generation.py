@@ -12,14 +12,14 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from frenetic.competition.hosting.offered.code_pipeline.test_analysis import compute_all_features
-from frenetic.competition.hosting.offered.given_points import (
+from frenetic.bench.hosting.offered.code_pipeline.test_analysis import compute_all_features
+from frenetic.bench.hosting.offered.given_points import (
     number_pairs,
     plain_points,
     snapshot,
 )
-from frenetic.competition.hosting.offered.self_driving.road_polygon import RoadPolygon
-from frenetic.competition.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from frenetic.bench.hosting.offered.self_driving.road_polygon import RoadPolygon
+from frenetic.bench.hosting.offered.self_driving.simulation_data import SimulationDataRecord
 from frenetic.errors import RoadError
 from frenetic.road.validity import interpolate
 

@@ -8,63 +8,39 @@ import random
 import sys
 import threading
 import traceback
-from dataclasses import dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any, BinaryIO, Final
 
 import numpy as np
 
-from frenetic.competition.hosting import offered
-from frenetic.competition.hosting.assignment import Assignment
-from frenetic.competition.hosting.executor import HostedExecutor
-from frenetic.competition.hosting.loading import (
+from frenetic.bench.hosting import offered
+from frenetic.bench.hosting.executor import HostedExecutor
+from frenetic.bench.hosting.loader import (
     GeneratorError,
     build,
     load_class,
     prepare_path,
     takes_time_budget,
 )
-from frenetic.competition.hosting.parent import Parent, leave_with_parent
+from frenetic.bench.hosting.messages import Assignment, End
+from frenetic.bench.hosting.parent import Parent, leave_with_parent
 from frenetic.errors import describe_error
 
 MOST_LINES: Final = 20
 """Of a traceback that the bench is sent."""
 
 
-@dataclass(frozen=True)
-class End:
-    """How a generator ended."""
-
-    how: str
-    """``over``: the budget was spent; ``returned`` or ``exit``, of its process: by itself before
-    that; ``crashed``: it raised."""
-    detail: str = ""
-    """One line."""
-    traceback: str = ""
-    """Its last lines."""
-    seconds: float = 0.0
-    """Of wall time since ``start`` was called or the bench was last told of any."""
-
-
 def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
     """Run a generator; this ends the process."""
     leave_with_parent()
     parent = Parent(incoming, outgoing)
-    end = run(Assignment.from_json(parent.receive()), parent)
+    end = run(Assignment(**parent.receive()), parent)
     ours = {threading.current_thread(), parent.thread}
     threads = sum(thread not in ours for thread in threading.enumerate())
     logging.shutdown()
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
-    parent.send(
-        {
-            "kind": "end",
-            "how": end.how,
-            "detail": end.detail,
-            "traceback": end.traceback,
-            "threads": threads,
-            "seconds": end.seconds,
-        }
-    )
+    parent.send(asdict(replace(end, threads=threads)))
     os._exit(0)  # without waiting for the generator's threads
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from frenetic.competition.hosting.offered.elsewhere import OnlyByName
+from frenetic.bench.hosting.offered.placeholder import Placeholder
 
 
-class OutOfBoundsMonitor(OnlyByName):
+class OutOfBoundsMonitor(Placeholder):
     """The pipeline's watch on a car in BeamNG.tech."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from frenetic.competition.hosting.offered.elsewhere import OnlyByName
+from frenetic.bench.hosting.offered.placeholder import Placeholder
 
 
-class BeamngExecutor(OnlyByName):
+class BeamngExecutor(Placeholder):
     """The pipeline's executor with BeamNG.tech."""

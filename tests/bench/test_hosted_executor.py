@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from frenetic.competition.budget import TimeBudget
-from frenetic.competition.hosting.assignment import Assignment
-from frenetic.competition.hosting.clock import VirtualClock
-from frenetic.competition.hosting.executor import HostedExecutor
-from frenetic.competition.hosting.loading import takes_time_budget
-from frenetic.competition.hosting.offered.code_pipeline.executors import AbstractTestExecutor
-from frenetic.competition.hosting.offered.code_pipeline.tests_generation import (
+from frenetic.bench.hosting.clock import VirtualClock
+from frenetic.bench.hosting.executor import HostedExecutor
+from frenetic.bench.hosting.loader import takes_time_budget
+from frenetic.bench.hosting.messages import Assignment
+from frenetic.bench.hosting.offered.code_pipeline.executors import AbstractTestExecutor
+from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
     RoadTest,
     RoadTestFactory,
 )
+from frenetic.competition.pipeline import TimeBudget
 
 # --- the clock ---------------------------------------------------------------------------------
 
@@ -135,7 +134,7 @@ def built(
         counts_computing=counts,
         oob_tolerance=0.95,
         speed_limit=70.0,
-        result_folder=Path("results"),
+        result_folder="results",
     )
     return HostedExecutor(assignment, parent, remaining_as_number=as_number, **options)  # type: ignore[arg-type]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
-from frenetic.competition.hosting.offered.elsewhere import OnlyByName
+from frenetic.bench.hosting.offered.placeholder import Placeholder
 
 
 class AbstractTestExecutor(ABC):
@@ -36,5 +36,5 @@ class AbstractTestExecutor(ABC):
         """Release what the executor holds."""
 
 
-class MockExecutor(OnlyByName):
+class MockExecutor(Placeholder):
     """The pipeline's executor without a simulator."""

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from frenetic.competition.hosting.offered.self_driving.road_points import Node, Place, RoadPoints
-from frenetic.competition.hosting.offered.self_driving.shapes import shapely_geometry
+from frenetic.bench.hosting.offered.self_driving.road_points import Node, Place, RoadPoints
+from frenetic.errors import FreneticError
 from frenetic.road.validity import overlaps_itself
 
 
@@ -94,3 +94,20 @@ def _strip(left: Sequence[Place], right: Sequence[Place]) -> Any:
 
 def _between(left: Sequence[Place], right: Sequence[Place]) -> Any:
     return shapely_geometry().LineString(0.5 * (np.array(left) + np.array(right)))
+
+
+def shapely_geometry() -> Any:
+    """Return the module `shapely.geometry`.
+
+    Raises:
+        FreneticError: It is not installed.
+
+    """
+    try:
+        import shapely.geometry
+    except ImportError:
+        raise FreneticError(
+            "a generator asks for a shapely object, but shapely is not installed: pip install"
+            ' "frenetic-roads[bench]", or shapely for the interpreter that runs the generator'
+        ) from None
+    return shapely.geometry

@@ -17,32 +17,32 @@ from hypothesis import strategies as st
 from shapely.geometry import LineString, Point, Polygon, box
 
 from frenetic.analysis import competition, edit_distance
-from frenetic.competition.hosting.offered.code_pipeline import test_analysis
-from frenetic.competition.hosting.offered.code_pipeline.beamng_executor import BeamngExecutor
-from frenetic.competition.hosting.offered.code_pipeline.executors import MockExecutor
-from frenetic.competition.hosting.offered.code_pipeline.tests_generation import (
+from frenetic.bench.hosting.offered.code_pipeline import test_analysis
+from frenetic.bench.hosting.offered.code_pipeline.beamng_executor import BeamngExecutor
+from frenetic.bench.hosting.offered.code_pipeline.executors import MockExecutor
+from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
     RoadTest,
     RoadTestFactory,
     TestGenerationStatistic,
 )
-from frenetic.competition.hosting.offered.code_pipeline.validation import TestValidator, min_radius
-from frenetic.competition.hosting.offered.code_pipeline.visualization import RoadTestVisualizer
-from frenetic.competition.hosting.offered.self_driving.bbox import RoadBoundingBox
-from frenetic.competition.hosting.offered.self_driving.catmull_rom import (
+from frenetic.bench.hosting.offered.code_pipeline.validation import TestValidator, min_radius
+from frenetic.bench.hosting.offered.code_pipeline.visualization import RoadTestVisualizer
+from frenetic.bench.hosting.offered.self_driving.bbox import RoadBoundingBox
+from frenetic.bench.hosting.offered.self_driving.catmull_rom import (
     catmull_rom,
     catmull_rom_2d,
 )
-from frenetic.competition.hosting.offered.self_driving.edit_distance_polyline import (
+from frenetic.bench.hosting.offered.self_driving.edit_distance_polyline import (
     iterative_levenshtein,
 )
-from frenetic.competition.hosting.offered.self_driving.oob_monitor import OutOfBoundsMonitor
-from frenetic.competition.hosting.offered.self_driving.road_points import (
+from frenetic.bench.hosting.offered.self_driving.oob_monitor import OutOfBoundsMonitor
+from frenetic.bench.hosting.offered.self_driving.road_points import (
     List2DTuple,
     List4DTuple,
     RoadPoints,
 )
-from frenetic.competition.hosting.offered.self_driving.road_polygon import RoadPolygon
-from frenetic.competition.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from frenetic.bench.hosting.offered.self_driving.road_polygon import RoadPolygon
+from frenetic.bench.hosting.offered.self_driving.simulation_data import SimulationDataRecord
 from frenetic.errors import FreneticError, RoadError
 from frenetic.road import Road, check_validity, validity
 from frenetic.road.validity import interpolate

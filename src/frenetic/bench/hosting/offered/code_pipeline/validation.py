@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any, ClassVar, Final
 
-from frenetic.competition.hosting.offered.code_pipeline.tests_generation import RoadTest
-from frenetic.competition.hosting.offered.given_points import number_pairs
+from frenetic.bench.hosting.offered.code_pipeline.tests_generation import RoadTest
+from frenetic.bench.hosting.offered.given_points import number_pairs
 from frenetic.road import check_validity, validity
 
 WRONG_TYPE: Final = "Wrong type"

@@ -1,0 +1,30 @@
+"""Public names of a package that are imported when they are used."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+
+def lazy_names(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
+    """Return what a package calls ``__getattr__``, so that importing it imports nothing else.
+
+    Args:
+        package: its ``__name__``.
+        homes: module -> names that the package takes from it.
+
+    """
+    home = {name: module for module, names in homes.items() for name in names}
+    # Looked up now: a generator in a bench may bring a package of the same name later.
+    importing = sys.modules[package]
+
+    def get(name: str) -> Any:
+        if name not in home:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = getattr(importlib.import_module(home[name]), name)
+        setattr(importing, name, value)
+        return value
+
+    return get
