@@ -497,6 +497,26 @@ def test_validate_judges_the_other_files_beside_an_unreadable_one(frenetic: Fren
     assert answer.out == "good.json: valid\n"
 
 
+def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic) -> None:
+    pose = '{"curvatures": [0, 0.01, 0], "pose": [' + "1" * 400 + ", 0, 0]}"
+    Path("pose.json").write_text(pose)
+    lane = '<lane id="-1" type="driving"><width sOffset="0" a="4"/></lane>'
+    Path("shift.xodr").write_text(
+        '<OpenDRIVE><header revMajor="1"/><road length="30" junction="-1"><planView>'
+        '<geometry s="0" x="0" y="0" hdg="0" length="30"><line/></geometry></planView><lanes>'
+        f'<laneOffset s="0" a="-1e308"/><laneSection s="0"><right>{lane}</right></laneSection>'
+        "</lanes></road></OpenDRIVE>"
+    )
+    wide = write("wide.json", STRAIGHT | {"lane_width": 1e308})
+    good = write("good.json", STRAIGHT)
+    answer = frenetic("validate", "pose.json", "shift.xodr", wide, good)
+    assert answer.code == 2
+    assert answer.out == "good.json: valid\n"
+    lines = answer.err.splitlines()
+    assert [line.split()[1].rstrip(":") for line in lines] == ["pose.json", "shift.xodr", wide]
+    assert lines[2].endswith("lane_width is 1e+308: at most 100 m can be represented")
+
+
 # show
 
 

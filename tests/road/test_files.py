@@ -1,10 +1,14 @@
 from __future__ import annotations
 
 import json
+import math
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from frenetic.errors import RoadError
 from frenetic.road import Road
@@ -138,3 +142,84 @@ def test_file_that_is_too_large_is_not_read(tmp_path: Path) -> None:
         file.truncate(MAX_BYTES + 1)
     with pytest.raises(RoadError, match=r"more than .* bytes"):
         read_road(path)
+
+
+def test_points_as_objects_with_x_and_y(tmp_path: Path) -> None:
+    pairs = [[40.0, 40.0], [90.0, 45.0], [120.0, 90.0], [120.0, 150.0]]
+    points = [{"x": x, "y": y, "z": 0.0} for x, y in pairs]
+    expected = read_road(write(tmp_path, pairs)).road().curvatures
+    for content in (points, {"road_points": points}):
+        loaded = read_road(write(tmp_path, content))
+        assert loaded.check_validity().valid
+        assert loaded.road().curvatures.tolist() == expected.tolist()
+
+
+HUGE = int("1" * 400)
+DAMAGED: list[object] = [
+    {"curvatures": [0, 0.01, 0], "pose": [HUGE, 0, 0]},
+    {"curvatures": [0, 0.01, 0], "pose": [1e300, 0, 0]},
+    {"curvatures": [0, 0.01, 0], "pose": [0, 0, -1e300]},
+    {"curvatures": [0, 0.01, 0], "lane_width": 1e308},
+    {"curvatures": [0, 0.01, 0], "lane_width": 1e-300},
+    {"curvatures": [0, 0.01, 0], "lane_width": HUGE},
+    {"curvatures": [0, 0.01, 0], "step": 1e-300},
+    {"curvatures": [0, 0.01, 0], "step": HUGE},
+    {"curvatures": [0, HUGE, 0]},
+    {"road_points": [[0, 0], [HUGE, 0], [20, 0]]},
+    {"road_points": [[0, 0], [1e308, 0], [-1e308, 0]]},
+    {"road_points": [[20, 20], [90, 20]], "lane_width": 1e308},
+    {"road_points": [[20, 20], {"x": 90}]},
+    {"road_points": [[20, 20], {"x": 90, "y": HUGE}]},
+    {"road_points": [[20, 20], {"x": 90, "y": None}]},
+    {"road_points": [{"x": [], "y": {}}] * 20_000},
+]
+
+
+@pytest.mark.parametrize("content", DAMAGED)
+def test_every_number_is_bounded(tmp_path: Path, content: object) -> None:
+    path = write(tmp_path, content)
+    message = complaint_of(path)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    assert len(message) < len(str(path)) + 120
+
+
+def complaint_of(path: Path) -> str:
+    """The one line that a file gets, empty if it is judged and gives a road."""
+    try:
+        read_road(path).check_validity()
+        points = read_road(path).road().points
+    except RoadError as error:
+        return str(error)
+    assert np.isfinite(points).all()
+    return ""
+
+
+hostile: st.SearchStrategy[object] = st.sampled_from(
+    [HUGE, -HUGE, 0, -1, 1e300, -1e300, 1e-300, math.nan, math.inf, True, None, "x", "9", [], {}]
+)
+
+
+@given(
+    st.fixed_dictionaries(
+        {},
+        optional={
+            "curvatures": st.lists(st.floats(-0.07, 0.07) | hostile, max_size=6) | hostile,
+            "road_points": st.lists(
+                st.lists(st.floats(0.0, 200.0) | hostile, min_size=1, max_size=3)
+                | st.fixed_dictionaries({"x": st.floats(0.0, 200.0) | hostile, "y": hostile}),
+                max_size=6,
+            )
+            | hostile,
+            "step": hostile,
+            "pose": st.lists(st.floats(-10.0, 10.0) | hostile, max_size=4) | hostile,
+            "lane_width": st.floats(2.0, 5.0) | hostile,
+        },
+    )
+)
+def test_a_damaged_file_gives_a_verdict_or_one_line(content: object) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = write(Path(folder), content)
+        message = complaint_of(path)
+        assert not message or message.startswith(str(path))
+        assert "\n" not in message

@@ -486,6 +486,10 @@ def profile(inside: str, kind: str = "lateralProfile") -> dict[str, str]:
             "beyond the centre of a bend",
         ),
         (foreign(LINE, offsets='<laneOffset s="0"/><laneOffset s="10" a="3"/>'), "no road can"),
+        (foreign(offsets='<laneOffset s="0" a="-1e308"/>'), "a='-1e308': at most 1e\\+07"),
+        (foreign(LINE.replace('hdg="0"', 'hdg="1e300"')), "hdg='1e300': at most 1e\\+06"),
+        (foreign(sections=lane_section(LANE.replace("3.5", "1e308"))), "a='1e308': at most"),
+        (foreign(sections=lane_section(LANE.replace("3.5", "1e4"))), "lane_width is 10000"),
     ],
 )
 def test_what_is_no_single_flat_road_gets_one_line(data: bytes, complaint: str) -> None:
@@ -530,6 +534,11 @@ VALUE = re.compile(r'="[^"]*"')
 OURS = [
     to_opendrive(Road([0.0, 0.0, 0.01, 0.05, 0.05, -0.02]), shoulder=1.0),
     foreign(LINE.replace("<line/>", '<paramPoly3 bU="1" cV="0.01" pRange="arcLength"/>')).decode(),
+    foreign(
+        before_lanes='<elevationProfile><elevation s="0" a="7"/></elevationProfile>'
+        '<lateralProfile><superelevation s="0" a="0"/></lateralProfile>',
+        offsets='<laneOffset s="0" a="0.5"/><laneOffset s="10" a="0.5" b="0" c="0" d="0"/>',
+    ).decode(),
 ]
 
 
@@ -539,7 +548,24 @@ def test_a_damaged_file_gives_a_road_or_one_line(data: st.DataObject) -> None:
     text = data.draw(st.sampled_from(OURS))
     spots = list(VALUE.finditer(text))
     hostile = st.sampled_from(
-        ["", "0", "-1", "1e300", "-1e300", "1e-300", "nan", "inf", "9" * 400, "x", "1e5", "0.5"]
+        [
+            *[
+                "x",
+                "0",
+                "-1",
+                "0.5",
+                "1e3",
+                "1e5",
+                "-9e6",
+                "1e-300",
+                "1e300",
+                "-1e308",
+                "nan",
+                "inf",
+            ],
+            "",
+            "9" * 400,
+        ]
     )
     for spot in sorted(
         data.draw(st.lists(st.sampled_from(spots), max_size=3, unique=True)),

@@ -10,11 +10,11 @@ from typing import Any, Final
 
 from frenetic.errors import RoadError
 from frenetic.road.opendrive import from_opendrive
-from frenetic.road.road import MAX_SAMPLES, START, Pose, Road
+from frenetic.road.road import MAX_SAMPLES, START, Pose, Road, checked_lane_width
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
-MAX_BYTES: Final = 64 * 2**20
-"""Largest road file that is read; test files of the competition carry long records."""
+MAX_BYTES: Final = 8 * 2**20
+"""Largest road file that is read; a competition's test file of a long drive has about 1 MiB."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,7 @@ class RoadFile:
         """
         if self.curvatures is None:
             try:
+                checked_lane_width(self.lane_width)  # type: ignore[arg-type]
                 return check_validity(self.road_points, map_size)  # type: ignore[arg-type]
             except RoadError as error:
                 raise RoadError(f"{self.path}: {error}") from None
@@ -94,6 +95,8 @@ def read_road(path: Path | str) -> RoadFile:
         raise RoadError(f"{path} has neither 'curvatures' nor 'road_points', but {keys}")
     if curvatures is not None and not _is_list_of_numbers(curvatures):
         raise RoadError(f"{path}: 'curvatures' is not a list of numbers")
+    if curvatures is None:
+        points = _pairs(path, points)
     return RoadFile(
         path,
         curvatures,
@@ -119,7 +122,10 @@ def _load(path: Path) -> bytes:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
-            raise RoadError(f"{path} has more than {MAX_BYTES} bytes: no road file is that large")
+            raise RoadError(
+                f"{path} has more than {MAX_BYTES} bytes ({MAX_BYTES // 2**20} MiB): no road file"
+                " is that large"
+            )
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None
     except OSError as error:
@@ -149,9 +155,27 @@ def _is_list_of_numbers(values: object) -> bool:
     )
 
 
+def _pairs(path: Path, points: object) -> object:
+    """Points as [x, y] each, if some of them are objects with x and y; else what was given."""
+    if not isinstance(points, list):
+        return points
+    if len(points) > MAX_SAMPLES:
+        raise RoadError(f"{path}: a road of {len(points)} points: 2 to {MAX_SAMPLES} are allowed")
+    pairs = []
+    for i, point in enumerate(points):
+        if isinstance(point, Mapping):
+            missing = [key for key in ("x", "y") if key not in point]
+            if missing:
+                raise RoadError(f"{path}: point {i} has no '{missing[0]}'")
+            pairs.append([point["x"], point["y"]])
+        else:
+            pairs.append(point)
+    return pairs
+
+
 def _pose(path: Path, value: object) -> Pose | None:
     if value is None:
         return None
     if not (isinstance(value, list) and len(value) == 3 and _is_list_of_numbers(value)):
         raise RoadError(f"{path}: 'pose' has to be [x, y, heading] in m, m and rad")
-    return Pose(*(float(v) for v in value))
+    return Pose(*value)

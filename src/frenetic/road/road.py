@@ -29,6 +29,14 @@ MAX_COORDINATE = 1e7
 """Largest distance of a given point from the origin, in m."""
 MIN_DISTANCE = 1e-6
 """Least distance of two consecutive given points, in m."""
+MIN_STEP = 1e-7
+"""Shortest step, in m; points that are `MIN_DISTANCE` apart give one that is not much longer."""
+MIN_LANE_WIDTH = 0.1
+"""Width of the narrowest lane, in m."""
+MAX_LANE_WIDTH = 100.0
+"""Width of the widest lane, in m."""
+MAX_HEADING = 1e6
+"""Largest heading of a pose in either direction, in rad."""
 POINT_SPACING = 2.0
 """Spacing of a road's points for validity, files and other simulators, in m."""
 
@@ -69,7 +77,8 @@ class Road:
 
     Raises:
         RoadError: fewer than 2 or more than 10000 samples, values that are not finite numbers or
-            are beyond 10 1/m, a step or lane width that is not positive.
+            are beyond 10 1/m, a step that is not positive, more than 50 km in all, a lane that is
+            not 0.1 to 100 m wide, or a pose beyond 10000 km.
     """
 
     curvatures: FloatArray
@@ -109,18 +118,13 @@ class Road:
             )
         values.setflags(write=False)
         object.__setattr__(self, "curvatures", values)
-        object.__setattr__(self, "step", _positive(step, "step"))
-        object.__setattr__(self, "lane_width", _positive(lane_width, "lane_width"))
+        object.__setattr__(self, "step", _positive(step, "step", MIN_STEP))
+        object.__setattr__(self, "lane_width", checked_lane_width(lane_width))
         if self.length > MAX_LENGTH:
             raise RoadError(
                 f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
-        try:
-            x, y, heading = (float(v) for v in pose)
-        except (TypeError, ValueError, OverflowError):
-            raise RoadError(f"pose {pose!r}: x, y and heading are needed") from None
-        if not all(math.isfinite(v) for v in (x, y, heading)):
-            raise RoadError(f"pose {(x, y, heading)}: x, y and heading must be finite numbers")
+        x, y, heading = _finite_pose(pose)
         object.__setattr__(self, "pose", Pose(x, y, heading))
 
     @classmethod
@@ -321,12 +325,60 @@ def _numbers(values: npt.ArrayLike, name: str) -> FloatArray:
         raise RoadError(f"{name} are not a list of numbers") from None
 
 
-def _positive(value: float, name: str) -> float:
+def checked_lane_width(value: float) -> float:
+    """Width of a lane, in m.
+
+    Raises:
+        RoadError: it is no number, or not one of 0.1 to 100 m.
+    """
+    return _positive(value, "lane_width", MIN_LANE_WIDTH, MAX_LANE_WIDTH)
+
+
+def _finite_pose(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+    try:
+        x, y, heading = (float(v) for v in pose)
+    except (TypeError, ValueError):
+        raise RoadError(f"pose {shortened(pose)}: x, y and heading are needed") from None
+    except OverflowError:
+        raise RoadError(f"pose {shortened(pose)}: a number in it is too large") from None
+    if not all(math.isfinite(v) for v in (x, y, heading)):
+        raise RoadError(f"pose {(x, y, heading)}: x, y and heading must be finite numbers")
+    if max(abs(x), abs(y)) > MAX_COORDINATE:
+        raise RoadError(
+            f"pose ({x:g}, {y:g}, {heading:g}): at most {MAX_COORDINATE:g} m from the origin"
+        )
+    if abs(heading) > MAX_HEADING:
+        raise RoadError(
+            f"pose ({x:g}, {y:g}, {heading:g}): a heading of at most {MAX_HEADING:g} rad"
+            " in either direction is needed"
+        )
+    return x, y, heading
+
+
+def shortened(value: object) -> str:
+    """What was given, at most 40 characters long, for a message.
+
+    Numbers of thousands of digits, which Python refuses to print, are only named.
+    """
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= 40 else text[:40] + "..."
+
+
+def _positive(value: float, name: str, least: float = 0.0, most: float = math.inf) -> float:
     try:
         number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        given = repr(value)[:40]
-        raise RoadError(f"{name} is {given}: a positive number of metres is needed") from None
+    except OverflowError:
+        number = math.inf
+    except (TypeError, ValueError):
+        raise RoadError(
+            f"{name} is {shortened(value)}: a positive number of metres is needed"
+        ) from None
     if not (math.isfinite(number) and number > 0.0):
         raise RoadError(f"{name} is {number:g}: a positive number of metres is needed")
+    if not least <= number <= most:
+        bound = f"at least {least:g}" if number < least else f"at most {most:g}"
+        raise RoadError(f"{name} is {number:g}: {bound} m can be represented")
     return number

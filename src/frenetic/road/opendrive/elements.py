@@ -13,6 +13,8 @@ MAX_ELEMENTS: Final = 200_000
 """Elements of a file that is read; a road has two per geometry."""
 MAX_DEPTH: Final = 50
 """How deeply they may be nested."""
+MAX_NUMBER: Final = 1e7
+"""Largest number that is read, in m or whatever its unit is, unless another limit is given."""
 
 
 def parse_xml(data: bytes) -> ElementTree.Element:
@@ -64,11 +66,17 @@ def parse_xml(data: bytes) -> ElementTree.Element:
     return builder.close()
 
 
-def number(element: ElementTree.Element, name: str, default: float | None = None) -> float:
-    """A number among an element's attributes.
+def number(
+    element: ElementTree.Element,
+    name: str,
+    default: float | None = None,
+    *,
+    most: float = MAX_NUMBER,
+) -> float:
+    """A number among an element's attributes, at most ``most`` in either direction.
 
     Raises:
-        RoadError: it is missing and there is no default, or it is no finite number.
+        RoadError: it is missing and there is no default, it is no finite number, or too large.
     """
     text = element.get(name)
     if text is None:
@@ -81,4 +89,9 @@ def number(element: ElementTree.Element, name: str, default: float | None = None
         value = math.nan
     if not math.isfinite(value):
         raise RoadError(f"a <{element.tag}> has {name}={text[:40]!r}: a finite number is needed")
+    if abs(value) > most:
+        raise RoadError(
+            f"a <{element.tag}> has {name}={text[:40]!r}: at most {most:g} in either direction is"
+            " read"
+        )
     return value

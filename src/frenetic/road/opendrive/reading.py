@@ -8,6 +8,7 @@ Whatever would make another road of it (a junction, a slope, a lane of changing 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 from xml.etree.ElementTree import Element
@@ -15,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from frenetic.errors import RoadError
-from frenetic.road.opendrive.elements import number, parse_xml
+from frenetic.road.opendrive.elements import MAX_NUMBER, number, parse_xml
 from frenetic.road.opendrive.line import (
     Clothoid,
     Cubic,
@@ -30,6 +31,7 @@ from frenetic.road.opendrive.writing import STEP_CODE
 from frenetic.road.road import (
     MAX_COORDINATE,
     MAX_CURVATURE,
+    MAX_HEADING,
     MAX_LENGTH,
     MAX_SAMPLES,
     MIN_DISTANCE,
@@ -101,9 +103,9 @@ def _step(road: Element) -> float | None:
     return None
 
 
-def _cubic(element: Element, names: str = "abcd", suffix: str = "") -> Cubic:
+def _cubic(element: Element, suffix: str = "", *, most: float = MAX_NUMBER) -> Cubic:
     """The coefficients of a polynomial; those that are left out are 0."""
-    a, b, c, d = (number(element, name + suffix, 0.0) for name in names)
+    a, b, c, d = (number(element, name + suffix, 0.0, most=most) for name in "abcd")
     return a, b, c, d
 
 
@@ -193,7 +195,7 @@ def _geometries(road: Element) -> list[Geometry]:
     if len(elements) > MAX_SAMPLES:
         raise RoadError(f"its road has {len(elements)} geometries: at most {MAX_SAMPLES} are read")
     for element in elements:
-        length = number(element, "length")
+        length = number(element, "length", most=math.inf)
         if length < 0.0:
             raise RoadError(f"a <geometry> has length {length:g}: a positive number is needed")
         total += length
@@ -207,7 +209,8 @@ def _geometries(road: Element) -> list[Geometry]:
 
 
 def _geometry(element: Element, length: float) -> Geometry:
-    pose = Pose(number(element, "x"), number(element, "y"), number(element, "hdg"))
+    x, y = (number(element, name, most=math.inf) for name in "xy")
+    pose = Pose(x, y, number(element, "hdg", most=MAX_HEADING))
     if max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE:
         raise RoadError(
             f"a <geometry> starts at ({pose.x:g}, {pose.y:g}): at most {MAX_COORDINATE:g} m from"
@@ -224,10 +227,12 @@ def _geometry(element: Element, length: float) -> Geometry:
         start, end = number(shape, "curvStart"), number(shape, "curvEnd")
         return _not_too_sharp(Clothoid(pose, length, start, end))
     if shape.tag == "poly3":
-        return Polynomial(pose, length, (0.0, 1.0, 0.0, 0.0), _cubic(shape), None)
+        return Polynomial(pose, length, (0.0, 1.0, 0.0, 0.0), _cubic(shape, most=math.inf), None)
     if shape.tag == "paramPoly3":
         last = length if shape.get("pRange") == "arcLength" else 1.0
-        return Polynomial(pose, length, _cubic(shape, suffix="U"), _cubic(shape, suffix="V"), last)
+        # Too large ones give a line that leaves every map, which is refused as such.
+        ahead, left = (_cubic(shape, axis, most=math.inf) for axis in "UV")
+        return Polynomial(pose, length, ahead, left, last)
     known = "line, arc, spiral, poly3 and paramPoly3"
     raise RoadError(
         f"a <geometry> holds {shape.tag[:40] if shapes else 'nothing'}: {known} are read"
