@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Literal, TypeAlias, get_args
 
 from frenetic.campaign.store import CampaignStore
+from frenetic.errors import FreneticError
 from frenetic.export.columns import TESTS, TRAJECTORIES
-from frenetic.export.parquet import write_parquet
+from frenetic.export.frames import write_parquet
 from frenetic.export.tables import (
     ALL,
     Batch,
@@ -20,7 +24,6 @@ from frenetic.export.tables import (
     trajectories_of,
 )
 from frenetic.export.text import write_csv, write_json_lines
-from frenetic.export.whole_folder import whole_folder
 from frenetic.outcome import Outcome
 
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
@@ -83,7 +86,7 @@ def export_campaign(
                 on_progress=on_progress,
             )
     target = campaign.folder / EXPORTS / format if out is None else Path(out)
-    with whole_folder(target) as folder:
+    with _whole_folder(target) as folder:
         _write(folder, campaign, format, wanted, trajectories, on_progress or (lambda *_: None))
     return target
 
@@ -134,3 +137,36 @@ def _write(
     if trajectories != "none":
         batches = counted(batches_of_trajectories(store, driven))
         write(folder / f"trajectories.{format}", TRAJECTORIES, batches)
+
+
+@contextmanager
+def _whole_folder(target: Path) -> Iterator[Path]:
+    """Gives a new folder beside ``target`` to write into, which takes its name in the end.
+
+    If anything is raised meanwhile, nothing is left of it.
+
+    Raises:
+        FreneticError: there is something at ``target`` but an empty folder, or the disk is full or
+            cannot be written.
+    """
+    target = target.absolute()
+    try:
+        if os.path.lexists(target) and (not target.is_dir() or any(target.iterdir())):
+            raise FreneticError(
+                f"{target} exists already: choose another folder with --out, or remove it"
+            )
+        partial = target.with_name(f"{target.name}.part-{os.getpid()}")
+        shutil.rmtree(partial, ignore_errors=True)
+        partial.mkdir(parents=True)
+        try:
+            yield partial
+            if target.is_dir():  # and empty, so that no platform minds
+                target.rmdir()
+            partial.rename(target)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
+    except OSError as error:
+        raise FreneticError(
+            f"{target} cannot be written: {error.strerror or error}; choose another folder with"
+            " --out"
+        ) from error

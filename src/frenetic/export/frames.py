@@ -1,23 +1,28 @@
-"""A campaign's tables as pandas data frames."""
+"""Tables by pyarrow: Parquet files and pandas data frames, with the extra ``tables``.
+
+CSV and JSON lines are written without it, see `frenetic.export.text`, so that a light installation
+can write them; pyarrow's own CSV puts numbers into other words.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from frenetic.campaign.store import CampaignStore
+from frenetic.errors import FreneticError
 from frenetic.export.columns import TABLES, Column, Kind
-from frenetic.export.extras import needing_tables
 from frenetic.export.tables import (
     ALL,
+    Batch,
     Lists,
     Values,
     batches_of_tests,
     batches_of_trajectories,
-    join,
     number_of_tests,
 )
 from frenetic.oracle import Side
@@ -27,6 +32,41 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Table: TypeAlias = Literal["tests", "trajectories"]
+
+_COMPRESSION: Final = "zstd"
+_KNOWN: Final = {"outcome": [str(outcome) for outcome in Outcome], "departure_side": get_args(Side)}
+"""Column -> all that its values may be; the categories of others are what there is."""
+
+
+@contextmanager
+def _needing_extra(what: str) -> Iterator[None]:
+    """Says how to install the extra ``tables`` if an import fails for the lack of it."""
+    try:
+        yield
+    except ImportError as error:
+        raise FreneticError(
+            f"{what} needs pandas and pyarrow, and {error.name or 'one of them'} is not installed:"
+            ' pip install "frenetic-roads[tables]"'
+        ) from error
+
+
+def write_parquet(path: Path, columns: tuple[Column, ...], batches: Iterable[Batch]) -> None:
+    """Writes a table, a row group per batch.
+
+    Args:
+        path: of the file.
+        columns: of the table. Their units and descriptions go into the fields' metadata.
+        batches: its rows.
+
+    Raises:
+        FreneticError: pyarrow is not installed.
+        OSError: the file cannot be written.
+    """
+    with _needing_extra("Parquet"):
+        import pyarrow.parquet as pq  # an extra
+    with pq.ParquetWriter(path, _schema(columns), compression=_COMPRESSION) as writer:
+        for batch in batches:
+            writer.write_batch(_to_arrow(batch), row_group_size=len(batch))
 
 
 def data_frame(
@@ -49,48 +89,77 @@ def data_frame(
         outcomes: only tests of these, such as ``["FAIL"]``; of all without any.
 
     Raises:
-        FreneticError: pandas is not installed, or the campaign cannot be read.
+        FreneticError: pandas or pyarrow is not installed, or the campaign cannot be read.
         ValueError: there is no such table or outcome.
     """
     if table not in TABLES:
         raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
     wanted = tuple(Outcome(outcome) for outcome in outcomes) or ALL
-    with needing_tables("a data frame"):
-        import pandas as pd
+    with _needing_extra("a data frame"):
+        import pandas as pd  # an extra
+        import pyarrow as pa
     if not isinstance(campaign, CampaignStore):
         with CampaignStore.open(Path(campaign)) as store:
             return data_frame(store, table, outcomes=wanted)
     number_of_tests(campaign)  # which knows an outcome that there is not
+    columns = TABLES[table]
     batches = batches_of_tests if table == "tests" else batches_of_trajectories
-    rows = join(TABLES[table], batches(campaign, wanted))
-    return pd.DataFrame(
-        {column.name: _series(column, rows.values[column.name]) for column in rows.columns}
+    rows = pa.Table.from_batches(map(_to_arrow, batches(campaign, wanted)), _schema(columns))
+    frame = rows.unify_dictionaries().to_pandas(
+        types_mapper={pa.string(): pd.StringDtype()}.get, self_destruct=True
+    )
+    for column in columns:
+        if column.kind is Kind.CHOICE:
+            choices = frame[column.name].cat
+            known = _KNOWN.get(column.name) or sorted(choices.categories)
+            frame[column.name] = choices.set_categories(known)
+    return frame.astype(
+        {column.name: "Float64" for column in columns if column.optional and _is_real(column)}
     )
 
 
-def _series(column: Column, values: Values) -> Any:
-    """The values as pandas keeps them."""
-    import pandas as pd
-
-    match column.kind:
-        case Kind.REAL if column.optional:
-            missing = np.isnan(values)  # type: ignore[arg-type]
-            return pd.arrays.FloatingArray(np.where(missing, 0.0, values), missing)  # type: ignore[arg-type]
-        case Kind.CHOICE:
-            return pd.Categorical(values, categories=_categories(column, values))
-        case Kind.TEXT:
-            return pd.array(values, dtype="string")
-        case Kind.MOMENT:
-            return pd.DatetimeIndex(values).tz_localize("UTC")
-        case Kind.WHOLES | Kind.REALS:
-            assert isinstance(values, Lists)
-            return np.fromiter(values, dtype=object, count=len(values))
-        case _:
-            return values
+def _is_real(column: Column) -> bool:
+    return column.kind is Kind.REAL
 
 
-def _categories(column: Column, values: Values) -> list[str]:
-    """All that a value may be, or else all that there is."""
-    known = {"outcome": list(map(str, Outcome)), "departure_side": list(get_args(Side))}
-    assert isinstance(values, list)
-    return known.get(column.name) or sorted({value for value in values if value is not None})
+def _schema(columns: tuple[Column, ...]) -> Any:
+    import pyarrow as pa
+
+    return pa.schema([_field(column) for column in columns])
+
+
+def _field(column: Column) -> Any:
+    import pyarrow as pa
+
+    kinds = {
+        Kind.WHOLE: pa.int64(),
+        Kind.REAL: pa.float64(),
+        Kind.TEXT: pa.string(),
+        Kind.CHOICE: pa.dictionary(pa.int32(), pa.string()),
+        Kind.MOMENT: pa.timestamp("ms", tz="UTC"),
+        Kind.WHOLES: pa.list_(pa.int64()),
+        Kind.REALS: pa.list_(pa.float64()),
+    }
+    about = {"description": column.description}
+    if column.unit:
+        about["unit"] = column.unit
+    return pa.field(column.name, kinds[column.kind], nullable=column.optional, metadata=about)
+
+
+def _to_arrow(batch: Batch) -> Any:
+    """A batch as a `pyarrow.RecordBatch`."""
+    import pyarrow as pa
+
+    arrays = [_array(column, batch.values[column.name]) for column in batch.columns]
+    return pa.record_batch(arrays, schema=_schema(batch.columns))
+
+
+def _array(column: Column, values: Values) -> Any:
+    import pyarrow as pa
+
+    if isinstance(values, Lists):
+        return pa.ListArray.from_arrays(values.offsets.astype(np.int32), values.values)
+    if column.kind is Kind.CHOICE:
+        return pa.array(values, pa.string()).dictionary_encode()
+    # NaN is a missing number, and there is no other one.
+    return pa.array(values, _field(column).type, from_pandas=column.optional)

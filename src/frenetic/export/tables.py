@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, Literal, TypeAlias, get_args
@@ -180,40 +180,6 @@ def _trajectory_batch(ids: list[int], parts: list[FloatArray]) -> Batch:
 def _last_told(store: CampaignStore) -> int:
     ((last,),) = store.rows("SELECT max(told) FROM test")
     return last if isinstance(last, int) else 0
-
-
-def join(columns: tuple[Column, ...], batches: Iterable[Batch]) -> Batch:
-    """All rows of some batches of one table as a single batch, which may be empty."""
-    parts = list(batches)
-    values = {c.name: _join(c, [part.values[c.name] for part in parts]) for c in columns}
-    return Batch(columns, values, sum(part.tests for part in parts))
-
-
-def _join(column: Column, parts: Sequence[Any]) -> Values:
-    match column.kind:
-        case Kind.TEXT | Kind.CHOICE:
-            return list(itertools.chain.from_iterable(parts))
-        case Kind.WHOLES | Kind.REALS:
-            offsets = [_offsets([]), *(part.offsets[1:] for part in parts)]
-            starts = np.cumsum([0, *(len(part.values) for part in parts)])
-            offsets[1:] = [
-                part + start for part, start in zip(offsets[1:], starts[:-1], strict=True)
-            ]
-            empty = _EMPTY[column.kind]
-            return Lists(
-                np.concatenate([empty, *(part.values for part in parts)]), np.concatenate(offsets)
-            )
-        case _:
-            return np.concatenate([_EMPTY[column.kind], *parts])
-
-
-_EMPTY: Final[Mapping[Kind, npt.NDArray[Any]]] = {
-    Kind.WHOLE: np.empty(0, dtype=np.int64),
-    Kind.REAL: np.empty(0),
-    Kind.MOMENT: np.empty(0, dtype="datetime64[ms]"),
-    Kind.WHOLES: np.empty(0, dtype=np.int64),
-    Kind.REALS: np.empty(0),
-}
 
 
 # Rows to columns. `set(map(type, values))` looks at all values of a column at the speed of C.
