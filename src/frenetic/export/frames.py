@@ -109,7 +109,9 @@ def data_frame(
         types_mapper={pa.string(): pd.StringDtype()}.get, self_destruct=True
     )
     for column in columns:
-        if column.kind is Kind.CHOICE:
+        if column.kind in (Kind.WHOLES, Kind.REALS):
+            frame[column.name] = frame[column.name].map(np.array)  # which may be written to
+        elif column.kind is Kind.CHOICE:
             choices = frame[column.name].cat
             known = _KNOWN.get(column.name) or sorted(choices.categories)
             frame[column.name] = choices.set_categories(known)
