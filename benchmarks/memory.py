@@ -52,10 +52,10 @@ def memory() -> tuple[float, float]:
 def run_campaign(tests: int, strategy: str, folder: Path) -> None:
     """What the process does that is measured: prints a reading per line, as JSON."""
     from frenetic.campaign import Budget, Campaign, Progress
-    from frenetic.compilation import compile_kernels
     from frenetic.drivers import Planner
     from frenetic.registry import STRATEGIES
     from frenetic.simulators import EmbeddedSimulator
+    from frenetic.simulators.embedded import compile_kernels
 
     def read(done: int) -> None:
         reading = Reading(done, time.perf_counter() - start, *memory())

@@ -117,7 +117,7 @@ def run_ours(map_size: float) -> Callable[[int, int], Measured]:
 
     def run(simulations: int, seed: int) -> Measured:
         from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
-        from frenetic.compilation import compile_kernels
+        from frenetic.simulators.embedded import compile_kernels
 
         def campaign(total: int, folder: Path) -> Campaign:
             return Campaign(

@@ -28,7 +28,6 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord, tester
-from frenetic.compilation import compile_kernels
 from frenetic.drivers import Planner
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
@@ -38,6 +37,7 @@ from frenetic.road import MAP_SIZE, MARGIN, Road, check_validity, fit_to_map
 from frenetic.search import Candidate, Evaluation, Origin, RandomSearch
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, random_curvatures
 from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.simulators.embedded import compile_kernels
 
 SEED: Final = 2021
 SAMPLES: Final = 26

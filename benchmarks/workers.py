@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
-from frenetic.compilation import compile_kernels
 from frenetic.drivers import Planner
 from frenetic.registry import STRATEGIES
 from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators.embedded import compile_kernels
 
 SEED = 2021
 STRATEGIES_MEASURED = ("random", "frenetic")

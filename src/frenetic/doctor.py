@@ -8,34 +8,27 @@ is not installed.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.util import find_spec
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-
-from frenetic.drivers import Driver, Stanley
-from frenetic.errors import FreneticError, describe_error
-from frenetic.oracle import judge
-from frenetic.outcome import Outcome
+from frenetic.errors import FreneticError
 from frenetic.registry import SIMULATORS
-from frenetic.road import Pose, Road
+from frenetic.simulators.checks import Check, broken, drive_checks
 from frenetic.simulators.simulator import Simulator
 
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was checked."""
-
-    name: str
-    is_ok: bool
-    found: str
-    """Its state, or what is wrong with it."""
-    remedy: str = ""
-    """What to do; empty if nothing is wrong."""
+__all__ = [
+    "Check",
+    "Checkable",
+    "Examination",
+    "Health",
+    "broken",
+    "drive_checks",
+    "examine",
+    "examine_all",
+]
 
 
 @runtime_checkable
@@ -123,57 +116,3 @@ def _checks(simulator: Simulator) -> Iterator[Check]:
             yield from drive_checks(simulator)
     except Exception as error:
         yield broken("start", error, "see the message; then try again")
-
-
-def broken(name: str, error: Exception, remedy: str) -> Check:
-    """A check that ended in an error; our own errors say what to do."""
-    text = str(error) if isinstance(error, FreneticError) else describe_error(error)
-    return Check(name, False, text, remedy)
-
-
-# Roads that every driver can follow
-
-STRAIGHT: Final = Road(np.zeros(13), pose=Pose(40.0, 100.0, 0.0))
-"""120 m."""
-CURVE: Final = Road(
-    np.array([0.0] * 4 + [0.01, 0.025, 0.025, 0.025, 0.01] + [0.0] * 4), pose=Pose(60.0, 60.0, 0.0)
-)
-"""A left-hand bend of 40 m radius between straights."""
-
-
-def drive_checks(
-    simulator: Simulator, driver: Driver | None = None, *, who: str = "Stanley"
-) -> Iterator[Check]:
-    """Checks that a driver stays in its lane on a straight road and in a curve.
-
-    Args:
-        simulator: entered.
-        driver: Stanley if None.
-        who: name of the driver.
-    """
-    for name, road in (("straight road", STRAIGHT), ("curve", CURVE)):
-        yield drive_check(simulator, driver or Stanley(), road, f"{name}, {who}")
-
-
-def drive_check(simulator: Simulator, driver: Driver, road: Road, name: str) -> Check:
-    """Checks that a driver reaches the end of a road in its lane."""
-    try:
-        drive = simulator.drive(road, driver)
-    except Exception as error:
-        return broken(name, error, "see the message; 'frenetic --debug doctor' says more")
-    result = judge(road, drive)
-    if result.outcome is not Outcome.PASS or result.moobd is None or result.moobd <= 0.0:
-        remedy = "draw it with 'frenetic drive --plot'; is the car or the road as it should be?"
-        return Check(name, False, result.reason, remedy)
-    found = f"{road.length:.0f} m in {result.duration:.1f} s, MOOBD {result.moobd:.2f} m"
-    return Check(name, True, found)
-
-
-def time_of_drives(simulator: Simulator, driver: Driver, times: int) -> float:
-    """Wall time of the fastest of several drives on the road with the curve, in s."""
-    taken = []
-    for _ in range(times):
-        start = time.perf_counter()
-        simulator.drive(CURVE, driver)
-        taken.append(time.perf_counter() - start)
-    return min(taken)

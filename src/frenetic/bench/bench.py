@@ -30,11 +30,11 @@ from frenetic.campaign.campaign import describe, prepare
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.versions import package_versions
-from frenetic.compilation import compile_kernels
 from frenetic.errors import FreneticError
 from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
+from frenetic.simulators.embedded import compile_kernels
 
 BENCHES: Final = Path("benches")
 """Where benches go that are given no folder."""

@@ -26,7 +26,6 @@ from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.versions import package_versions
 from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
-from frenetic.compilation import compile_kernels
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.outcome import Outcome
@@ -34,6 +33,7 @@ from frenetic.registry import USER_MODULE
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy
+from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 
 CAMPAIGNS: Final = Path("campaigns")

@@ -18,12 +18,12 @@ from frenetic.campaign.loop import MAX_ATTEMPTS
 from frenetic.campaign.store import DATABASE, CampaignStore, TestRecord
 from frenetic.campaign.tester import RoadTester, Tested, untested
 from frenetic.campaign.workers import Attempt, LocalWorkers, ThisProcess, Workers
-from frenetic.compilation import compile_kernels
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate, Origin
+from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import World, in_world
 

@@ -4,6 +4,6 @@ Where worker processes are forked from a server (Linux), it has imported this, s
 kernels from the start.
 """
 
-from frenetic.compilation import compile_kernels
+from frenetic.simulators.embedded import compile_kernels
 
 compile_kernels()

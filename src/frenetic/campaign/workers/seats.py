@@ -23,9 +23,9 @@ from distributed import get_worker
 from frenetic.campaign.tester import RoadTester, Tested
 from frenetic.campaign.workers.messages import Logged
 from frenetic.campaign.workers.serving import reason_of
-from frenetic.compilation import compile_kernels
 from frenetic.errors import FreneticError
 from frenetic.search.records import Candidate
+from frenetic.simulators.embedded import compile_kernels
 
 R = TypeVar("R")
 

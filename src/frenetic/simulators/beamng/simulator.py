@@ -6,8 +6,9 @@ import logging
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from importlib.metadata import version
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from frenetic.simulators.beamng.car import (
     measured_box,
 )
 from frenetic.simulators.beamng.errors import BeamngError
-from frenetic.simulators.beamng.link import Link, Place
+from frenetic.simulators.beamng.link import Link, Place, beamngpy, executable
 from frenetic.simulators.beamng.options import RECORD_RATE, check_options
 from frenetic.simulators.beamng.scene import (
     LEVELS,
@@ -33,12 +34,10 @@ from frenetic.simulators.beamng.scene import (
     open_field,
     scene_of,
 )
+from frenetic.simulators.checks import Check, drive_checks
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
-
-if TYPE_CHECKING:
-    from frenetic.doctor import Check
 
 PERIOD: Final = 1.0 / RECORD_RATE
 """Time between two records, in s."""
@@ -55,6 +54,8 @@ _CLOCK_SHARE, _CLOCK_SLACK = 0.02, 0.01  # how far the clock may be off: of the 
 _BODY_SLACK: Final = 0.02  # m by which a given length or width may be wrong
 _ACCELERATION, _DECELERATION = 4.0, 9.0  # m/s^2, what drivers are told of a car that is unknown
 _REPLY_LIMIT: Final = 60.0  # s
+
+_MORE: Final = "see the message; 'frenetic --debug doctor' says more"
 
 logger = logging.getLogger(__name__)
 
@@ -317,10 +318,61 @@ class BeamngSimulator:
             self._is_worn = True
 
     def checks(self) -> Iterator[Check]:
-        """What 'frenetic doctor' looks at."""
-        from frenetic.simulators.beamng.checks import checks  # which needs this module
+        """Package, installation, start, version, licence, and what follows in `_car_checks`."""
+        try:
+            beamngpy()
+        except BeamngError as error:
+            yield _broken("package", error)
+            return
+        yield Check("package", True, f"beamngpy {version('beamngpy')}")
+        place = self.place
+        if place.home is not None:
+            try:
+                yield Check("installation", True, str(executable(place.home)))
+            except BeamngError as error:
+                yield _broken("installation", error)
+                return
+        name = "port" if place.home is None else "start"
+        try:
+            self.connect()
+        except BeamngError as error:
+            yield _broken(name, error)
+            return
+        try:
+            yield Check(name, True, f"BeamNG.tech {self.link.version} answers")
+            yield _licence(self.link)
+            yield from self._car_checks()
+        finally:
+            self.__exit__(None, None, None)
 
-        return checks(self)
+    def _car_checks(self) -> Iterator[Check]:
+        """Level, vehicle, what was measured, and how the car drives."""
+        try:
+            for name, wanted, known in (
+                ("level", self.level, self.link.levels()),
+                ("vehicle", self.vehicle, self.link.vehicles()),
+            ):
+                if wanted not in known:
+                    listed = ", ".join(sorted(known)[:20])
+                    yield Check(
+                        name, False, f"there is no {name} {wanted}", f"choose one of {listed}"
+                    )
+                    return
+                yield Check(name, True, f"{wanted}, one of {len(known)}")
+            self.measure()
+            car = self.measured
+        except BeamngError as error:
+            yield _broken("car", error)
+            return
+        side = "left" if car.steering > 0.0 else "right"
+        yield Check(
+            "car",
+            True,
+            f"{car.length:g} by {car.width:g} m, steers by {abs(car.steering):.2f} rad, a positive"
+            f" input to the {side}",
+        )
+        for driver, who in ((BeamngAi(), "BeamNG.AI"), (None, "Stanley")):
+            yield from drive_checks(self, driver, who=who)
 
     def check_driver(self, driver: Driver) -> None:
         """Refuses to let BeamNG.AI do what it cannot.
@@ -531,3 +583,18 @@ class _Recording:
             raise _DriverBrokeError(error) from error
         self.driver_acts = False
         return answer
+
+
+def _broken(name: str, error: BeamngError) -> Check:
+    return Check(name, False, error.found, error.remedy or _MORE)
+
+
+def _licence(link: Link) -> Check:
+    if link.is_licensed:
+        return Check("licence", True, "it found its licence")
+    return Check(
+        "licence",
+        False,
+        "it did not find its licence",
+        f"put tech.key into its user folder{f' ({link.user_folder})' if link.user_folder else ''}",
+    )

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import logging
 import math
+import os
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.kernel_cache import VARIABLE
+from frenetic.drivers import Planner
 from frenetic.drivers.driver import Driver, DriveSetup, checked_controls
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form
 from frenetic.errors import DriverError, describe_error
-from frenetic.oracle import rules_array
+from frenetic.oracle import judge, rules_array
+from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
 from frenetic.simulators.drive import Drive, Rules, Trajectory
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.vehicle import (
@@ -33,10 +41,11 @@ from frenetic.simulators.observing import Observer
 from frenetic.simulators.starting import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
-if TYPE_CHECKING:
-    from frenetic.doctor import Check
-
 logger = logging.getLogger(__name__)
+
+SLOW: Final = 0.1
+"""Wall time in s that no drive takes where kernels are compiled."""
+_TIMED_DRIVES: Final = 20
 
 _NO_ERRORS = np.empty((0, 2))
 
@@ -112,7 +121,7 @@ class EmbeddedSimulator(StartingPlace):
 
     def __enter__(self) -> Self:
         """Compiles what is not compiled yet."""
-        self._compile()
+        compile_kernels()
         return self
 
     def __exit__(
@@ -123,17 +132,26 @@ class EmbeddedSimulator(StartingPlace):
     ) -> None:
         """Nothing has to be ended."""
 
-    @staticmethod
-    def _compile() -> None:
-        from frenetic.compilation import compile_kernels  # which needs this module
-
-        compile_kernels()
-
     def checks(self) -> Iterator[Check]:
-        """What 'frenetic doctor' looks at."""
-        from frenetic.simulators.embedded.checks import checks  # which needs this module
-
-        return checks(self)
+        """Compiled kernels, their cache, two drives, and how fast it is."""
+        start = time.perf_counter()
+        try:
+            self.__enter__()
+        except Exception as error:
+            yield broken(
+                "kernels", error, "reinstall numba; on a new Python it may have to be upgraded"
+            )
+            return
+        yield Check("kernels", True, f"compiled, ready after {time.perf_counter() - start:.1f} s")
+        yield _cache_check()
+        yield from drive_checks(self)
+        seconds = time_of_drives(self, Planner(), _TIMED_DRIVES)
+        yield Check(
+            "speed",
+            seconds < SLOW,
+            f"{1e3 * seconds:.2f} ms a drive",
+            "" if seconds < SLOW else "unset NUMBA_DISABLE_JIT; is the machine busy?",
+        )
 
     def setup(self, road: Road) -> DriveSetup:
         """What a driver is told before a drive along the road."""
@@ -204,7 +222,7 @@ class EmbeddedSimulator(StartingPlace):
         room: FloatArray,
     ) -> tuple[int, str | None]:
         """The compiled rollout's loop with calls of the driver in between: (records, error)."""
-        self._compile()  # not on the driver's time
+        compile_kernels()  # not on the driver's time
         written = 0
         state = kernels.start_state(
             road.table, road.lane_width, self.start_offset, self.start_heading
@@ -240,3 +258,35 @@ class EmbeddedSimulator(StartingPlace):
             logger.debug("the driver broke", exc_info=True)
             return written, f"the driver raised {describe_error(error)}"
         return written, None
+
+
+@cache
+def compile_kernels() -> None:
+    """Fits, validates, drives and judges one road, so that every kernel is ready afterwards.
+
+    The first time on a machine this compiles for some seconds; the result is cached on disk, and
+    then it takes a fraction of a second.
+    """
+    # Too long for the map unless it is turned, and not quite straight.
+    road, verdict = Road([0.0] * 10 + [0.005] + [0.0] * 11).placed()
+    assert road is not None
+    assert verdict.valid, verdict.message
+    simulator = EmbeddedSimulator()
+    result = judge(road, simulator.drive(road, Planner()))
+    assert result.outcome is Outcome.PASS, result.reason
+
+
+def _cache_check() -> Check:
+    """Whether compiled kernels can be kept."""
+    compiled = kernels.rollout
+    folder = Path(str(getattr(getattr(compiled, "stats", None), "cache_path", "") or ""))
+    if not folder.is_dir():
+        return Check("cache", False, "kernels are not cached", "unset NUMBA_DISABLE_JIT")
+    if not os.access(folder, os.W_OK):
+        return Check(
+            "cache",
+            False,
+            f"{folder} cannot be written: kernels are compiled anew after every change",
+            f"make it writable, or set {VARIABLE} to a folder that is",
+        )
+    return Check("cache", True, f"{folder} can be written")

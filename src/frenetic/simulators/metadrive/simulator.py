@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from importlib.metadata import PackageNotFoundError, version
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
@@ -14,6 +15,7 @@ import numpy as np
 from frenetic.drivers.driver import Driver, checked_controls
 from frenetic.errors import DriverError, FreneticError, describe_error
 from frenetic.road import Road
+from frenetic.simulators.checks import Check, broken, drive_checks
 from frenetic.simulators.drive import Drive, Rules, Trajectory
 from frenetic.simulators.metadrive.car import (
     PERIOD,
@@ -22,17 +24,17 @@ from frenetic.simulators.metadrive.car import (
     Decision,
     drive_setup,
 )
-from frenetic.simulators.metadrive.drivers import MetaDriveDriver, metadrive_driver
+from frenetic.simulators.metadrive.drivers import MetaDriveDriver, PolicySimulator, metadrive_driver
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.starting import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 if TYPE_CHECKING:
-    from frenetic.doctor import Check
     from frenetic.simulators.metadrive.world import Motion, World
 
 logger = logging.getLogger(__name__)
 
+PACKAGE: Final = "metadrive-simulator"
 EXTRA: Final = 'pip install "frenetic-roads[metadrive]"'
 
 Decide: TypeAlias = "Callable[[Observer, Motion, float], Decision]"
@@ -40,7 +42,7 @@ Decide: TypeAlias = "Callable[[Observer, Motion, float], Decision]"
 that it has made last, the very same object, is held."""
 
 
-class MetaDriveSimulator(StartingPlace):
+class MetaDriveSimulator(StartingPlace, PolicySimulator):
     """MetaDrive: Bullet physics of a four-wheeled car, headless; needs the extra ``metadrive``.
 
     Its engine exists once in a process, from entering to leaving the simulator.
@@ -130,10 +132,27 @@ class MetaDriveSimulator(StartingPlace):
             world.close()
 
     def checks(self) -> Iterator[Check]:
-        """What 'frenetic doctor' looks at."""
-        from frenetic.simulators.metadrive.checks import checks  # which needs this module
+        """The package, the engine (whose car has to be the one that is known), and two drives.
 
-        return checks(self)
+        Assets are not looked for: the engine draws nothing.
+        """
+        try:
+            yield Check("package", True, f"{PACKAGE} {version(PACKAGE)}")
+        except PackageNotFoundError:
+            yield Check("package", False, f"{PACKAGE} is not installed", EXTRA)
+            return
+        try:
+            self.__enter__()
+        except Exception as error:
+            yield broken(
+                "engine", error, f"the message says what to do; or install it anew: {EXTRA}"
+            )
+            return
+        try:
+            yield Check("engine", True, "it starts, without any assets, and has the known car")
+            yield from drive_checks(self)
+        finally:
+            self.__exit__(None, None, None)
 
     def check_driver(self, driver: Driver) -> None:
         """Refuses MetaDrive's own drivers under layers.
