@@ -44,7 +44,7 @@ from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 logger = logging.getLogger(__name__)
 
 SLOW: Final = 0.1
-"""Wall time in s that no drive takes where kernels are compiled."""
+"""Wall time that no drive of a second needs where kernels are compiled, in s."""
 _TIMED_DRIVES: Final = 20
 
 _NO_ERRORS = np.empty((0, 2))
