@@ -1,4 +1,4 @@
-"""Who drives: the Driver protocol, the built-in drivers, layers over any driver."""
+"""Drivers: the Driver protocol, the built-in drivers, layers over any driver."""
 
 from frenetic.drivers.builtin import BeamngAi, Planner, Stanley
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation

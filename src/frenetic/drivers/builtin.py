@@ -59,7 +59,7 @@ def _check(driver: object, allow_zero: tuple[str, ...] = ()) -> None:
 
 @dataclass
 class SpeedPlanner(BuiltIn):
-    """What the built-in drivers share: a speed for the curves in view."""
+    """The speed plan that the built-in drivers share: a speed for the curves in view."""
 
     aggression: float = 1.0
     """Scales both budgets; much more than 1 asks for more than the tyres can give."""
@@ -89,12 +89,12 @@ class SpeedPlanner(BuiltIn):
 
 @dataclass
 class Planner(SpeedPlanner):
-    """Knows the road ahead as BeamNG.AI does; steers by pure pursuit.
+    """A driver that knows the road ahead as BeamNG.AI does, and steers by pure pursuit.
 
-    Its speed keeps the lateral acceleration that the road ahead will ask for within a budget, and
-    its braking before a curve within another. It sees a curve as its mean over a short window and
-    cuts the corner a little, so it has weak spots: short sharp bends, and bends that follow each
-    other closely, at the end of a fast stretch.
+    Its speed keeps lateral acceleration on the road ahead within one budget, and braking before a
+    curve within another. It averages a curve over a short window and cuts the corner a little, so
+    it has weak spots: short sharp bends, and bends that follow each other closely, at the end of a
+    fast stretch.
     """
 
     law: ClassVar[int] = laws.PLANNER
@@ -141,13 +141,13 @@ class BeamngAi(Planner):
 
     BeamNG.AI had driven them with risk factor 1.5 and a limit of 120 km/h on 5 m lanes, oob
     tolerance 0.5. The values were found by differential evolution on 93 recorded runs, in the
-    embedded simulator under the same rules and with its default car. Its -MOOBD ranks the runs
-    with a ROC AUC of 0.74 against FAIL, but tuned on four fifths of the runs and scored on the
-    others, only of 0.63 on average (0.55 for `Planner`, 0.68 for the road's length alone). So take
-    it for a fast driver that leaves the lane in places like those where BeamNG.AI does, not for a
-    forecast of outcomes. `docs/beamng-ai.md` has the figures, `benchmarks/beamng_ai.py` the tuning.
+    embedded simulator under the same rules and with its default car. Its -MOOBD ranks the runs with
+    a ROC AUC of 0.74 against FAIL, but tuned on four fifths of the runs and scored on the others,
+    only of 0.63 on average (0.55 for `Planner`, 0.68 for the road's length alone). So it is a fast
+    driver that leaves the lane in places like those where BeamNG.AI does, not a forecast of
+    outcomes. `docs/beamng-ai.md` has the figures, `benchmarks/beamng_ai.py` the tuning.
 
-    The simulator of BeamNG.tech takes this driver for BeamNG.AI itself and never asks it.
+    The simulator of BeamNG.tech replaces this driver by BeamNG.AI itself and never asks it.
     """
 
     law: ClassVar[int] = laws.PLANNER

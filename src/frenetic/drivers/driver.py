@@ -17,7 +17,7 @@ AHEAD_POINTS = 40
 
 @dataclass(frozen=True)
 class DriveSetup:
-    """What a driver is told before a drive: the car, the lane and the limits."""
+    """The setup of a drive, as its driver gets it: the car, the lane and the limits."""
 
     speed_limit: float
     """m/s."""
@@ -48,7 +48,7 @@ class DriveSetup:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What a driver sees: its car relative to the ego lane, and the lane ahead."""
+    """A driver's view: its car relative to the ego lane, and the lane ahead."""
 
     time: float
     """Time since the start, in s."""
@@ -73,14 +73,14 @@ class Observation:
 
 @dataclass(frozen=True)
 class Controls:
-    """What a driver does until it is asked again."""
+    """A driver's answer, held until it is asked again."""
 
     steering: float
     """Wanted angle of the front wheels in rad, positive to the left; the car limits it."""
     throttle: float = 0.0
-    """0..1; values beyond are cut."""
+    """Pedal position 0..1; values beyond are cut."""
     brake: float = 0.0
-    """0..1; values beyond are cut."""
+    """Pedal position 0..1; values beyond are cut."""
 
 
 @runtime_checkable
@@ -89,7 +89,7 @@ class Driver(Protocol):
 
     A simulator calls `reset` before every drive and `act` every control period (20 Hz). A driver
     may be of any class that has these two methods. It must behave the same after every `reset`, or
-    a failing road cannot be reproduced; randomness belongs into a seeded generator made there.
+    a failing road cannot be reproduced; draw random numbers from a seeded generator made there.
     """
 
     def reset(self, setup: DriveSetup) -> None:
@@ -103,7 +103,7 @@ def checked_controls(controls: Any) -> tuple[float, float, float]:
     """(steering, throttle, brake) of what a driver returned, pedals cut to 0..1.
 
     Raises:
-        DriverError: something else than `Controls`, or values that are not finite numbers.
+        DriverError: it is not `Controls`, or a value is not a finite number.
     """
     if not isinstance(controls, Controls):
         raise DriverError(

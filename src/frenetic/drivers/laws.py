@@ -30,7 +30,7 @@ SPACING = AHEAD_SPACING
 
 
 def setup_array(setup: DriveSetup) -> FloatArray:
-    """A `DriveSetup` as the laws want it."""
+    """A `DriveSetup` as the laws take it."""
     return np.array(
         [
             setup.speed_limit,

@@ -1,4 +1,4 @@
-"""What a test is: roads from curvature, their geometry, fitting the map, validity, lanes."""
+"""Roads from curvature: their geometry, fitting the map, validity and lanes."""
 
 from frenetic.road.fitting import MARGIN, RigidMotion, fit_to_map
 from frenetic.road.geometry import integrate

@@ -19,7 +19,7 @@ MAX_BYTES: Final = 8 * 2**20
 
 @dataclass(frozen=True)
 class RoadFile:
-    """What a file says about a road: its curvatures, or its points, as they were given."""
+    """A road as a file gives it: its curvatures or its points, unchanged."""
 
     path: Path
     curvatures: object | None
@@ -29,10 +29,10 @@ class RoadFile:
     lane_width: object
 
     def road(self) -> Road:
-        """The road; one given by points stays where they are.
+        """The road; one given by points stays in place.
 
         Raises:
-            RoadError: the values are no road; the message names the file.
+            RoadError: the values describe no road; the message names the file.
         """
         try:
             if self.curvatures is not None:
@@ -50,10 +50,10 @@ class RoadFile:
             raise RoadError(f"{self.path}: {error}") from None
 
     def check_validity(self, map_size: float = MAP_SIZE) -> Verdict:
-        """The competition's verdict: on points where they are, on curvatures fitted to the map.
+        """The competition's verdict on points in place, or on curvatures fitted to the map.
 
         Raises:
-            RoadError: the values are no road; the message names the file.
+            RoadError: the values describe no road; the message names the file.
         """
         if self.curvatures is None:
             try:
@@ -149,7 +149,7 @@ def _parse_json(path: Path, data: bytes) -> Any:
 
 
 def _is_list_of_numbers(values: object) -> bool:
-    """Whether it is a list of numbers; only as many are looked at as a road may have."""
+    """Whether it is a list of numbers, as far as a road may be long."""
     return isinstance(values, list) and all(
         isinstance(v, (int, float)) and not isinstance(v, bool) for v in values[: MAX_SAMPLES + 1]
     )

@@ -7,10 +7,10 @@ between the margins. Turned by theta, the box is as wide as the turned convex hu
                                                     to its rightmost one
     height(theta) = x sin(theta) + y cos(theta)     (x, y) from its lowest to its highest
 
-These corners change only where an edge of the hull comes to lie along an axis. Between two such
-angles, width and height are one arc of a sinusoid each, and concave, for they are positive. So the
-larger of them is smallest at one of the ends, or where the two are equal. That leaves a few angles
-for every corner of the hull; a quarter turn exchanges width and height, and that is all there is.
+These corners change only where an edge of the hull lies along an axis. Between two such angles,
+width and height are one arc of a sinusoid each, and concave, since they are positive. So the larger
+of them is smallest at one of the ends, or where the two are equal. That leaves a few angles for
+every corner of the hull; a quarter turn only exchanges width and height.
 """
 
 from __future__ import annotations
@@ -63,18 +63,18 @@ def fit_to_map(
 ) -> RigidMotion | None:
     """Return how to move a road so that it lies in the map, None if it fits in no pose.
 
-    A road within the margins stays where it is. One that fits without turning is centred in the
-    map; so is one that must be turned, by the angle in (-45, 45] degrees at which its bounding box
-    needs the smallest square. Wherever the road came from, it thus ends up in the same place.
-    Turned or not, it is within the margins up to rounding.
+    A road within the margins stays in place. One that fits without turning is centred in the map.
+    Any other is turned by the angle in (-45, 45] degrees at which its bounding box needs the
+    smallest square, and centred. So a moved road ends up in the same place wherever it lay. It is
+    within the margins up to rounding.
 
     Takes O(N log N) time.
 
     Args:
         points: (N, 2) the road's centre line in m, dense enough to stand for the curve (2 m).
         map_size: The map is the square [0, map_size]^2, in m.
-        margin: Distance in m that the centre line keeps from the map's border: half the road's
-            width and some more.
+        margin: Distance of the centre line from the map's border in m: half the road's width and
+            some air.
 
     Raises:
         RoadError: There are no points, they are not finite pairs of numbers, the map has no size or

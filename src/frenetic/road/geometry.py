@@ -13,8 +13,8 @@ symbol      shape    meaning
 ``d``       scalar   m to the left of the centre line (lateral offset)
 ==========  =======  ==============================================================
 
-Before its start and after its end a road goes on straight along its tangent, so that a car that
-starts on the first point, or reaches the last, stands on a lane.
+Before its start and after its end a road continues straight along its tangent, so a car on its
+first or last point stands on a lane.
 """
 
 from __future__ import annotations
@@ -217,8 +217,7 @@ def project_near(
 ) -> tuple[float, float]:
     """(s, d) of the nearest point of the road that is at most about ``reach`` m from ``s``.
 
-    Following a car this way keeps to the piece of road that it drives on, where another piece
-    passes close by.
+    Following a car this way stays on its piece of road where another piece passes close by.
     """
     last = len(table) - 1
     low = min(max(int((s - reach) / ds), 0), last)
@@ -249,7 +248,7 @@ def track(table: FloatArray, ds: float, xy: FloatArray) -> FloatArray:
 
 @njit()
 def reach_of(moved: float) -> float:
-    """How far along the road (m) to look for a car that moved ``moved`` m since it was last seen.
+    """Reach of the search along the road, in m, for a car that moved ``moved`` m.
 
     Inside a bend the foot of the perpendicular runs faster than the car: twice as fast half way
     to the bend's centre.

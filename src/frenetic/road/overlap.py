@@ -1,4 +1,4 @@
-"""How much of a car's box lies outside a lane: the kernel behind the oob share."""
+"""Share of a car's box outside a lane: the kernel behind the oob share."""
 
 from __future__ import annotations
 

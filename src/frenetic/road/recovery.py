@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 RECOGNISED = 1e-5
 """Largest distance to the given points at which they count as samples of a clothoid chain, in m."""
 MOST_RECOGNISED = 300
-"""Points beyond which nobody looks for a clothoid chain; the work grows with their cube."""
+"""Most points searched for a clothoid chain; the work grows with their cube."""
 SPLINE_STEP = 0.5
 """Distance between the curvature samples of a road along a spline, in m."""
 CORRECTION = 4.0

@@ -1,4 +1,4 @@
-"""Whether a list of road points is a road test, as the competition decides it.
+"""The competition's verdict whether a list of road points is a road test.
 
 The rules are the competition's; the method is ours. Its road is a chain of quadrilaterals between
 the edges of consecutive interpolated points:

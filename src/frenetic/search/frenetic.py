@@ -77,7 +77,7 @@ class Frenetic:
       tests of the main loop, and each one equally long after the last child of the one before.
     - With fewer than two candidates below the threshold there is no crossover; the count goes on.
     - Exactly `cross_num` children are proposed: of a last C2 that would exceed them, the first.
-    - INVALID and ERROR are neither failing nor parents, and do not count as tests that ran.
+    - INVALID and ERROR count neither as failures, nor as parents, nor as tests that ran.
     - Removing leaves at least two values; a parent of two values skips P2, P3 and P4.
     - Where the value before a new one lies further than `max_change` outside the bound, because it
       was scaled, P1 and P5 put the new one on the bound.

@@ -1,4 +1,4 @@
-"""What moves the car: the Simulator protocol and the simulators that implement it."""
+"""Simulators, which move the car: the Simulator protocol and its implementations."""
 
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle

@@ -1,4 +1,4 @@
-"""What a simulator hands over: the trajectory of one drive and the rules it was driven by."""
+"""A simulator's output: the trajectory of one drive, and its rules."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ class CarBody:
     """Distance of the rectangle's centre ahead of the centre of mass, in m."""
 
     def to_array(self) -> FloatArray:
-        """(3,) length, width and centre_ahead, as the kernels want it."""
+        """Length, width and centre_ahead, (3,), as the kernels take them."""
         return np.array([self.length, self.width, self.centre_ahead])
 
 
 @dataclass(frozen=True)
 class Rules:
-    """When a drive ends and what counts as failing it."""
+    """Rules for the end of a drive and for failing it."""
 
     speed_limit: float = 70.0
     """Speed limit that the driver is told, in km/h."""
@@ -83,9 +83,9 @@ class Trajectory:
     steering_input: FloatArray
     """Angle that the driver asked for, in rad."""
     throttle: FloatArray
-    """0..1, as the driver asked."""
+    """Pedal position 0..1, as the driver asked."""
     brake: FloatArray
-    """0..1, as the driver asked."""
+    """Pedal position 0..1, as the driver asked."""
 
     def __post_init__(self) -> None:
         n = len(self.time)
@@ -133,4 +133,4 @@ class Drive:
     car: CarBody = field(default_factory=CarBody)
     rules: Rules = field(default_factory=Rules)
     error: str | None = None
-    """Why the simulator or the driver broke, or None when the drive ended by the rules."""
+    """Reason why the simulator or the driver broke, None if the drive ended by the rules."""

@@ -1,7 +1,7 @@
-"""Following a car along a road: when its drive ends, and what its driver sees.
+"""Observation of a car along a road: the end of its drive, and its driver's view.
 
-Every simulator uses this, so that drivers see the same and drives end alike wherever they take
-place: the compiled rollout calls the kernels, a simulator in Python an `Observer`.
+Every simulator uses this, so drivers see the same and drives end alike everywhere: the compiled
+rollout calls the kernels, a simulator in Python an `Observer`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,7 @@ def look_ahead(
 ) -> None:
     """Writes the ego lane ahead of a car at ``s`` into ``ahead`` and ``curvature_ahead``.
 
-    Between a table's rows the centre line is taken as the arc of the nearest row, which is right to
-    a millimetre.
+    Between a table's rows the centre line is the arc of the nearest row, exact to a millimetre.
     """
     last = len(table) - 1
     length = last * ds
@@ -98,13 +97,13 @@ def assess_now(
 
 
 class Observer:
-    """Follows one drive of a car that somebody else moves.
+    """Follows one drive of a car that a simulator moves.
 
-    Call `see` for every record, in order; while it says that the drive goes on, `observation` is
-    what the driver sees.
+    Call `see` for every record, in order; while it says that the drive goes on, `observation` gives
+    the driver's view.
 
     Args:
-        road: what is driven.
+        road: the road under the car.
         rules: when the drive ends.
         car: the box that the car covers.
         records: an upper bound of the number of records.
@@ -140,7 +139,7 @@ class Observer:
         return bool(end == RUNNING)
 
     def observation(self, speed: float, yaw_rate: float, steering: float) -> Observation:
-        """What the driver sees at the last record (m/s, rad/s, rad)."""
+        """The driver's view at the last record (m/s, rad/s, rad)."""
         time, x, y = (float(v) for v in self._places[:, self._seen - 1])
         ahead = np.empty((AHEAD_POINTS, 2))
         curvature_ahead = np.empty(AHEAD_POINTS)

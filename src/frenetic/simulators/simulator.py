@@ -1,4 +1,4 @@
-"""The Simulator protocol: what moves the car."""
+"""The Simulator protocol."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from frenetic.simulators.drive import CarBody, Drive, Rules
 class Simulator(Protocol):
     """Drives a driver along roads, one after the other.
 
-    It is a context manager: entering it starts what has to be started, leaving it ends that in
-    every case. It is made with ``rules=Rules(...)`` and hands them on in every `Drive`.
+    It is a context manager: entering starts its parts, leaving ends them in every case. It is made
+    with ``rules=Rules(...)`` and puts them into every `Drive`.
 
     `drive` puts the car at rest on the centre of the ego lane at the road's first point, aligned
     with the road, and records it at a fixed rate until `frenetic.oracle` says that the drive has
-    ended. A driver or simulator that breaks is no exception but a `Drive` with `error` set, and
-    leaves the next drive clean. The same road and driver give the same drive.
+    ended. A driver or simulator that breaks gives a `Drive` with `error` set instead of an
+    exception, and leaves the next drive clean. The same road and driver give the same drive.
     """
 
     rules: Rules
-    """By which the next drive is driven and ends; they may be set between two drives."""
+    """Rules of the next drive; they may be set between two drives."""
     car: CarBody
     """The box that the car covers, the same in every drive."""
 
@@ -44,13 +44,13 @@ class Simulator(Protocol):
 
 
 def check_pair(simulator: Simulator, driver: Driver) -> None:
-    """Finds out before anything is driven whether a driver can drive in a simulator.
+    """Checks before a drive whether a driver can drive in a simulator.
 
-    Asks the driver's method ``check_simulator(simulator)``, that of the driver under its layers,
-    and the simulator's ``check_driver(driver)``, as far as they have these.
+    Calls the driver's method ``check_simulator(simulator)``, that of the driver under its layers,
+    and the simulator's ``check_driver(driver)``, where they exist.
 
     Raises:
-        DriverError: what they raise, if it cannot.
+        DriverError: one of these raised it.
     """
     asked: object = driver
     while asked is not None:

@@ -1,4 +1,4 @@
-"""Where a car starts, for simulators that can place it elsewhere than on the lane's centre."""
+"""The start of a car, for simulators that can place it off the lane's centre."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_START_HEADING: Final = math.pi / 4.0
 
 
 class StartingPlace:
-    """The place of a car's start as two checked attributes, to be inherited by a simulator."""
+    """Base of simulators with the place of a car's start as two checked attributes."""
 
     _start_offset = 0.0
     _start_heading = 0.0

@@ -14,7 +14,7 @@ from types import FrameType
 class WallLimitExceeded(BaseException):
     """Raised inside code that runs for too long.
 
-    Not an `Exception`, so that a driver's own ``except Exception`` does not keep it alive.
+    It is not an `Exception`, so a driver's own ``except Exception`` does not catch it.
     """
 
 

@@ -1,9 +1,9 @@
 """Worlds that differ a little from the one in which a road was driven.
 
-A *quantity* is something about the world of a drive that can be another: the road's friction, say.
-What a simulator lets vary it offers as attributes that may be set between two drives: ``rules``,
+A *quantity* is a property of a drive's world that can vary, such as the road's friction. A
+simulator offers those that it can vary as attributes that may be set between two drives: ``rules``,
 which every simulator has, and ``friction``, ``start_offset`` and ``start_heading`` if it can.
-Whatever concerns the driver is laid over it, so that it works with every simulator.
+Quantities of the driver are layers over it, so they work with every simulator.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from frenetic.simulators.simulator import Simulator
 
 @dataclass(frozen=True)
 class Quantity:
-    """Something about the world of a drive that can be varied."""
+    """A property of a drive's world that can vary."""
 
     name: str
-    """Of the field in `World`."""
+    """Name of the field in `World`."""
     description: str
     unit: str
     """Empty if it has none."""
@@ -36,10 +36,10 @@ class Quantity:
     high: float
     """Largest value allowed."""
     less: str
-    """How the world is called in which it is smaller, as in "less friction"."""
+    """Words for a smaller value, such as "less friction"."""
     more: str
     attribute: str | None
-    """What a simulator has to have, None if it is laid over the driver."""
+    """Attribute that the simulator must have, None for a layer over the driver."""
 
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
@@ -114,7 +114,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class World:
-    """How the world of a drive differs from the campaign's; what is None does not."""
+    """Differences of a drive's world from the campaign's; None where there is none."""
 
     friction: float | None = None
     """Of the road."""
@@ -132,7 +132,7 @@ class World:
     """Angle of the car's start to the left of the road's direction, in rad."""
 
     def value(self, name: str) -> float | None:
-        """What a quantity is, None if it is as in the campaign."""
+        """Value of a quantity, None if it is as in the campaign."""
         value: float | None = getattr(self, QUANTITIES[name].name)
         return value
 
@@ -141,7 +141,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
     """Refuses quantities that a simulator cannot vary.
 
     Raises:
-        FreneticError: there is one.
+        FreneticError: the simulator cannot vary one of them.
     """
     for name in names:
         attribute = QUANTITIES[name].attribute
@@ -154,10 +154,10 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
 
 @contextmanager
 def in_world(world: World, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
-    """Lets a simulator be in a world for a while; gives the driver as it is in that world.
+    """Puts a simulator into a world for a while; gives the driver for that world.
 
     Raises:
-        FreneticError: the simulator cannot be in that world.
+        FreneticError: the simulator cannot be put into that world.
     """
     values: dict[str, object] = {}
     if world.speed is not None:

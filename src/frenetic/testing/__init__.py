@@ -1,7 +1,7 @@
 """Conformance suites for strategies, simulators and drivers, and stand-ins to start from.
 
-The suites need pytest (``pip install pytest``): subclass one in a test file and say how to make
-yours. The stand-ins need nothing.
+The suites need pytest (``pip install pytest``): subclass one in a test file and make yours in it.
+The stand-ins need nothing.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from frenetic.simulators import EmbeddedSimulator
 
 
 class DriverContract:
-    """What any driver has to do; subclass it and override `make`.
+    """The duties of every driver; subclass it and override `make`.
 
     ::
 

@@ -1,4 +1,4 @@
-"""Stand-ins that are deterministic, cheap and have a knob: where tests and plug-ins start."""
+"""Deterministic, cheap stand-ins with a knob, from which tests and plug-ins start."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class DummySimulator:
     """Moves a car along the ego lane at a steady speed, drifting from its centre; no physics.
 
     The driver is reset but never asked, the car moves from the first record on, and the drive is
-    recorded to the road's last point. Where the drift takes the car out of the lane it has failed,
+    recorded to the road's last point. A drive fails where the drift takes the car out of the lane,
     so the outcome is a function of the road.
 
     Args:
@@ -48,7 +48,7 @@ class DummySimulator:
         self.speed = speed
 
     def __enter__(self) -> Self:
-        """Nothing has to be started."""
+        """Starts nothing."""
         return self
 
     def __exit__(
@@ -57,7 +57,7 @@ class DummySimulator:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Nothing has to be ended."""
+        """Ends nothing."""
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive at 20 Hz from the road's start to its end."""
@@ -108,7 +108,7 @@ class DummyDriver:
         self.controls = Controls(steering, throttle, brake)
 
     def reset(self, setup: DriveSetup) -> None:
-        """Nothing to forget."""
+        """Forgets nothing."""
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
         """The same controls."""
@@ -122,10 +122,10 @@ def converse(
     *,
     outstanding: int = 1,
 ) -> list[Evaluation]:
-    """Asks and tells a strategy with a scripted verdict; returns what it was told, in order.
+    """Asks and tells a strategy with a scripted verdict; returns the evaluations in order.
 
     Args:
-        strategy: who is asked and told.
+        strategy: the one that is asked and told.
         verdict: outcome and MOOBD (None unless PASS or FAIL) of a candidate.
         budget: tests to run, each of which spends an equal share of the budget unless INVALID.
         outstanding: candidates asked before the first of them is told.

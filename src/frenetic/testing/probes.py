@@ -1,4 +1,4 @@
-"""Drivers that find out what a simulator does with them."""
+"""Drivers that record how a simulator treats them."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 
 
 class Watch:
-    """Drives as another driver does, and keeps what that was told, saw and answered.
+    """Drives as another driver does, and keeps its setups, observations and answers.
 
     Args:
-        driver: who drives.
+        driver: the other driver.
     """
 
     def __init__(self, driver: Driver) -> None:
         self.driver = driver
         self.setups: list[DriveSetup] = []
-        """What it was told, drive by drive."""
+        """Its setups, drive by drive."""
         self.seen: list[Observation] = []
-        """What it saw in the last drive."""
+        """Its observations in the last drive."""
         self.given: list[Controls] = []
-        """What it answered in the last drive."""
+        """Its answers in the last drive."""
 
     def reset(self, setup: DriveSetup) -> None:
         """Another drive."""
@@ -31,7 +31,7 @@ class Watch:
         self.driver.reset(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """What the other driver does."""
+        """The other driver's controls."""
         self.seen.append(observation)
         self.given.append(self.driver.act(observation))
         return self.given[-1]
@@ -40,10 +40,10 @@ class Watch:
 class Weaving:
     """Keeps its lane as another driver does, but weaves in it, and brakes for a while.
 
-    So nothing that it sees or does is the same all the time.
+    So everything that it sees and does changes.
 
     Args:
-        driver: who keeps the lane.
+        driver: the driver that keeps the lane.
     """
 
     def __init__(self, driver: Driver) -> None:
@@ -54,7 +54,7 @@ class Weaving:
         self.driver.reset(setup)
 
     def act(self, observation: Observation) -> Controls:
-        """What the other driver does, with a little more steering to either side in turn."""
+        """The other driver's controls, with a little more steering to either side in turn."""
         controls = self.driver.act(observation)
         time = observation.time
         controls = replace(controls, steering=controls.steering + 0.03 * math.sin(math.pi * time))
@@ -62,7 +62,7 @@ class Weaving:
 
 
 class Circling:
-    """Drives off straight ahead and slowly, then steers to the left and keeps to that."""
+    """Drives straight ahead and slowly, then steers to the left and keeps that angle."""
 
     angle = 0.15
     """Angle asked of the front wheels, in rad."""

@@ -30,7 +30,7 @@ _ENDS = {
     TIMED_OUT: "took too long",
 }
 
-# How far what a driver sees may be from what is recorded, beside latency.
+# Tolerances between a driver's observations and the record, beside latency.
 _SLACKS: dict[str, float | FloatArray] = {
     "speed": 0.1,  # m/s
     "yaw_rate": 0.05,  # rad/s
@@ -43,7 +43,7 @@ _SLACKS: dict[str, float | FloatArray] = {
 
 
 class SimulatorContract:
-    """What any simulator has to do; subclass it and override `make`, and `driver` if need be.
+    """The duties of every simulator; subclass it and override `make`, and `driver` if need be.
 
     ::
 
@@ -53,7 +53,7 @@ class SimulatorContract:
             def make(self, rules):
                 return MySimulator(rules=rules)
 
-    Where a simulator rightly cannot do what is asked of all, its class says so in an attribute.
+    A simulator that rightly cannot do something declares it in an attribute of its class.
     """
 
     asks_driver = True
@@ -74,7 +74,7 @@ class SimulatorContract:
         raise NotImplementedError
 
     def driver(self) -> Driver:
-        """A driver that manages a gentle road."""
+        """A driver that can follow a gentle road."""
         return Stanley()
 
     @pytest.fixture
@@ -83,7 +83,7 @@ class SimulatorContract:
         return gentle_road()
 
     def drive(self, road: Road, rules: Rules | None = None, driver: Driver | None = None) -> Drive:
-        """One drive in a simulator of its own, without an error."""
+        """One drive in a fresh simulator, without an error."""
         with self.make(rules or Rules()) as simulator:
             drive = self.drive_in(simulator, road, driver or self.driver())
         assert drive.error is None, drive.error
@@ -108,7 +108,7 @@ class SimulatorContract:
         assert isinstance(simulator.car, CarBody), "car is no CarBody"
 
     def test_gentle_road_is_passed(self, road: Road) -> None:
-        """A driver that knows its trade passes a gentle road."""
+        """A sensible driver passes a gentle road."""
         result = judge(road, self.drive(road))
         assert result.outcome is Outcome.PASS, result.reason
 
@@ -137,7 +137,7 @@ class SimulatorContract:
         assert steps[0] <= 1.0 / RECORD_RATE + 1e-9, f"only one record every {steps[0]:g} s"
 
     def test_places_change_as_speed_and_heading_say(self, road: Road) -> None:
-        """Positions change as speed and heading say, and headings are unwrapped."""
+        """Positions agree with speed and heading, and headings are unwrapped."""
         t = self.drive(road).trajectory
         cosine, sine = np.cos(t.heading), np.sin(t.heading)
         for place, rate, name in (
@@ -169,7 +169,7 @@ class SimulatorContract:
                 self._assert_alike(first, self.drive_in(simulator, road, self.driver()))
 
     def test_rules_and_car_are_handed_on(self, road: Road) -> None:
-        """The drive says by which rules it was driven and which box the car covers."""
+        """The drive carries its rules and the car's box."""
         rules = Rules(oob_tolerance=0.5)
         with self.make(rules) as simulator:
             drive = self.drive_in(simulator, road, self.driver())
@@ -177,7 +177,7 @@ class SimulatorContract:
             assert drive.car == simulator.car, "the drive has another car than the simulator"
 
     def test_rules_may_be_set_between_drives(self, road: Road) -> None:
-        """The next drive is by the new rules, as if the simulator had been made with them."""
+        """The next drive follows the new rules, as if the simulator had been made with them."""
         rules = Rules(speed_limit=25.0)
         with self.make(Rules()) as simulator:
             self.drive_in(simulator, road, self.driver())
@@ -201,7 +201,7 @@ class SimulatorContract:
         self._assert_alike(clean, after)
 
     def test_driver_is_told_the_car_the_lane_and_the_limits(self, road: Road) -> None:
-        """Before each drive the driver is told what holds for that one."""
+        """Before each drive the driver gets the setup of that drive."""
         self._needs_driver()
         watch = Watch(DummyDriver())
         with self.make(Rules()) as simulator:
@@ -229,7 +229,7 @@ class SimulatorContract:
             assert 0.1 < value < 50.0, f"{name} is {value} m/s^2"
 
     def test_driver_sees_its_car_on_the_road(self, road: Road) -> None:
-        """What the driver sees is where the recorded car is on the road, and how it moves."""
+        """The driver's observations agree with the recorded car's place and motion."""
         watch, drive = self._weave(road)
         t, period = drive.trajectory, watch.setups[-1].period
         asked = np.array([observation.time for observation in watch.seen])
@@ -333,7 +333,7 @@ class SimulatorContract:
         self._assert_ends(road, drive, STUCK)
 
     def test_ends_at_the_timeout(self, road: Road) -> None:
-        """A driver that does nothing has had its time some day."""
+        """A driver that does nothing runs out of time."""
         self._needs_driver()
         rules = Rules(timeout_base=3.0, timeout_speed=road.length)
         self._assert_ends(road, self.drive(road, rules, DummyDriver()), TIMED_OUT)
@@ -343,7 +343,7 @@ class SimulatorContract:
             pytest.skip("this simulator never asks the driver")
 
     def _weave(self, road: Road) -> tuple[Watch, Drive]:
-        """A drive in which what a driver sees and does changes all the time."""
+        """A drive in which everything that a driver sees and does changes."""
         self._needs_driver()
         watch = Watch(Weaving(Stanley()))
         drive = self.drive(road, driver=watch)
@@ -351,7 +351,7 @@ class SimulatorContract:
         return watch, drive
 
     def _near(self, times: FloatArray, time: float) -> npt.NDArray[np.intp]:
-        """Indices of the times that latency cannot tell from a time."""
+        """Indices of the times that lie within the latency of a time."""
         return np.flatnonzero(np.abs(times - time) <= self.latency + 1e-6)
 
     def _assert_ends(self, road: Road, drive: Drive, end: int) -> None:
@@ -394,7 +394,7 @@ def _assert_told(setup: DriveSetup, name: str, expected: float) -> None:
 
 
 def _observations(road: Road, drive: Drive) -> list[Observation]:
-    """What a driver has to see at each record."""
+    """The right observation at each record."""
     t = drive.trajectory
     observer = Observer(road, drive.rules, drive.car, len(t))
     seen = []
@@ -405,7 +405,7 @@ def _observations(road: Road, drive: Drive) -> list[Observation]:
 
 
 def _lies_among(value: npt.ArrayLike, values: FloatArray, slack: float | FloatArray) -> bool:
-    """Whether nothing in ``value`` is beyond all of ``values`` by more than the slack."""
+    """Whether ``value`` lies within the range of ``values``, up to the slack."""
     low, high = values.min(axis=0) - slack, values.max(axis=0) + slack
     return bool(np.all((value >= low) & (value <= high)))
 

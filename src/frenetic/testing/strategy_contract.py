@@ -1,4 +1,4 @@
-"""What every search strategy has to keep, as tests that a strategy's author runs."""
+"""The conformance suite that every strategy passes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _TESTS = 300
 
 
 class StrategyContract:
-    """The contract of `Strategy` as a pytest class: derive, say how yours is made, run pytest.
+    """The contract of `Strategy` as a pytest class: subclass it, override `make`, run pytest.
 
     ::
 
@@ -27,8 +27,8 @@ class StrategyContract:
             def make(self, seed: int) -> Strategy:
                 return Mine(seed=seed)
 
-    No simulator is involved: the outcomes are made up, and depend only on a candidate's id. What is
-    asked of a `SelectiveStrategy` only holds for others by itself: they want every candidate.
+    No simulator is involved: the outcomes are made up, and depend only on a candidate's id. Other
+    strategies pass the tests of a `SelectiveStrategy` trivially: they want every candidate.
     """
 
     def make(self, seed: int) -> Strategy:
@@ -80,7 +80,7 @@ class StrategyContract:
 
     @pytest.mark.parametrize("outstanding", [1, 7])
     def test_the_same_seed_gives_the_same_candidates(self, outstanding: int) -> None:
-        """Two strategies of one seed that are told the same propose the same, bit for bit."""
+        """Two strategies of one seed that learn the same propose the same, bit for bit."""
         first = list(_campaign(self.make(5), outstanding=outstanding))
         second = list(_campaign(self.make(5), outstanding=outstanding))
 
@@ -95,7 +95,7 @@ class StrategyContract:
         )
 
     def test_two_strategies_do_not_disturb_each_other(self) -> None:
-        """A strategy's draws are its own, even while another one of the same kind is at work."""
+        """A strategy draws from its own generator, even while another of its kind is at work."""
         alone = list(_campaign(self.make(5)))
 
         together = []
@@ -105,7 +105,7 @@ class StrategyContract:
         _assert_same(alone, together)
 
     def test_global_random_states_are_neither_read_nor_changed(self) -> None:
-        """Neither ``random`` nor ``numpy.random`` is touched, and neither has an influence."""
+        """The strategy neither changes nor uses the state of ``random`` and ``numpy.random``."""
         reference = list(_campaign(self.make(5)))
         np.random.seed(99)  # noqa: NPY002 - it is the legacy state that is watched
         random.seed(99)
@@ -118,7 +118,7 @@ class StrategyContract:
 
     @pytest.mark.parametrize("outstanding", [1, 7])
     def test_a_replayed_log_gives_the_same_continuation(self, outstanding: int) -> None:
-        """What a fresh strategy is asked and told again brings it to where the first one was."""
+        """Asking and telling a fresh strategy the same leads to the same state."""
         strategy = self.make(5)
         log = list(_campaign(strategy, outstanding=outstanding))
         resumed = self.make(5)
@@ -126,7 +126,7 @@ class StrategyContract:
             if step.asked is not None:
                 _assert_same_road(step.asked, resumed.ask())
             if step.told is not None:
-                # As a log gives it back: equal values, other objects.
+                # A log gives equal values, but other objects.
                 resumed.tell(replace(step.told, candidate=_copy(step.told.candidate)))
 
         for _ in range(30):
@@ -188,14 +188,14 @@ class StrategyContract:
             _assert_same_road(strategy.ask(), untroubled.ask())
 
     def test_what_was_just_asked_is_wanted(self) -> None:
-        """A strategy does not propose what it has no interest in."""
+        """A strategy wants every candidate that it proposes."""
         strategy = self.make(1)
         for step in _campaign(strategy, outstanding=20, dropping=True):
             if step.asked is not None:
                 assert _wants(strategy, step.asked)
 
     def test_what_is_not_wanted_any_more_stays_so(self) -> None:
-        """Interest that was lost does not come back: the candidate may not be there any more."""
+        """Lost interest does not return: the candidate may be gone."""
         strategy = self.make(1)
         waiting: dict[int, Candidate] = {}
         unwanted: set[int] = set()
@@ -209,7 +209,7 @@ class StrategyContract:
             unwanted |= lost
 
     def test_to_ask_what_is_wanted_changes_nothing(self) -> None:
-        """Nobody can tell from what is proposed whether and how often that was asked."""
+        """Asking for interest, however often, does not change the proposals."""
         asked_often: list[_Step] = []
         waiting: dict[int, Candidate] = {}
         strategy = self.make(5)
@@ -225,7 +225,7 @@ class StrategyContract:
         _assert_same(asked_often, list(_campaign(self.make(5), outstanding=20)))
 
     def test_what_is_wanted_follows_from_the_log(self) -> None:
-        """A replayed log leaves the same candidates unwanted, whatever objects stand for them."""
+        """A replayed log leaves the same candidates unwanted, even as other objects."""
         strategy, resumed = self.make(5), self.make(5)
         waiting: dict[int, Candidate] = {}
         for step in _campaign(strategy, outstanding=20, dropping=True):
@@ -239,7 +239,7 @@ class StrategyContract:
                 assert _wants(strategy, candidate) == _wants(resumed, _copy(candidate))
 
     def test_dropped_candidates_are_replayed_like_any_other(self) -> None:
-        """What is told as DROPPED has its place in the log, and the search goes on after it."""
+        """DROPPED candidates have their place in the log, and the search goes on after them."""
         strategy, resumed = self.make(5), self.make(5)
         for step in _campaign(strategy, outstanding=20, dropping=True):
             if step.asked is not None:
@@ -282,10 +282,10 @@ def _wants(strategy: Strategy, candidate: Candidate) -> bool:
 def _campaign(
     strategy: Strategy, *, outstanding: int = 7, dropping: bool = False
 ) -> Iterator[_Step]:
-    """Ask `_TESTS` candidates and tell what is made up of them, in a random but fixed order.
+    """Ask `_TESTS` candidates and tell made-up results, in a random but fixed order.
 
-    With `dropping`, candidates that are not wanted any more when their turn comes are dropped, as
-    are some others: from a strategy that is not selective, these only.
+    With `dropping`, candidates that are unwanted when their turn comes are dropped, and some
+    others: of a strategy that is not selective, only the others.
     """
     rng = np.random.default_rng(20210501)
     waiting: list[Candidate] = []

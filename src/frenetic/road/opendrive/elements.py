@@ -1,4 +1,4 @@
-"""XML that strangers wrote: a tree of elements with their attributes, and nothing that can harm."""
+"""XML from strangers: a tree of elements with their attributes, without anything harmful."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from xml.parsers import expat
 from frenetic.errors import RoadError
 
 MAX_ELEMENTS: Final = 200_000
-"""Elements of a file that is read; a road has two per geometry."""
+"""Most elements of a file; a road has two per geometry."""
 MAX_DEPTH: Final = 50
 """How deeply they may be nested."""
 MAX_NUMBER: Final = 1e7
@@ -20,8 +20,8 @@ MAX_NUMBER: Final = 1e7
 def parse_xml(data: bytes) -> ElementTree.Element:
     """The root element; text between the elements is left out.
 
-    A document type is refused, and with it every entity: what expands to gigabytes (the "billion
-    laughs"), and what would be fetched from elsewhere.
+    A document type is refused, and with it every entity: those that expand to gigabytes (the
+    "billion laughs"), and those that would be fetched from elsewhere.
 
     Raises:
         RoadError: no well-formed XML, a document type, too many elements or too deep ones.

@@ -1,9 +1,9 @@
 """The line of lanes in an OpenDRIVE file, and the road that follows it.
 
-A file's geometries have any lengths, and its curvature may jump from one to the next; a road has
-one step and a curvature that is linear in between. A file whose curvature is like that is taken
-over as it is. Any other line is traced every few centimetres and followed by a road with a sample
-every half metre or denser, which is refused if it is more than `TOLERANCE` away.
+A file's geometries have any lengths, and its curvature may jump between them; a road has one step
+and a curvature that is linear in between. A file with such a curvature gives exactly that road. Any
+other line is traced every few centimetres and followed by a road with a sample every half metre or
+denser, which is refused if it is more than `TOLERANCE` away.
 """
 
 from __future__ import annotations
@@ -139,14 +139,14 @@ class Offset:
 def exact_road(
     geometries: Sequence[Geometry], step: float | None, lane_width: float
 ) -> Road | None:
-    """The road that has just these geometries, or None if there is none.
+    """The road with exactly these geometries, or None if there is none.
 
     They have to be clothoids without gaps and with continuous curvature whose lengths are multiples
     of one step.
 
     Args:
         geometries: from the road's start to its end.
-        step: m, what it is supposed to be; None if that is to be found.
+        step: m, None to find it.
         lane_width: m.
     """
     clothoids = [piece for piece in geometries if isinstance(piece, Clothoid)]
@@ -171,8 +171,8 @@ def exact_road(
         return None
     curvatures = np.empty(sum(counts) + 1)
     ends = np.cumsum([0, *counts])
-    # A line or an arc may stand for curvatures that are nearly alike, so a spiral, which says just
-    # what it means, has the last word on the samples that they share.
+    # A line or an arc may stand for nearly equal curvatures; a spiral is exact, so it decides on
+    # the samples that they share.
     for piece, (first, last) in sorted(
         zip(clothoids, pairwise(ends), strict=True), key=lambda item: item[0].start != item[0].end
     ):
@@ -209,7 +209,7 @@ def trace(geometries: Sequence[Geometry], offsets: Sequence[Offset]) -> FloatArr
 
 
 def _join(end: FloatArray, part: FloatArray) -> None:
-    """Lets a part's heading go on where the one before ended, if they meet."""
+    """Continues a part's heading where the one before ended, if they meet."""
     place = f"{end[DISTANCE]:.2f} m along the road"
     gap = math.hypot(part[0, X] - end[X], part[0, Y] - end[Y])
     if gap > TOLERANCE:

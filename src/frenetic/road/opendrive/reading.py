@@ -1,8 +1,8 @@
 """Reading an OpenDRIVE file that holds a single road.
 
-What is read is the line between the two innermost lanes, and the width of lane -1, the innermost
-one on the right, which the car drives; other lanes, road marks, signals and objects are left out.
-Whatever would make another road of it (a junction, a slope, a lane of changing width) is refused.
+It reads the line between the two innermost lanes, and the width of lane -1, the innermost one on
+the right, which the car drives. It ignores other lanes, road marks, signals and objects. It refuses
+anything that would make another road (a junction, a slope, a lane of changing width).
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def from_opendrive(data: bytes) -> Road:
         data: the file's content.
 
     Raises:
-        RoadError: it is no such file, or the road in it has something that a `Road` has not; the
+        RoadError: it is no such file, or its road has a property that a `Road` cannot have; the
             message does not name the file.
     """
     root = parse_xml(data)
@@ -95,7 +95,7 @@ def _only_road(root: Element) -> Element:
 
 
 def _step(road: Element) -> float | None:
-    """The step that `to_opendrive` noted, if it did."""
+    """The step that `to_opendrive` noted, if any."""
     for note in road.findall("userData"):
         if note.get("code") == STEP_CODE:
             step = number(note, "value")
@@ -176,7 +176,7 @@ def _ego_lane_width(road: Element) -> float:
 
 
 def _offsets(road: Element) -> list[Offset]:
-    """How the lanes are shifted, empty if they are not."""
+    """Shifts of the lanes, empty if there are none."""
     elements = road.findall("lanes/laneOffset")
     ranges = [
         _range(_cubic(element), span)

@@ -52,10 +52,10 @@ def to_opendrive(
 
     Args:
         road: becomes road 1, without elevation.
-        name: of the file and the road; what XML cannot hold is replaced.
+        name: of the file and the road; characters that XML cannot hold are replaced.
         speed_limit: km/h.
-        shoulder: m of paved ground beyond each lane, for simulators in which there is nothing
-            beyond the lanes and a car that leaves its lane falls; 0 for none.
+        shoulder: m of paved ground beyond each lane, for simulators in which a car falls beyond the
+            lanes; 0 for none.
 
     Raises:
         RoadError: the speed limit is not positive, or the shoulder is negative.
@@ -92,7 +92,7 @@ def to_opendrive(
 def _add(
     parent: ElementTree.Element, tag: str, /, **attributes: float | str
 ) -> ElementTree.Element:
-    """A new child; numbers are written such that reading them gives the same ones."""
+    """A new child; its numbers read back exactly."""
     texts = {
         key: value if isinstance(value, str) else repr(float(value) + 0.0)  # no -0.0
         for key, value in attributes.items()

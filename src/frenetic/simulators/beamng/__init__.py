@@ -1,4 +1,4 @@
-"""BeamNG.tech as a simulator, by way of BeamNGpy (extra ``beamng``)."""
+"""BeamNG.tech as a simulator, through BeamNGpy (extra ``beamng``)."""
 
 from frenetic.simulators.beamng.errors import BeamngError
 from frenetic.simulators.beamng.simulator import BeamngSimulator

@@ -1,4 +1,4 @@
-"""The car in BeamNG.tech: its state, its box, and what is measured of it."""
+"""The car in BeamNG.tech: its state, its box, and its measurement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.simulators.drive import CarBody
 
 WHEELBASE_PER_LENGTH: Final = 0.6
-"""BeamNG.tech does not tell where the axles are."""
+"""Assumed share: BeamNG.tech does not report the axles."""
 LENGTHS: Final = (1.0, 30.0)
 """Least and largest length of a car, in m."""
 WIDTHS: Final = (0.5, 5.0)
@@ -21,20 +21,20 @@ WIDTHS: Final = (0.5, 5.0)
 
 @dataclass(frozen=True)
 class CarState:
-    """What BeamNG.tech says of the car at one moment."""
+    """State of the car in BeamNG.tech at one moment."""
 
     time: float
     """Time on the simulator's own clock in s, which started at some time."""
     position: FloatArray
     """The car's reference node, (3,) in m."""
     forward: FloatArray
-    """(3,) unit vector ahead."""
+    """Unit vector ahead, (3,)."""
     up: FloatArray
-    """(3,) unit vector."""
+    """Unit vector upwards, (3,)."""
     velocity: FloatArray
-    """(3,) m/s."""
+    """Velocity, (3,) in m/s."""
     steering_input: float
-    """-1..1, as BeamNG.tech counts it."""
+    """Steering input -1..1, as BeamNG.tech counts it."""
     throttle_input: float
     """0..1."""
     brake_input: float
@@ -47,7 +47,7 @@ class CarState:
 
     @property
     def left(self) -> FloatArray:
-        """(3,) unit vector to the left."""
+        """Unit vector to the left, (3,)."""
         side: FloatArray = np.cross(self.up, self.forward)
         return side
 
@@ -74,7 +74,7 @@ class MeasuredCar:
 
     @property
     def body(self) -> CarBody:
-        """What the car covers; drives are recorded by the middle of its box."""
+        """Box of the car; drives record its middle."""
         return CarBody(self.length, self.width, 0.0)
 
     @property

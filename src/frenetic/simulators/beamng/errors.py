@@ -1,4 +1,4 @@
-"""What goes wrong with BeamNG.tech."""
+"""Errors of BeamNG.tech."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class BeamngError(FreneticError):
 
     Args:
         found: what is wrong.
-        remedy: what to do, if that is known; the message ends with it.
+        remedy: what to do, if known; the message ends with it.
     """
 
     def __init__(self, found: str, remedy: str = "") -> None:

@@ -1,7 +1,6 @@
-"""The connection to BeamNG.tech: all that is said to BeamNGpy is said here.
+"""The connection to BeamNG.tech: the only module that calls BeamNGpy.
 
-Every trouble becomes a `BeamngError`. BeamNGpy is imported when BeamNG.tech is asked for, as that
-takes seconds.
+Every trouble becomes a `BeamngError`. BeamNGpy is imported on use, since that takes seconds.
 """
 
 from __future__ import annotations
@@ -34,13 +33,13 @@ from frenetic.simulators.beamng.errors import BeamngError
 from frenetic.simulators.beamng.scene import MARKING_WIDTH, Scene
 
 DEFAULT_PORT: Final = 25252
-"""On which BeamNG.tech listens unless it is told otherwise."""
+"""Port on which BeamNG.tech listens by default."""
 LOOPBACK: Final = "127.0.0.1"
 HOME_VARIABLE: Final = "BNG_HOME"
 """Environment variable that says where BeamNG.tech is installed."""
 EXTRA: Final = 'pip install "frenetic-roads[beamng]"'
 OLDEST: Final = (1, 36)
-"""The first version of BeamNGpy that will do; it belongs to BeamNG.tech 0.39."""
+"""Oldest usable version of BeamNGpy; it belongs to BeamNG.tech 0.39."""
 START_LIMIT: Final = 180.0
 """Time that BeamNG.tech may take to start, in s."""
 LOAD_LIMIT: Final = 300.0
@@ -93,10 +92,10 @@ class Place:
         headless: bool,
         no_gpu: bool,
     ) -> Place:
-        """What options say: a home starts one, a host or port alone connects.
+        """The place that options name: a home starts one, a host or port alone connects.
 
         Raises:
-            BeamngError: nothing says where it is, or the options contradict each other.
+            BeamngError: no option names a place, or the options contradict each other.
         """
         if home is None and host is None and port is None:
             home = os.environ.get(HOME_VARIABLE) or None
@@ -129,10 +128,10 @@ class Place:
         return place
 
     def user_folder(self) -> str | None:
-        """The path of `user` as BeamNG.tech is told it on this machine.
+        """The path of `user` in BeamNG.tech's form on this machine.
 
         Raises:
-            BeamngError: BeamNG.tech cannot take it.
+            BeamngError: BeamNG.tech cannot use it.
         """
         if self.user is None:
             return None
@@ -151,7 +150,7 @@ def beamngpy() -> Any:
     Raises:
         BeamngError: it is not installed, or too old.
     """
-    # It says much, and prints its warnings where nobody listens; those that matter become errors.
+    # BeamNGpy logs a lot, and its warnings go unread; those that matter become errors.
     theirs = logging.getLogger("beamngpy")
     theirs.addHandler(_silence)
     theirs.propagate = logger.isEnabledFor(logging.DEBUG)
@@ -172,10 +171,10 @@ def beamngpy() -> Any:
 
 
 def executable(home: Path) -> Path:
-    """The program that is started.
+    """The program of BeamNG.tech.
 
     Raises:
-        BeamngError: there is none.
+        BeamngError: it does not exist.
     """
     remedy = "give --beamng-home the folder into which BeamNG.tech was unpacked"
     if not home.is_dir():
@@ -208,7 +207,7 @@ class Link:
         self._scenario: Any = None
         self._ego: Any = None
         self.user_folder = ""
-        """Where it writes, on its machine; also where its licence lies."""
+        """Folder for its files and licence, on its machine."""
         self.is_licensed = False
         """Whether it found its licence, so that it is BeamNG.tech."""
         if place.home is not None:
@@ -259,7 +258,7 @@ class Link:
                     f"BeamNG.tech ended while it started, with exit code {code}", by_hand
                 )
             try:
-                # While it starts, it may take long for its first answer, too.
+                # During the start its first answer may also take long.
                 return self._open(where, max(START_LIMIT, self._reply_limit))
             except _UnreachableError:
                 if time.monotonic() > deadline:
@@ -286,7 +285,7 @@ class Link:
 
     @property
     def version(self) -> str:
-        """BeamNG.tech's, as far as the name of its user folder says it."""
+        """Version of BeamNG.tech, as far as the name of its user folder tells it."""
         return Path(self.user_folder.replace("\\", "/")).name or "unknown"
 
     def levels(self) -> tuple[str, ...]:
@@ -304,7 +303,7 @@ class Link:
         process, self._process = self._process, None
         self._scenario = self._ego = None
         try:
-            # What is broken need not be left well.
+            # A broken connection need not be closed cleanly.
             if process is not None and process.poll() is None:
                 with suppress(Exception):
                     self._limit(_QUIT_LIMIT)
@@ -319,7 +318,7 @@ class Link:
                 _end(process)
 
     def _limit(self, seconds: float) -> None:
-        """Lets an answer take so long, of BeamNG.tech and its vehicle."""
+        """Limits the time of an answer of BeamNG.tech and its vehicle."""
         for holder in (self._bng, self._ego):
             connection = getattr(holder, "connection", None)
             if connection is not None and connection.skt is not None:
@@ -328,11 +327,11 @@ class Link:
     # A scenario
 
     def load(self, level: str, scene: Scene, vehicle: str, steps_per_second: int) -> None:
-        """Builds a scene and puts the car into it, time standing still."""
+        """Builds a scene and puts the car into it while time stands still."""
         self.unload()
         package = self._package
         scenario = package.Scenario(level, f"frenetic_{os.getpid()}_{next(_scenarios)}")
-        # What is added first is drawn on top; what has a drivability is a road to BeamNG.AI.
+        # The first road added is drawn on top; one with a drivability is a road to BeamNG.AI.
         for name, line in zip(("left", "right"), scene.edges, strict=True):
             marking = package.Road(
                 _LINE, rid=f"frenetic_{name}", drivability=-1, default_width=MARKING_WIDTH
@@ -366,7 +365,7 @@ class Link:
         self._limit(self._reply_limit)
 
     def _connect(self, ego: Any) -> None:
-        """Connects to the car; BeamNGpy alone would wait for its first word for ever."""
+        """Connects to the car; BeamNGpy alone would wait for its first answer for ever."""
         from beamngpy.logging import BNGError
 
         host = self._bng.host
@@ -383,7 +382,7 @@ class Link:
             ) from error
 
     def unload(self) -> None:
-        """Takes the scene away again, if there is one."""
+        """Removes the scene, if there is one."""
         scenario, self._scenario, self._ego = self._scenario, None, None
         if scenario is not None:
             with _asking("leaving the road"):
@@ -391,14 +390,14 @@ class Link:
                 scenario.delete(self._bng)
 
     def step(self, steps: int) -> None:
-        """Lets time go on and stand still again."""
+        """Advances time by some steps."""
         with _asking("driving"):
             self._bng.control.step(steps)
 
     # The car
 
     def state(self) -> CarState:
-        """The car's at this moment."""
+        """State of the car at this moment."""
         with _asking("asking for the car's state"):
             self._ego.sensors.poll("state", "electrics")
             state, electrics = self._ego.sensors["state"], self._ego.sensors["electrics"]
@@ -430,7 +429,7 @@ class Link:
             )
 
     def let_ai_drive(self, speed: float, aggression: float) -> None:
-        """Lets BeamNG.AI drive to the road's end, at most at so many m/s, in its lane."""
+        """Lets BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""
         ai = self._ego.ai
         with _asking("calling BeamNG.AI"):
             self.control(0.0, 0.0, 0.0)
@@ -446,7 +445,7 @@ class _UnreachableError(BeamngError):
 
 @contextmanager
 def _asking(what: str) -> Iterator[None]:
-    """Makes every trouble with BeamNG.tech an error that says at what it was."""
+    """Turns every trouble with BeamNG.tech into an error that names the activity."""
     from beamngpy.logging import BNGDisconnectedError, BNGError, BNGValueError
 
     try:
@@ -476,7 +475,7 @@ def _asking(what: str) -> Iterator[None]:
         ) from error
 
 
-# BeamNGpy's own parts, some of which are not meant for others
+# BeamNGpy's own parts, some of them private
 
 
 def _unfamiliar(lacks: str) -> BeamngError:
@@ -491,7 +490,7 @@ def _module(name: str) -> Any:
     """A module of BeamNGpy.
 
     Raises:
-        BeamngError: it has none of that name.
+        BeamngError: BeamNGpy has no such module.
     """
     try:
         return importlib.import_module(f"beamngpy.{name}")
@@ -500,10 +499,10 @@ def _module(name: str) -> Any:
 
 
 def _part(of: Any, *names: str) -> Any:
-    """What has the last of the names, each being an attribute of the one before.
+    """The object at the end of a chain of attribute names.
 
     Raises:
-        BeamngError: there is no such thing.
+        BeamngError: there is no such object.
     """
     for name in names:
         found = getattr(of, name, None)
@@ -514,10 +513,10 @@ def _part(of: Any, *names: str) -> Any:
 
 
 def _connection(host: str, port: int, limit: float) -> Any:
-    """A connection that is still to be made, whose answers may take as long as the limit in s.
+    """An unopened connection, whose answers may take as long as the limit in s.
 
-    A connection that is lost or silent is an error at once. BeamNGpy would connect again and wait
-    for an answer to what it never said there.
+    A lost or silent connection is an error at once. BeamNGpy would connect again and wait for the
+    answer to a message that it never sent there.
     """
     try:
         connection = _module("connection").Connection(host, port, timeout=_CONNECT_LIMIT)
@@ -548,7 +547,7 @@ def _free_at_once(connection: Any) -> None:
 
 @contextmanager
 def _child_deaf_to_interrupt() -> Iterator[None]:
-    """A process started within does not end at our Ctrl-C, after which the drive is finished."""
+    """Keeps a process started within from ending at our Ctrl-C, so that the drive is finished."""
     is_main = threading.current_thread() is threading.main_thread()
     if sys.platform == "win32" or not is_main:
         yield
@@ -561,7 +560,7 @@ def _child_deaf_to_interrupt() -> Iterator[None]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """Ends a process that we started, whatever it does."""
+    """Ends a process that we started, even if it hangs."""
     if process.stdin is not None:
         with suppress(OSError):
             process.stdin.close()
@@ -580,8 +579,8 @@ def _free_port() -> int:
 
 
 def _is_taken(port: int) -> bool:
-    """Whether something listens; what is left of connections that have ended does not count."""
-    # Each system has a word of its own for that.
+    """Whether something listens; remains of ended connections do not count."""
+    # The option is named differently on each system.
     option = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, option, 1)

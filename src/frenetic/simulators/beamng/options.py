@@ -1,4 +1,4 @@
-"""What the options of the BeamNG.tech simulator may be."""
+"""Valid values of the BeamNG.tech simulator's options."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class _Kind:
     """Values that an option takes."""
 
     allowed: str
-    """In words that are followed by "is needed"."""
+    """Their description, to be followed by "is needed"."""
     fits: Callable[[Any], bool]
 
 
@@ -79,14 +79,14 @@ _KINDS: Final[Mapping[str, _Kind]] = {
 _LEFT_OUT: Final = frozenset(
     {"home", "user", "host", "port", "ground", "car_length", "car_width", "restart_every"}
 )
-"""Options that are None where they are not given."""
+"""Options that default to None."""
 
 
 def check_options(**given: object) -> None:
     """Refuses values that an option does not take.
 
     Raises:
-        ValueError: there is such a value; the message names the option and what it takes.
+        ValueError: the message names the option and its valid values.
     """
     for name, value in given.items():
         if value is None and name in _LEFT_OUT:

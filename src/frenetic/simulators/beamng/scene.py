@@ -1,4 +1,4 @@
-"""A road as BeamNG.tech gets it: nodes of decal roads on flat ground, and where the car stands."""
+"""A road for BeamNG.tech: nodes of decal roads on flat ground, and the place of the car."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Scene:
 
     @property
     def position(self) -> tuple[float, float, float]:
-        """Where the car's position is put, a little above the ground."""
+        """Place of the car's position, a little above the ground."""
         return (*self.start, self.ground + DROP)
 
     @property
@@ -58,7 +58,7 @@ def scene_of(road: Road, ground: float, ahead: float, left: float) -> Scene:
     """A road with the middle of the car on the ego lane's centre at its first point.
 
     Args:
-        road: where it lies on the map is where it lies in BeamNG.tech.
+        road: has the same place on the map and in BeamNG.tech.
         ground: m, height of the ground.
         ahead, left: m by which the middle of the car's box lies ahead and left of its position.
     """

@@ -61,44 +61,43 @@ logger = logging.getLogger(__name__)
 
 
 class BeamngSimulator:
-    """BeamNG.tech, started or running already; a drive takes about as long as it does on a road.
+    """BeamNG.tech, started or already running; a drive takes about as long as on a real road.
 
-    The driver `BeamngAi` stands for BeamNG.AI itself; any other driver steers the car. Drives are
-    recorded by the middle of the car's bounding box, whose size is measured in BeamNG.tech when the
-    simulator is entered for the first time, as is how the car answers to steering.
+    The driver `BeamngAi` stands for BeamNG.AI itself; any other driver steers the car. Drives
+    record the middle of the car's bounding box. The box and the car's answer to steering are
+    measured in BeamNG.tech when the simulator is entered for the first time.
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
-        home: folder of the installation of which BeamNG.tech is started; by default what the
-            environment variable BNG_HOME says.
+        home: folder of the installation to start; by default the environment variable BNG_HOME.
         user: folder for what BeamNG.tech writes; by default its own.
-        host: where a BeamNG.tech runs to which to connect, in place of starting one.
-        port: on which it listens, 25252 unless said; of one that is started, a free one.
+        host: host of a running BeamNG.tech to connect to, instead of starting one.
+        port: its port, 25252 by default; a free one if BeamNG.tech is started.
         headless: started without a window.
         no_gpu: started without a graphics card, too.
         vehicle: name of the car's model.
         aggression: of BeamNG.AI, above 0 and up to 2: the share of grip that it uses in curves.
         steps_per_second: frames into which a simulated second is cut, a multiple of 20.
         level: a flat one, in which the road is built.
-        ground: m, height of the level's ground, if it is none of the known ones.
+        ground: m, height of the ground of an unknown level.
         car_length: m, to be given with `car_width` if the car cannot be measured before a campaign,
             as on a machine without BeamNG.tech that uses a cluster.
         car_width: m, without what sticks out of the bounding box.
         wall_limit: s of wall time that a drive may take.
         reply_limit: s that BeamNG.tech may take for an answer.
-        restart_every: drives after which a BeamNG.tech that was started is started anew; by default
-            it goes on as long as it works.
+        restart_every: drives after which BeamNG.tech is started anew; by default it goes on as long
+            as it works.
 
     Raises:
         ValueError: an option is out of range.
-        BeamngError: nothing says where BeamNG.tech is, or what does contradicts itself.
+        BeamngError: no option names BeamNG.tech's place, or the options contradict each other.
     """
 
     needs: Final = ("beamngpy",)
     """Modules that the extra brings."""
     usual_wall_limit: Final = WALL_LIMIT
     usual_workers: Final = 1
-    """A BeamNG.tech takes a graphics card for itself."""
+    """One worker by default: a BeamNG.tech takes a whole graphics card."""
 
     def __init__(
         self,
@@ -171,7 +170,7 @@ class BeamngSimulator:
 
     @property
     def options(self) -> dict[str, Any]:
-        """What its drives depend on, beside the rules."""
+        """The options that its drives depend on, beside the rules."""
         return {
             "vehicle": self.vehicle,
             "aggression": self.aggression,
@@ -182,7 +181,7 @@ class BeamngSimulator:
 
     @property
     def workers_at_most(self) -> int | None:
-        """How many can use it at once: a BeamNG.tech that runs already serves one."""
+        """Most workers at once: a running BeamNG.tech serves one."""
         return 1 if self.place.home is None or self.place.port is not None else None
 
     @property
@@ -193,11 +192,11 @@ class BeamngSimulator:
         return self._link
 
     def __getstate__(self) -> dict[str, Any]:
-        # A connection stays where it is; what was measured goes along.
+        # The connection stays here; the measurements are copied.
         return self.__dict__ | {"_link": None}
 
     def prepare(self) -> None:
-        """Measures the car if its box is not known, for which BeamNG.tech is started and ended."""
+        """Measures the car if its box is unknown, for which BeamNG.tech is started and ended."""
         if self._measured is None and not self._given_car:
             with self:
                 pass
@@ -223,7 +222,7 @@ class BeamngSimulator:
         self._leave()
 
     def connect(self) -> None:
-        """Starts BeamNG.tech or connects to it, and no more; the rest of entering is `measure`."""
+        """Only starts BeamNG.tech or connects to it; `measure` is the rest of entering."""
         self._link = Link(self.place, reply_limit=self.reply_limit)
         self._drives, self._is_worn = 0, False
 
@@ -238,7 +237,7 @@ class BeamngSimulator:
                 link.close()
 
     def setup(self, road: Road) -> DriveSetup:
-        """What a driver is told before a drive along the road."""
+        """The setup of a drive along the road for its driver."""
         car = self.measured
         return DriveSetup(
             speed_limit=self.rules.speed_limit / 3.6,
@@ -255,7 +254,7 @@ class BeamngSimulator:
 
     @property
     def measured(self) -> MeasuredCar:
-        """What was measured of the car."""
+        """The measured car."""
         if self._measured is None:
             raise BeamngError("the car is not measured yet: use the simulator in a with statement")
         return self._measured
@@ -263,11 +262,11 @@ class BeamngSimulator:
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
 
-        A BeamNG.tech that cannot take the road away after the drive, or has driven as often as it
-        should, is entered again before the next one.
+        A BeamNG.tech that cannot remove the road after the drive, or has reached `restart_every`,
+        is entered again before the next one.
 
         Raises:
-            BeamngError: BeamNG.tech broke or cannot be reached any more.
+            BeamngError: BeamNG.tech broke or is out of reach.
         """
         try:
             by_ai = self._drives_itself(driver)
@@ -308,7 +307,7 @@ class BeamngSimulator:
         return Drive(recording.trajectory(), self.car, self.rules, error_text)
 
     def _finish(self) -> None:
-        """Takes the road away; what was driven counts even if that does not succeed."""
+        """Removes the road; the drive counts even if that fails."""
         self._drives += 1
         self._is_worn = self._drives == self.restart_every
         try:
@@ -375,15 +374,15 @@ class BeamngSimulator:
             yield from drive_checks(self, driver, who=who)
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuses to let BeamNG.AI do what it cannot.
+        """Refuses options that BeamNG.AI lacks.
 
         Raises:
-            DriverError: it is asked to.
+            DriverError: there is such an option.
         """
         self._drives_itself(driver)
 
     def _drives_itself(self, driver: Driver) -> bool:
-        """Whether the driver is BeamNG.AI; raises a `DriverError` if it is with what it lacks."""
+        """Whether the driver is BeamNG.AI; raises a `DriverError` for options that it lacks."""
         inner = under_layers(driver)
         if type(inner) is not BeamngAi:
             return False
@@ -434,7 +433,7 @@ class BeamngSimulator:
             )
 
     def measure(self) -> None:
-        """Measures the car's box and its steering, whatever is known of them."""
+        """Measures the car's box and its steering, even if they are known."""
         state = self._load(open_field(), 0.0, 0.0)
         length, width, ahead, left = measured_box(self.link.box(), state)
         if not (LENGTHS[0] < length < LENGTHS[1] and WIDTHS[0] < width < WIDTHS[1]):
@@ -483,12 +482,12 @@ class BeamngSimulator:
         return round(steering, 3)
 
     def step(self) -> None:
-        """Lets time go on by one period."""
+        """Advances time by one period."""
         self.link.step(self.steps_per_second // RECORD_RATE)
 
 
 class _DriverBrokeError(Exception):
-    """A driver raised something of its own."""
+    """A driver raised an error of its own."""
 
     def __init__(self, cause: BaseException) -> None:
         super().__init__(str(cause))
@@ -514,7 +513,7 @@ class _Recording:
         return self._written
 
     def trajectory(self) -> Trajectory:
-        """What was recorded."""
+        """The record."""
         return Trajectory.from_rows(self._rows[: self._written])
 
     def drive(self, driver: Driver | None) -> None:

@@ -1,7 +1,6 @@
 """The embedded simulator's loop: observe, decide, move, judge; compiled, or with a Python driver.
 
-Both loops call the same kernels in the same order, so a built-in driver drives bit for bit alike
-in either.
+Both loops call the same kernels in the same order, so a built-in driver drives bit for bit alike.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ TIME, RX, RY, RHEADING, RSPEED, RLATERAL, RYAW, RSTEERING, RINPUT, RTHROTTLE, RB
 
 @njit()
 def start_state(table: FloatArray, lane_width: float, left: float, turned: float) -> FloatArray:
-    """(7,) state of the car at rest in the ego lane at the road's first point.
+    """State of the car at rest in the ego lane at the road's first point, (7,).
 
     It stands ``left`` m left of the lane's centre and points ``turned`` rad left of its direction.
     """

@@ -64,7 +64,7 @@ class EmbeddedSimulator(StartingPlace):
             eighth of a turn.
 
     `rules`, `vehicle`, `friction`, `start_offset` and `start_heading` may be set between two
-    drives: the next one is driven in that world.
+    drives; they hold from the next one on.
 
     Raises:
         ValueError: an option is out of range.
@@ -93,7 +93,7 @@ class EmbeddedSimulator(StartingPlace):
 
     @property
     def options(self) -> dict[str, Any]:
-        """What it was made with, beside the rules; of the start only what is unusual."""
+        """Its options beside the rules; of the start only unusual ones."""
         start = {"start_offset": self.start_offset, "start_heading": self.start_heading}
         unusual = {name: value for name, value in start.items() if value != 0.0}
         return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit, **unusual}
@@ -112,7 +112,7 @@ class EmbeddedSimulator(StartingPlace):
 
     @property
     def friction(self) -> float:
-        """Of the road: 1 is dry."""
+        """Friction of the road: 1 is dry."""
         return self.vehicle.friction
 
     @friction.setter
@@ -130,7 +130,7 @@ class EmbeddedSimulator(StartingPlace):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Nothing has to be ended."""
+        """Ends nothing."""
 
     def checks(self) -> Iterator[Check]:
         """Compiled kernels, their cache, two drives, and how fast it is."""
@@ -154,7 +154,7 @@ class EmbeddedSimulator(StartingPlace):
         )
 
     def setup(self, road: Road) -> DriveSetup:
-        """What a driver is told before a drive along the road."""
+        """The setup of a drive along the road for its driver."""
         car = self.vehicle
         return DriveSetup(
             speed_limit=self.rules.speed_limit / 3.6,

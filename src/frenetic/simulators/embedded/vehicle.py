@@ -215,7 +215,7 @@ class Vehicle:
 
     @classmethod
     def metadrive(cls) -> Vehicle:
-        """Return the car of `frenetic.simulators.metadrive`, as far as this model can be it.
+        """Return the car of `frenetic.simulators.metadrive`, as far as this model allows.
 
         Sizes, mass, steering, engine and brakes are those of MetaDrive 0.4.3's default car with
         constant parameters. Its wheels do not slide before the friction limit and hold it beyond,
@@ -223,9 +223,9 @@ class Vehicle:
         once; nothing but the engine's limit of 80 km/h holds the car back under throttle. It brakes
         by 8 m/s², beyond which MetaDrive's rear tyres begin to slide.
 
-        MetaDrive drives all wheels, and its friction limit counts forces along a wheel half. This
-        model cannot have that. To leave as much grip for cornering, half of it is open to driving
-        and braking, so this car starts with 2.1 instead of 2.9 m/s² and brakes by 4.4 m/s².
+        MetaDrive drives all wheels, and its friction limit counts forces along a wheel half, which
+        this model cannot. To leave as much grip for cornering, half of it is open to driving and
+        braking, so this car starts with 2.1 instead of 2.9 m/s² and brakes by 4.4 m/s².
         """
         return cls(
             mass=1100.0,

@@ -29,7 +29,7 @@ class MetaDriveDriver:
         """Refuses simulators that do not know MetaDrive's drivers.
 
         Raises:
-            DriverError: it is such a one.
+            DriverError: the simulator does not know them.
         """
         if not isinstance(simulator, PolicySimulator):
             self._refuse()
@@ -43,7 +43,7 @@ class MetaDriveDriver:
         self._refuse()
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
-        """Refuses, as a simulator that asks for controls is not MetaDrive.
+        """Refuses, because a simulator that asks for controls is not MetaDrive.
 
         Raises:
             DriverError: always.
@@ -74,7 +74,7 @@ class MetaDriveIdm(MetaDriveDriver):
 
     @property
     def options(self) -> dict[str, float]:
-        """What it was made with."""
+        """Its options."""
         return {"target_speed": self.target_speed}
 
 
@@ -85,7 +85,7 @@ class MetaDriveExpert(MetaDriveDriver):
 
 
 def metadrive_driver(driver: Driver) -> MetaDriveDriver | None:
-    """The driver if it is one of MetaDrive's own, None if it is asked with observations.
+    """The driver if it is one of MetaDrive's own, otherwise None.
 
     Raises:
         DriverError: it is one of MetaDrive's own under layers, which would not reach it.

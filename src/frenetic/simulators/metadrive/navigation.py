@@ -1,7 +1,7 @@
-"""The way along a road, as MetaDrive's drivers ask for it.
+"""Navigation along a road for MetaDrive's drivers.
 
-MetaDrive's own navigation follows maps that are put together from straight and circular lanes. This
-one cuts the ego lane of any road into pieces and describes each by the arc that turns as far.
+MetaDrive's own navigation follows maps of straight and circular lanes. This one cuts the ego lane
+of any road into pieces and describes each by the arc that turns as far.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def pieces_of(road: Road) -> list[Piece]:
 
 
 class RoadNavigation:
-    """A car's navigation module over the road that is driven; MetaDrive makes and updates it."""
+    """A car's navigation module for its road; MetaDrive makes and updates it."""
 
     def __init__(self, **_options: Any) -> None:
         self.current_lane: Any = None
@@ -101,7 +101,7 @@ class RoadNavigation:
         return self._width
 
     def reset(self, vehicle: Any) -> None:  # noqa: ARG002
-        """Takes up the road that was loaded."""
+        """Follows the loaded road."""
         road = get_engine().map_manager.road
         self._width = road.lane_width
         self._pieces = pieces_of(road)
@@ -142,7 +142,7 @@ class RoadNavigation:
         self.current_lane = self.current_ref_lanes = None
 
     def detach_from_world(self) -> None:
-        """Nothing of it is in the world."""
+        """Removes nothing: it has no part in the world."""
 
     def destroy(self) -> None:
         """Forgets the lane."""

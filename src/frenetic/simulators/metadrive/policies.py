@@ -21,10 +21,10 @@ DECISION_PERIODS: Final = 2
 
 
 class Policy(Protocol):
-    """Decides like a driver, but knows MetaDrive's world."""
+    """A driver that knows MetaDrive's world."""
 
     def act(self) -> Decision:
-        """What to do until it is asked again."""
+        """Its controls until it is asked again."""
 
     def close(self) -> None:
         """Ends it."""
@@ -51,7 +51,7 @@ class Idm:
 class Expert:
     """MetaDrive's PPO expert: the mean action of its network.
 
-    `numpy_expert.expert` says the same, but reads the weights anew for each of its six layers.
+    `numpy_expert.expert` gives the same, but reads the weights again for each of its six layers.
     """
 
     def __init__(self, world: World) -> None:
@@ -76,7 +76,7 @@ class Expert:
         return outputs
 
     def close(self) -> None:
-        """Nothing has to be ended."""
+        """Ends nothing."""
         self._observation.destroy()
 
 

@@ -38,8 +38,8 @@ PACKAGE: Final = "metadrive-simulator"
 EXTRA: Final = 'pip install "frenetic-roads[metadrive]"'
 
 Decide: TypeAlias = "Callable[[Observer, Motion, float], Decision]"
-"""Decides for the next period; the last argument is the front wheels' angle in rad. The decision
-that it has made last, the very same object, is held."""
+"""Decides for the next period; the last argument is the front wheels' angle in rad. Returning the
+last decision, the very same object, holds it."""
 
 
 class MetaDriveSimulator(StartingPlace, PolicySimulator):
@@ -55,8 +55,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         start_heading: rad to the left of the road's direction in which it points there, within an
             eighth of a turn.
 
-    `rules`, `friction`, `start_offset` and `start_heading` may be set between two drives: the next
-    one is driven in that world.
+    `rules`, `friction`, `start_offset` and `start_heading` may be set between two drives; they hold
+    from the next one on.
 
     Raises:
         ValueError: an option is out of range.
@@ -84,14 +84,14 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
     @property
     def options(self) -> dict[str, Any]:
-        """What it was made with, beside the rules; of friction and start only what is unusual."""
+        """Its options beside the rules; of friction and start only unusual ones."""
         usual = {"friction": 1.0, "start_offset": 0.0, "start_heading": 0.0}
         unusual = {k: getattr(self, k) for k, v in usual.items() if getattr(self, k) != v}
         return {"wall_limit": self.wall_limit, **unusual}
 
     @property
     def friction(self) -> float:
-        """Of the road: 1 is dry."""
+        """Friction of the road: 1 is dry."""
         return self._friction
 
     @friction.setter
@@ -102,8 +102,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         """Starts MetaDrive's engine.
 
         Raises:
-            FreneticError: MetaDrive is missing or another version than those we know, or its
-                engine is running in this process already.
+            FreneticError: MetaDrive is missing or of an unknown version, or its engine is already
+                running in this process.
         """
         try:
             from frenetic.simulators.metadrive.world import World
@@ -202,7 +202,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     def _follow_own(
         self, world: World, road: Road, driver: MetaDriveDriver, rows: list[list[float]]
     ) -> None:
-        """As `_follow`, with a driver of MetaDrive's."""
+        """Like `_follow`, with one of MetaDrive's drivers."""
         from frenetic.simulators.metadrive.policies import DECISION_PERIODS, make_policy
 
         with closing(make_policy(driver, world, self.rules.speed_limit)) as policy:
@@ -242,7 +242,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
 
 def _asking(driver: Driver) -> Decide:
-    """Decides as the driver does for what it sees."""
+    """Decides as the driver does for its observation."""
 
     def decide(observer: Observer, motion: Motion, wheels: float) -> Decision:
         observation = observer.observation(motion.speed, motion.yaw_rate, wheels)
@@ -254,7 +254,7 @@ def _asking(driver: Driver) -> Decide:
 
 @contextmanager
 def _blaming_the_driver() -> Iterator[None]:
-    """Tells what a driver raises from what breaks in MetaDrive."""
+    """Separates errors of the driver from those of MetaDrive."""
     try:
         yield
     except DriverError:

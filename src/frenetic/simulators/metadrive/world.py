@@ -1,7 +1,7 @@
 """MetaDrive's engine with one road and one car: the only module that knows its environments.
 
-Coordinates are those of the road moved such that it starts at the origin: Bullet calculates in
-single precision.
+Coordinates are those of the road moved to start at the origin, since Bullet calculates in single
+precision.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SETTLING_STEPS: Final = 60
 
 
 class Motion(NamedTuple):
-    """Where the car is and how it moves, as the physics has it."""
+    """Place and motion of the car in the physics."""
 
     x: float
     """Coordinate of the centre of mass, in m."""
@@ -66,7 +66,7 @@ class _PhysicsEngine(BaseEngine):  # type: ignore[misc]
 
 
 class _RoadManager(BaseManager):  # type: ignore[misc]
-    """Turns the road that is to be driven into MetaDrive's map."""
+    """Turns the next road into MetaDrive's map."""
 
     PRIORITY = 0  # before the car, which looks for its lane
 
@@ -96,7 +96,7 @@ class _RoadManager(BaseManager):  # type: ignore[misc]
 
 
 class _RoadEnv(BaseEnv):  # type: ignore[misc]
-    """A MetaDrive environment that has nothing but a road and a car."""
+    """A MetaDrive environment with nothing but a road and a car."""
 
     @classmethod
     def default_config(cls) -> Any:
@@ -120,15 +120,15 @@ class _RoadEnv(BaseEnv):  # type: ignore[misc]
         self.engine.register_manager("map_manager", _RoadManager())
 
     def get_single_observation(self) -> Any:
-        """None is wanted."""
+        """Adds nothing."""
         return DummyObservation()
 
     def reward_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
-        """None is wanted."""
+        """Adds nothing."""
         return 0.0, {}
 
     def cost_function(self, object_id: str) -> tuple[float, dict[str, Any]]:  # noqa: ARG002
-        """None is wanted."""
+        """Adds nothing."""
         return 0.0, {}
 
     def done_function(self, object_id: str) -> tuple[bool, dict[str, Any]]:  # noqa: ARG002
@@ -140,8 +140,8 @@ class World:
     """MetaDrive's engine with a car, and a road once one is loaded.
 
     Raises:
-        FreneticError: there is a MetaDrive engine in this process already, or MetaDrive's car is
-            not the one that we know.
+        FreneticError: this process already has a MetaDrive engine, or MetaDrive's car is not the
+            known one.
     """
 
     def __init__(self) -> None:
@@ -197,7 +197,7 @@ class World:
         self.vehicle = self._env.agent
 
     def _check_car(self) -> None:
-        """Makes sure that MetaDrive's car is the one that drivers are told about."""
+        """Checks that MetaDrive's car is the one of the drivers' setup."""
         car = self.vehicle
         for name, there, here in (
             ("length", car.LENGTH, VEHICLE.length),
