@@ -12,9 +12,9 @@ from frenetic.errors import RoadError
 MAX_ELEMENTS: Final = 200_000
 """Most elements of a file; a road has two per geometry."""
 MAX_DEPTH: Final = 50
-"""How deeply they may be nested."""
+"""Deepest nesting of elements."""
 MAX_NUMBER: Final = 1e7
-"""Largest number that is read, in m or whatever its unit is, unless another limit is given."""
+"""Largest number in a file, in m or its own unit, unless another limit is given."""
 
 
 def parse_xml(data: bytes) -> ElementTree.Element:

@@ -104,7 +104,7 @@ def _step(road: Element) -> float | None:
 
 
 def _cubic(element: Element, suffix: str = "", *, most: float = MAX_NUMBER) -> Cubic:
-    """The coefficients of a polynomial; those that are left out are 0."""
+    """The coefficients of a polynomial; missing ones are 0."""
     a, b, c, d = (number(element, name + suffix, 0.0, most=most) for name in "abcd")
     return a, b, c, d
 

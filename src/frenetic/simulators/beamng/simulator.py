@@ -317,7 +317,7 @@ class BeamngSimulator:
             self._is_worn = True
 
     def checks(self) -> Iterator[Check]:
-        """Package, installation, start, version, licence, and what follows in `_car_checks`."""
+        """Checks of package, installation, start, version and licence, then `_car_checks`."""
         try:
             beamngpy()
         except BeamngError as error:
@@ -345,7 +345,7 @@ class BeamngSimulator:
             self.__exit__(None, None, None)
 
     def _car_checks(self) -> Iterator[Check]:
-        """Level, vehicle, what was measured, and how the car drives."""
+        """Checks of level, vehicle, measurement and driving."""
         try:
             for name, wanted, known in (
                 ("level", self.level, self.link.levels()),

@@ -120,7 +120,7 @@ class EmbeddedSimulator(StartingPlace):
         self.vehicle = replace(self.vehicle, friction=friction)
 
     def __enter__(self) -> Self:
-        """Compiles what is not compiled yet."""
+        """Compiles kernels that are not compiled yet."""
         compile_kernels()
         return self
 
@@ -133,7 +133,7 @@ class EmbeddedSimulator(StartingPlace):
         """Ends nothing."""
 
     def checks(self) -> Iterator[Check]:
-        """Compiled kernels, their cache, two drives, and how fast it is."""
+        """Checks of compiled kernels, their cache, two drives, and speed."""
         start = time.perf_counter()
         try:
             self.__enter__()

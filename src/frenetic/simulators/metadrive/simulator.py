@@ -132,9 +132,9 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             world.close()
 
     def checks(self) -> Iterator[Check]:
-        """The package, the engine (whose car has to be the one that is known), and two drives.
+        """Checks of the package, the engine with its known car, and two drives.
 
-        Assets are not looked for: the engine draws nothing.
+        The engine draws nothing, so it needs no assets.
         """
         try:
             yield Check("package", True, f"{PACKAGE} {version(PACKAGE)}")
