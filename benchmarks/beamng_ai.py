@@ -1,12 +1,12 @@
-"""How well the embedded simulator ranks roads that BeamNG.tech has driven, and the tuning for it.
+"""Ranking by the embedded simulator of roads that BeamNG.tech has driven, and the tuning for it.
 
     python benchmarks/beamng_ai.py --runs FOLDER [--tune] [--folds 5] [--repeats 2] [--seed 0]
 
 Without ``--tune`` it drives the recorded roads with the preset `BeamngAi`, with the default
 `Planner` and with nothing (plain road features) and prints how well each ranks the recorded
 outcomes. With ``--tune`` it repeats the search for the preset's parameters: once in a
-cross-validation, which says what the tuning is worth on roads that it has not seen, and once on
-all runs, which gives the parameters.
+cross-validation, which measures the tuning on unseen roads, and once on all runs, which gives the
+parameters.
 
 FOLDER holds one JSON file per run:
 
@@ -53,9 +53,9 @@ LANE_WIDTH: Final = 5.0
 """m."""
 RULES: Final = Rules(speed_limit=120.0, oob_tolerance=0.5)
 START: Final = 20.0
-"""m within which a failure is a start that went wrong."""
+"""Distance within which a failure is a faulty start, in m."""
 NEAR: Final = 20.0
-"""m between two places of departure that count as the same."""
+"""Largest distance of two places of departure that count as the same, in m."""
 
 BOUNDS: Final = {
     "lateral_acceleration": (4.0, 8.0),
@@ -65,9 +65,9 @@ BOUNDS: Final = {
     "lookahead_min": (2.0, 10.0),
     "speed_gain": (0.3, 2.0),
 }
-"""What is tuned, and between which values."""
+"""Tuned parameters and their ranges."""
 SHARE_WEIGHT: Final = 0.1
-"""AUC that is given up for a share of failures that is right by all of 1."""
+"""Weight of the error in the share of failures against AUC."""
 POPULATION: Final = 8
 """Candidates per parameter in each generation."""
 GENERATIONS: Final = 6
@@ -90,13 +90,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Drives:
-    """What the embedded simulator makes of the runs' roads: arrays of equal length."""
+    """Results of the embedded simulator on the runs' roads: arrays of equal length."""
 
     score: FloatArray
-    """m, -MOOBD."""
+    """Score -MOOBD, in m."""
     failed: BoolArray
     departure: FloatArray
-    """m along the road, nan where the car did not leave its lane."""
+    """Distance along the road in m, nan where the car did not leave its lane."""
 
 
 def load_runs(folder: Path) -> tuple[list[Run], int]:

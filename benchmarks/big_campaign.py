@@ -2,8 +2,8 @@
 
     python benchmarks/big_campaign.py [--tests 10000 100000] [--folder DIR]
 
-Makes campaigns of so many tests, each command on them runs in a process of its own, and their wall
-time, CPU time and largest resident memory are printed. Memory should not depend on the size.
+Makes campaigns of so many tests, runs each command on them in its own process, and prints wall
+time, CPU time and largest resident memory. Memory should not depend on the size.
 
 To have a large campaign within seconds, 400 different roads are driven by the default driver, and
 the tests repeat them in turn, with their trajectories: 66 % pass, 30 % fail, 4 % are INVALID. The
@@ -34,7 +34,7 @@ SEED: Final = 1
 WANTED: Final = {"PASS": 264, "FAIL": 120, "INVALID": 16}
 """Different roads per outcome."""
 SECONDS_PER_TEST: Final = 0.0015
-"""Which the tests say they took."""
+"""Wall time recorded for each test, in s."""
 
 FRENETIC: Final = ("-m", "frenetic")
 FRAME: Final = "import sys, frenetic; frenetic.data_frame(sys.argv[1], sys.argv[2])"
@@ -50,7 +50,7 @@ STEPS: Final = (
     ("`export`, csv", ("csv", "all")),
     ("`export`, json, no trajectories", ("json", "none")),
 )
-"""What is measured, and the arguments of Python, or format and trajectories of an export."""
+"""Measured commands: the arguments of Python, or format and trajectories of an export."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +58,14 @@ class Measured:
     """A command that has run."""
 
     seconds: float
-    """Of wall time."""
+    """Wall time, in s."""
     cpu_seconds: float
     memory: float
     """MB, largest resident memory."""
 
 
 def different_drives() -> list[tuple[Candidate, Tested]]:
-    """Roads and what became of them, as many of each outcome as wanted."""
+    """Roads and their results, as many of each outcome as wanted."""
     from frenetic.campaign import RoadTester
     from frenetic.drivers import Planner
     from frenetic.search import RandomSearch
@@ -150,7 +150,7 @@ def run(arguments: list[str]) -> Measured:
 
 
 def measured_steps(campaign: Path, parent: Path) -> Iterator[tuple[str, Measured, int]]:
-    """What is measured, how it went, and the bytes it wrote."""
+    """Measurements of each command, with the bytes it wrote."""
     for number, (name, step) in enumerate(STEPS):
         out = parent / f"{campaign.name}-{number}"
         if step[0].startswith("-"):
@@ -166,7 +166,7 @@ def report(sizes: list[int], parent: Path) -> None:
     """Makes the campaigns and prints a table for each."""
     for tests in sizes:
         campaign = parent / f"campaign-{tests}"
-        # By another process: to a new one the memory of the one that it comes from is charged.
+        # In another process: a new one is charged with the memory of its parent.
         make = [sys.executable, __file__, "--make", str(campaign), "--tests", str(tests)]
         subprocess.run(make, check=True)
         print("| | wall s | CPU s | peak MB | written MB |\n| --- | ---: | ---: | ---: | ---: |")

@@ -1,4 +1,4 @@
-"""Memory and disk of a long campaign: what it takes, and that memory does not grow with it.
+"""Memory and disk of a long campaign, and whether memory grows with it.
 
     python benchmarks/memory.py [--tests 100000] [--strategy frenetic] [--folder DIR]
 
@@ -35,7 +35,7 @@ class Reading:
 
     tests: int
     seconds: float
-    """Of wall time since the start."""
+    """Wall time since the start, in s."""
     resident: float
     """MB."""
     peak: float
@@ -50,7 +50,7 @@ def memory() -> tuple[float, float]:
 
 
 def run_campaign(tests: int, strategy: str, folder: Path) -> None:
-    """What the process does that is measured: prints a reading per line, as JSON."""
+    """The measured process: prints a reading per line, as JSON."""
     from frenetic.campaign import Budget, Campaign, Progress
     from frenetic.drivers import Planner
     from frenetic.registry import STRATEGIES

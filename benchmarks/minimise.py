@@ -1,4 +1,4 @@
-"""How much shorter and plainer failing roads become, and what that costs.
+"""Minimising: how much shorter and plainer failing roads become, and its cost.
 
     python benchmarks/minimise.py [--seeds 5] [--failures 10] [--simulations 1000]
         [--max-drives 500] [--driver planner] [--json FILE]
@@ -54,7 +54,7 @@ from frenetic.testing import converse
 MARKS: Final = (10, 20, 30, 50, 75, 100, 150, 200, 300, 500)
 """Numbers of drives after which the length share is told."""
 BEFORE: Final = 30.0
-"""m of road before the departure whose turn is compared."""
+"""Length of road before the departure whose turn is compared, in m."""
 
 Change = Callable[[Road], "FailureReason | None"]
 """Drives a road when something is different."""
@@ -80,7 +80,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Figures:
-    """What minimising with one guard came to."""
+    """Results of minimising with one guard."""
 
     guard: float
     failures: int
@@ -118,7 +118,7 @@ def find_failures(seed: int, simulations: int, driver: Driver, number: int) -> l
 
 
 def turn_before_departure(minimised: Minimised) -> tuple[float, float] | None:
-    """Rad that original and minimised road turn before the car leaves; None if it does not."""
+    """Turns of original and minimised road before the car leaves, in rad; None if it does not."""
     turns = []
     for failed in (minimised.original, minimised.smallest):
         if failed.result.departure is None:
@@ -175,7 +175,7 @@ def measure(
 
 
 def changes(make_driver: Callable[[], Driver]) -> dict[str, list[Change]]:
-    """What may be different, each with one or several ways of being so."""
+    """Changes, each in one or several ways."""
 
     def reason(road: Road, simulator: EmbeddedSimulator, driver: Driver) -> FailureReason | None:
         return failure_reason(road, simulator.drive(road, driver))

@@ -53,20 +53,20 @@ class Measured:
 
     simulations: int
     wall: float
-    """s."""
+    """In s."""
     cpu: float
-    """s."""
+    """In s."""
     road_length: float
-    """m, mean over all roads that were driven."""
+    """Mean length of all driven roads, in m."""
 
 
 @dataclass(frozen=True)
 class Contestant:
-    """What is measured."""
+    """A contestant."""
 
     name: str
     run: Callable[[int, int], Measured]
-    """(simulations, seed) -> what came out."""
+    """(simulations, seed) -> its result."""
 
 
 def measure(search: Callable[[], tuple[int, float]]) -> Measured:
@@ -177,7 +177,7 @@ def in_own_process(index: int, python: str, simulations: int, seed: int) -> Meas
 
 
 def measure_here(index: int, simulations: int, seed: int) -> int:
-    """What a process of `in_own_process` does: one measurement, printed as JSON."""
+    """The work of a process of `in_own_process`: one measurement, printed as JSON."""
     try:
         measured = CONTESTANTS[index].run(simulations, seed)
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""The report of a long campaign: how large it is, and how long it takes to write and to open.
+"""The report of a long campaign: its size, and the times of writing and opening it.
 
     python benchmarks/report.py [--simulations 5000 ...] [--openings 5] [--folder DIR]
 
@@ -49,7 +49,7 @@ READ: Final = """() => {
 
 
 def make_report(simulations: int, folder: Path) -> Path:
-    """Runs a campaign, writes its report and prints what that took."""
+    """Runs a campaign, writes its report and prints the times."""
     from frenetic.campaign import Budget, Campaign, CampaignStore
     from frenetic.drivers import Planner
     from frenetic.outcome import Outcome

@@ -1,4 +1,4 @@
-"""How far the simulators agree on roads, and how fast they are.
+"""Agreement of the simulators on roads, and their speed.
 
     python benchmarks/simulators.py [--roads 200] [--seed 2021] [--drivers planner stanley ...]
 
@@ -50,20 +50,20 @@ from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
 from frenetic.simulators.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 
 AT_ONCE: Final = replace(Vehicle(), steering_rate=20.0, steering_lag=0.01)
-"""The embedded simulator's default car, but for what most sets it apart from MetaDrive's."""
+"""The embedded simulator's default car without its largest difference from MetaDrive's."""
 REFERENCE: Final = "metadrive"
 SPEEDS: Final = (30.0, 50.0, 70.0)
-"""km/h, of MetaDrive's IDM driver."""
+"""Speed of MetaDrive's IDM driver, in km/h."""
 MEMORY_ROADS: Final = 100
 
 
 class Driven(NamedTuple):
-    """What became of a set of roads in one simulator."""
+    """Results of a set of roads in one simulator."""
 
     failed: FloatArray
-    """(n,) 1 where the driver failed, 0 where it passed."""
+    """Failures, (n,): 1 where the driver failed, 0 where it passed."""
     moobd: FloatArray
-    """(n,) m."""
+    """MOOBDs, (n,) in m."""
     rate: float
     """Tests per s of CPU time."""
 

@@ -1,4 +1,4 @@
-"""How long the parts of a road test take, and how many tests a campaign runs per second.
+"""Times of the parts of a road test, and tests per second of a campaign.
 
     pytest benchmarks/test_speed.py
     pytest benchmarks/test_speed.py --benchmark-timer=time.process_time
@@ -48,12 +48,12 @@ ROUNDS: Final = 30
 PICTURES: Final = 4
 """Roads of the set that are drawn."""
 SIMULATIONS: Final = 1000
-"""Of one campaign: what `frenetic run` does unless it is told otherwise."""
+"""Simulations of one campaign: the default of `frenetic run`."""
 CAMPAIGNS: Final = 5
 
 
 class Driven(NamedTuple):
-    """A road of the set and all that becomes of it."""
+    """A road of the set and its results."""
 
     curvatures: npt.NDArray[np.float64]
     road: Road

@@ -1,4 +1,4 @@
-"""What more workers bring, and what storing costs.
+"""The gain of more workers, and the cost of storing.
 
     python benchmarks/workers.py
     python benchmarks/workers.py --workers 1 2 4 8 --simulations 5000
@@ -39,9 +39,9 @@ class Measured(NamedTuple):
 
     tests: int
     seconds: float
-    """From the first ready worker to the last result."""
+    """Time from the first ready worker to the last result, in s."""
     starting: float
-    """s before."""
+    """Time before that, in s."""
 
     @property
     def rate(self) -> float:
@@ -125,7 +125,7 @@ def main() -> None:
         for n in options.workers:
             rates = [results[n].rate for results in rounds]
             best = max(results[first].rate for results in rounds)
-            # Within a round, as the machine may be slower in another one.
+            # Within a round, since the machine may be slower in another one.
             ratio = statistics.median(results[n].rate / results[first].rate for results in rounds)
             starting = min(results[n].starting for results in rounds)
             print(

@@ -51,7 +51,7 @@ MEASURES = (
 
 
 def main(folder: Path) -> None:
-    """Runs the benches, as far as they are not run yet, and writes what they found."""
+    """Runs the missing benches and writes their tables."""
     page = PAGE.read_text(encoding="utf-8")
     for simulations in BUDGETS:
         bench = Bench(

@@ -27,7 +27,7 @@ SEED = 1
 
 
 def main() -> None:
-    """Runs campaigns and draws what they found."""
+    """Runs campaigns and draws their failures."""
     draw_failures()
     draw_strategies()
 
@@ -43,7 +43,7 @@ def draw_failures() -> None:
             folder=Path(folder) / "campaign",
         ).run()
         with CampaignStore.open(Path(folder) / "campaign") as store:
-            # Of the telling failures, the one on the longest road makes the README's picture.
+            # The representative failure on the longest road makes the README's picture.
             tests = [
                 stored_test(store, store.test(record.candidate.id))
                 for record in representative_failures(store, 12)
@@ -60,7 +60,7 @@ def draw_failures() -> None:
 
 
 def draw_strategies() -> None:
-    """Runs two strategies six times and draws how they compare."""
+    """Runs two strategies six times and draws their comparison."""
     with tempfile.TemporaryDirectory() as folder:
         groups: dict[str, list[Path]] = {"frenetic": [], "random": []}
         for name, strategy in (("frenetic", Frenetic), ("random", RandomSearch)):

@@ -93,7 +93,7 @@ def opened(browser: Browser, report: Path, width: int, height: int, *, dark: boo
 
 
 def save(page: Page, name: str) -> None:
-    """A picture of what is in sight, with as few colours as it needs."""
+    """A picture of the visible part, with few colours."""
     path = IMAGES / f"{name}.png"
     page.screenshot(path=path)
     with Image.open(path) as picture:

@@ -1,7 +1,7 @@
 """Frenetic finds the roads on which an automated driver leaves its lane.
 
-The names below are the whole public interface of the top package; they are imported when they are
-used, so that ``import frenetic`` takes no time.
+The names below are the whole public interface of the top package. They are imported on use, so
+``import frenetic`` takes no time.
 """
 
 from __future__ import annotations

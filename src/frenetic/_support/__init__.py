@@ -1,1 +1,1 @@
-"""What all packages share and no user imports."""
+"""Helpers that all packages share and no user imports."""

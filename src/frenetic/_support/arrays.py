@@ -1,4 +1,4 @@
-"""The array type that everything passes around."""
+"""The array type of all packages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     FloatArray: TypeAlias = npt.NDArray[np.float64]
-    """Float64; the shape is in the text of whatever takes or gives it."""
+    """Float64 array; docstrings give the shape."""
 else:
     # What the competition's pipeline is pinned to, numpy 1.19 on Python 3.9, has no more than this.
     FloatArray = np.ndarray

@@ -1,9 +1,8 @@
 """The decorator of all kernels, which numba compiles.
 
-The kernels of `frenetic.road` run without numba, too. They are needed where it is not: in the
-official competition pipeline, whose Python is old and whose packages are pinned. There a road takes
-about a tenth of a second instead of a millisecond, of a budget that gives it half a minute.
-Everything that drives a car needs numba.
+The kernels of `frenetic.road` also run without numba, which the official competition pipeline with
+its old Python and pinned packages lacks. There a road takes about a tenth of a second instead of a
+millisecond; the budget gives it half a minute. Everything that drives a car needs numba.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Kernel], _Kernel]:
     """Numba's decorator of the same name, with a cache on disk that processes may share.
 
-    Without numba it changes nothing.
+    Without numba it leaves the function as it is.
     """
     if not IS_COMPILED:
         return lambda kernel: kernel

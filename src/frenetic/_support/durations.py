@@ -16,7 +16,7 @@ def parse_duration(text: object) -> float:
     """Seconds in a time such as ``90``, ``90s``, ``10m`` or ``1h30m``.
 
     Raises:
-        ValueError: it is none, or not more than 0.
+        ValueError: it is no time, or not more than 0.
     """
     match = _PATTERN.fullmatch(str(text).strip().replace(" ", "").lower())
     if match is None or not any(match.groups()):

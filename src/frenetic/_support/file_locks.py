@@ -15,17 +15,17 @@ else:
     import fcntl
 
 _LOCKED_BYTE: Final = 1 << 30
-"""Far beyond a file's text: on Windows nobody else can read a byte that is locked."""
+"""Offset of the lock, far beyond a file's text: on Windows nobody else can read a locked byte."""
 
 
 def try_to_lock(file: int, *, shared: bool = False) -> None:
     """Locks the open `file` until it is closed.
 
-    POSIX record locks belong to the process: they neither stop it from locking twice nor survive
-    its closing any other descriptor of the file. They are chosen because a forked process does not
-    inherit them: an orphan keeps nothing locked.
+    POSIX record locks belong to the process: it may lock twice, and closing any other descriptor of
+    the file releases them. A forked process does not inherit them, so an orphan keeps nothing
+    locked; that is why we use them.
 
-    A file that is open for reading only can be locked `shared`, which keeps nobody from reading.
+    A file open for reading only can be locked `shared`, which allows other readers.
 
     Raises:
         BlockingIOError, PermissionError: another process has it locked.

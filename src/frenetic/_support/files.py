@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Atomic writing: files are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ def write_file(
     durable: bool = False,
     parents: bool = False,
 ) -> None:
-    """Writes a file in place of what was there; a text as UTF-8, with its line ends as they are.
+    """Replaces a file whole; a text is written as UTF-8, with its line ends unchanged.
 
     Args:
         path: the file.
         content: all of it.
         remedy: what the user can do if it cannot be written.
         error: the class of the error in that case.
-        durable: whether it has to be there even if the power fails right afterwards.
-        parents: whether its folder is made if there is none.
+        durable: whether it must survive a power failure right afterwards.
+        parents: whether to make its folder.
 
     Raises:
         FreneticError: the file cannot be written; of the class ``error``.
@@ -43,9 +43,9 @@ def write_file(
 
 @contextmanager
 def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
-    """Gives a new file's path beside ``path`` to write to, which takes its place in the end.
+    """Gives the path of a new file beside ``path``, which replaces it at the end.
 
-    If anything is raised meanwhile, what was there stays, and nothing is left of the new file.
+    If anything is raised meanwhile, the old file stays and the new one is removed.
 
     Raises:
         OSError: the file cannot be written.
@@ -63,7 +63,7 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
 
 
 def _flush(path: Path) -> None:
-    """Has the disk write what the system keeps of a file in memory."""
+    """Flushes a file from the system's memory to the disk."""
     file = os.open(path, os.O_RDWR)
     try:
         os.fsync(file)

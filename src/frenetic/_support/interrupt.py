@@ -16,7 +16,7 @@ ENDING: Final = tuple(
     for name in ("SIGTERM", "SIGHUP", "SIGBREAK")  # the second on POSIX, the third on Windows only
     if name in signal.Signals.__members__
 )
-"""Signals, beside that of Ctrl-C, by which others end a process."""
+"""Signals that end a process, beside that of Ctrl-C."""
 
 
 class Interrupt:
@@ -29,9 +29,9 @@ class Interrupt:
 def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[Interrupt]:
     """Turns the first Ctrl-C into a request; the second raises `KeyboardInterrupt` as usual.
 
-    Compiled code and databases are not left in the middle of something this way. So do the signals
-    in `ENDING` if they raise `KeyboardInterrupt`, too, as they do on the command line. Outside the
-    main thread, which alone receives signals, nothing changes.
+    So compiled code and databases are never interrupted halfway. The signals in `ENDING` work alike
+    if they raise `KeyboardInterrupt`, as they do on the command line. Outside the main thread,
+    which alone receives signals, nothing changes.
 
     Args:
         on_request: called at the first Ctrl-C.
@@ -50,9 +50,9 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
 
 
 def ending_in_order() -> AbstractContextManager[None]:
-    """Lets the signals of a job scheduler or a closed terminal do what Ctrl-C does.
+    """Makes the signals of a job scheduler or a closed terminal act like Ctrl-C.
 
-    So results are stored and simulators ended. Those that are ignored, as under nohup, stay so.
+    So results are stored and simulators ended. Ignored signals, as under nohup, stay ignored.
     """
     return _handled(ENDING, signal.SIG_DFL, signal.default_int_handler)
 
@@ -61,7 +61,7 @@ def ending_in_order() -> AbstractContextManager[None]:
 def _handled(
     numbers: Iterable[signal.Signals], before: _Handler, handler: _Handler
 ) -> Iterator[None]:
-    """Lets signals be handled so; where they are not as said before, that decision stands."""
+    """Sets the handler of signals that still have the expected one; others keep theirs."""
     taken = []
     if threading.current_thread() is threading.main_thread():
         taken = [number for number in numbers if signal.getsignal(number) is before]

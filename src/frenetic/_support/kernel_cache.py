@@ -1,4 +1,4 @@
-"""A place for compiled kernels where numba finds none, as in a read-only container."""
+"""A cache folder for compiled kernels where numba has none, as in a read-only container."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ def ensure_kernel_cache(
 ) -> None:
     """Sets NUMBA_CACHE_DIR to a temporary folder if numba could cache nowhere else.
 
-    Numba keeps its cache beside the sources, or else in the user's cache folder, and refuses to
-    compile if it can do neither. A temporary folder lasts as long as the process, so kernels are
-    compiled in every one; set the variable yourself to keep them.
+    Numba caches beside the sources, or else in the user's cache folder, and refuses to compile if
+    it can do neither. A temporary folder lasts as long as the process, so every process compiles
+    its kernels; set the variable yourself to keep them.
     """
     if environment.get(VARIABLE) or is_writable(Path(__file__).parent):
         return

@@ -1,4 +1,4 @@
-"""Public names of a package that are imported when they are used."""
+"""Lazy public names of a package, imported on use."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def lazy_names(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
-    """Return what a package calls ``__getattr__``, so that importing it imports nothing else.
+    """Return the ``__getattr__`` of a package whose import imports nothing else.
 
     Args:
         package: its ``__name__``.

@@ -1,6 +1,6 @@
-"""Modules that have moved: a documented path keeps working at its old place.
+"""Moved modules, whose old documented paths keep working.
 
-An import of an old path gives the module of today, and a `DeprecationWarning` that names its place.
+Importing an old path gives the module of today, and a `DeprecationWarning` that names its place.
 Runs on Python 3.9, as all that the competition's pipeline imports of the package does.
 """
 
@@ -28,14 +28,14 @@ MOVED: Final = {
 
 
 def install() -> None:
-    """Makes the old paths importable."""
+    """Makes old paths importable."""
     if not any(isinstance(finder, _MovedFinder) for finder in sys.meta_path):
-        # First: the path of a moved package would lead others to a second copy of its modules.
+        # First, since the path of a moved package would lead other finders to a second copy.
         sys.meta_path.insert(0, _MovedFinder())
 
 
 def new_path(name: str) -> str | None:
-    """Where the module of an old path is today; None if it has not moved."""
+    """Today's path of an old one; None if it has not moved."""
     package = name if name.startswith("frenetic.") else ""
     while package:
         if package in MOVED:
@@ -48,10 +48,10 @@ def new_path(name: str) -> str | None:
 
 
 class _MovedFinder:
-    """Finds the modules that have moved."""
+    """Finds moved modules."""
 
     def find_spec(self, name: str, *_: object) -> ModuleSpec | None:
-        """Where today's module is; None for a name that has not moved."""
+        """Spec of today's module; None for a name that has not moved."""
         found = new_path(name)
         if found is None:
             return None
@@ -60,16 +60,16 @@ class _MovedFinder:
 
 
 class _MovedLoader:
-    """Puts the module of today in the place of the old one."""
+    """Puts today's module in the place of the old one."""
 
     def __init__(self, new: str) -> None:
         self._new = new
 
     def create_module(self, _: ModuleSpec) -> None:
-        """Lets the import system make a module."""
+        """Leaves making a module to the import system."""
 
     def exec_module(self, module: ModuleType) -> None:
-        """Gives the import system another one in its place."""
+        """Gives the import system today's module instead."""
         old = module.__name__
         sys.modules[old] = import_module(self._new)
         warnings.warn(f"{old} is {self._new} now", DeprecationWarning, stacklevel=2)

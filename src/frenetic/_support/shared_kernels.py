@@ -1,11 +1,11 @@
 """Compiled kernels on disk that several processes may write and read at once.
 
 Numba keeps what it compiled in two kinds of files: an index, from the types of a kernel's arguments
-to the numbers of its compiled forms, and these forms. A new form gets the least number that the
-index does not know. Two processes that compile the same kernel for different arguments at once take
-the same number, one for each: the index of the one that comes last then names the other's machine
-code, and every process from then on calls it with the wrong arguments, which crashes it or, worse,
-does not. A fresh installation meets this as soon as its first campaign starts two workers.
+to the numbers of its compiled forms, and these forms. A new form gets the least unused number. Two
+processes that compile the same kernel for different arguments at once take the same number: the
+index of the later one then names the other's machine code, and from then on every process calls it
+with the wrong arguments, which crashes it or, worse, does not. A fresh installation meets this as
+soon as its first campaign starts two workers.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from frenetic._support.file_locks import try_to_lock
 LOCK: Final = "frenetic-kernels.lock"
 
 PATIENCE: Final = 30.0
-"""Seconds that a process waits for its turn. Another one's turn takes some milliseconds, so whoever
-takes longer has been stopped. Then kernels are compiled, but neither read nor kept."""
+"""Wait of a process for its turn, in s. A turn takes some milliseconds; a process that takes longer
+has stopped. Then kernels are compiled, but neither read nor kept."""
 
 _PAUSE: Final = 0.002
 
 
 class SharedCache(FunctionCache):
-    """Numba's cache of one kernel, of which one process at a time reads or writes."""
+    """Numba's cache of one kernel, which one process at a time reads or writes."""
 
     def __init__(self, kernel: Callable[..., Any]) -> None:
         super().__init__(kernel)  # type: ignore[no-untyped-call]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """As numba's; None, if other processes do not let go of the cache."""
+        """Like numba's; None if other processes hold the cache for too long."""
         with _turn(Path(self.cache_path)) as has_turn:
             if not has_turn:
                 return None
             return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """As numba's; nothing is kept if other processes do not let go of the cache."""
+        """Like numba's; nothing is kept if other processes hold the cache for too long."""
         with _turn(Path(self.cache_path)) as has_turn:
             if has_turn:
                 super().save_overload(sig, data)  # type: ignore[no-untyped-call]
@@ -52,9 +52,9 @@ class SharedCache(FunctionCache):
 
 @contextmanager
 def _turn(folder: Path) -> Iterator[bool]:
-    """Waits until no other process is at the cache in `folder`; whether this came to be.
+    """Waits until no other process uses the cache in `folder`; tells whether that happened.
 
-    Threads of one process do not meet here: numba compiles in one of them at a time.
+    Threads of one process never meet here: numba compiles in one of them at a time.
     """
     try:
         file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
@@ -68,7 +68,7 @@ def _turn(folder: Path) -> Iterator[bool]:
 
 
 def _wait_for(file: int) -> bool:
-    """Whether it was got within `PATIENCE`; files that cannot be locked always are."""
+    """Whether the lock was acquired within `PATIENCE`; true for files that cannot be locked."""
     end = time.monotonic() + PATIENCE
     while True:
         try:

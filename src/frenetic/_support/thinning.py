@@ -1,4 +1,4 @@
-"""Some of many."""
+"""Evenly spaced selections."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ import numpy.typing as npt
 
 
 def evenly(number: int, most: int) -> npt.NDArray[np.int64]:
-    """Which of so many are kept if there is room for `most`: the first, the last, and between."""
+    """Indices of at most `most` evenly spaced items: the first, the last, and some between."""
     places = np.linspace(0, number - 1, min(number, most)).round()
     return np.unique(places.astype(np.int64))

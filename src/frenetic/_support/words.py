@@ -4,5 +4,5 @@ from __future__ import annotations
 
 
 def counted(number: int, what: str) -> str:
-    """Such as "1 failure" and "2 failures"."""
+    """A number with its noun, such as "1 failure" and "2 failures"."""
     return f"{number} {what}{'' if number == 1 else 's'}"

@@ -1,4 +1,4 @@
-"""The loop of a test generator: ask the strategy, hand over what is valid, tell what came back."""
+"""The loop of a test generator: ask the strategy, run valid roads, tell the results."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from frenetic.search import Candidate, Evaluation
 logger = logging.getLogger(__name__)
 
 MOST_EXCEPTIONS: Final = 100
-"""Exceptions of the executor, one after the other, after which the search ends."""
+"""Consecutive exceptions of the executor after which the search ends."""
 MANY_INVALID: Final = 100
-"""Invalid roads, one after the other, at which the log says so."""
+"""Consecutive invalid roads after which the log says so."""
 
 _OUTCOMES: Final = {
     str(outcome): outcome for outcome in (Outcome.PASS, Outcome.FAIL, Outcome.INVALID)
@@ -38,13 +38,13 @@ _OUTCOMES: Final = {
 class Generator:
     """A test generator for the official pipeline, around a search strategy.
 
-    For a strategy of one's own::
+    For your own strategy::
 
         class Mine(Generator):
             strategy = MyStrategy
 
     Seed and options come from the environment, see `frenetic.competition.settings`, or from the
-    class; the environment has the last word.
+    class; the environment takes precedence.
 
     Args:
         executor: The pipeline's executor.
@@ -86,7 +86,7 @@ class Generator:
         self._tally: Counter[str] = Counter()  # of what the executor answered
 
     def start(self) -> None:
-        """Search until the executor says that the budget is spent.
+        """Search until the executor reports that the budget is spent.
 
         Raises:
             SystemExit: The executor ends the process when the budget is spent; it passes through.
@@ -132,7 +132,7 @@ class Generator:
         self._tell(candidate, Outcome.INVALID, None)
 
     def _execute(self, candidate: Candidate, road: Road) -> tuple[Outcome, float | None]:
-        """Hand a road over; return what to tell of it: the outcome and the MOOBD in m."""
+        """Run a road; return its outcome and its MOOBD in m."""
         try:
             test = self._road_tests.make(road.road_points)
             answer, description, execution_data = self._executor.execute_test(test)
@@ -193,7 +193,7 @@ class RandomSearch(Generator):
 
 
 def _name(candidate: Candidate) -> str:
-    """What the log calls a candidate: its number and where it comes from."""
+    """A candidate in the log: its number and origin."""
     origin = candidate.origin
     parents = " and ".join(str(parent) for parent in origin.parents)
     return f"road {candidate.id} ({origin.operator}{' of ' if parents else ''}{parents})"

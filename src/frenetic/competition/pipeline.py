@@ -1,4 +1,4 @@
-"""What the official pipeline offers a generator, as far as ours uses it."""
+"""The parts of the official pipeline that our generators use."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ class TimeBudget:
     """The share of an executor's time budget that is spent.
 
     The pipeline of 2022 can also run with two budgets, for generation and for execution; then the
-    larger share counts, as either ends the search.
+    larger share counts, since either ends the search.
 
     Args:
-        executor: Tells the remaining time.
-        total: s, the whole time budget where the pipeline told it; by default the executor's
-            ``time_budget.time_budget``, or else what remains now.
+        executor: Knows the remaining time.
+        total: s, the whole time budget where the pipeline gives it; by default the executor's
+            ``time_budget.time_budget``, or else the remaining time.
 
     """
 
@@ -78,7 +78,7 @@ class TimeBudget:
         self._share = 0.0
         self._is_readable = True
         self.totals = self._remaining()
-        """s by name of each budget."""
+        """Seconds by name of each budget."""
         known = total, getattr(getattr(executor, "time_budget", None), "time_budget", None)
         for value in known:
             told = _seconds(value).get(TIME_BUDGET, 0.0)
@@ -87,7 +87,7 @@ class TimeBudget:
                 break
 
     def share_spent(self) -> float:
-        """Return 0..1; what it was before if the executor does not tell now."""
+        """Return 0..1; the last value if the executor does not answer."""
         remaining = self._remaining()
         shares = [
             (total - remaining[name]) / total
@@ -122,15 +122,15 @@ def least_oob_distance(execution_data: Any) -> float | None:
 def restart_generation_clock(executor: Any) -> None:
     """Make an executor usable again after an exception out of `execute_test`.
 
-    From there on the later pipelines' executors hold None for the time at which the generation of
-    the next test began, and every further `execute_test` would fail to subtract it.
+    After one, executors of later pipelines hold None for the start of the next test's generation,
+    and every further `execute_test` would fail to subtract it.
     """
     if getattr(executor, "start_generation_time", 0.0) is None:
         executor.start_generation_time = time.monotonic()
 
 
 def _seconds(reading: Any) -> dict[str, float]:
-    """Return what an executor told of its budget as seconds by name, without what is no number."""
+    """Return an executor's budget as seconds by name, without values that are no numbers."""
     named = reading if isinstance(reading, dict) else {"time-budget": reading}
     numbers = {str(name): _number(value) for name, value in named.items()}
     return {name: number for name, number in numbers.items() if number is not None}

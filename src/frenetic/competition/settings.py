@@ -1,4 +1,4 @@
-"""What a user sets beyond the pipeline's command line: seed and options of the strategy."""
+"""Settings beyond the pipeline's command line: seed and options of the strategy."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def read_seed(default: int | None, environment: Mapping[str, str] = os.environ) 
 def read_options(
     default: Mapping[str, Any], environment: Mapping[str, str] = os.environ
 ) -> dict[str, Any]:
-    """Return the default options with those of the environment laid over them.
+    """Return the default options, overridden by those of the environment.
 
     A value is read as ``frenetic run --strategy-option`` reads it: as JSON or a number if it is
     one, otherwise as text.
