@@ -20,7 +20,7 @@ from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
 from frenetic.bench.bench import unusual_endings
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.results import write_results
-from frenetic.bench.running import assignment
+from frenetic.bench.runs import assignment
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Driver, Planner

@@ -13,18 +13,16 @@ from frenetic._support.lazy import lazy_names
 if TYPE_CHECKING:
     from frenetic.bench.bench import Bench, BenchProgress, RunState, new_folder, read_bench
     from frenetic.bench.entrants import Entrant
-    from frenetic.bench.processes import Run, RunEnd
-    from frenetic.bench.proposing import End, Ending
-    from frenetic.bench.running import Terms, run_entrant
+    from frenetic.bench.runs import Run, RunEnd, Terms, run_entrant
+    from frenetic.bench.strategy import End, Ending
 
 __getattr__ = lazy_names(
     __name__,
     {
         "frenetic.bench.bench": ("Bench", "BenchProgress", "RunState", "new_folder", "read_bench"),
         "frenetic.bench.entrants": ("Entrant",),
-        "frenetic.bench.processes": ("Run", "RunEnd"),
-        "frenetic.bench.proposing": ("End", "Ending"),
-        "frenetic.bench.running": ("Terms", "run_entrant"),
+        "frenetic.bench.runs": ("Run", "RunEnd", "Terms", "run_entrant"),
+        "frenetic.bench.strategy": ("End", "Ending"),
     },
 )
 

@@ -11,7 +11,6 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
@@ -22,10 +21,9 @@ from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant, folder_names
-from frenetic.bench.generator import GeneratorProcess
-from frenetic.bench.processes import Run, RunEnd, run_all
-from frenetic.bench.proposing import End, Ending, GeneratorStrategy, VirtualTime
-from frenetic.bench.running import COMPETITION, Terms, assignment, ending_of
+from frenetic.bench.processes import run_all
+from frenetic.bench.runs import Run, RunEnd, Terms, ending_of, try_out
+from frenetic.bench.strategy import End, Ending
 from frenetic.campaign.campaign import describe, prepare
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.progress import Progress
@@ -162,8 +160,8 @@ class Bench:
                 self._require_new_folder()
             to_do = [state.run.entrant for state in self.states() if state.ending is None]
             for entrant in self.entrants:
-                if entrant in to_do:
-                    self._try_out(entrant)
+                if entrant in to_do and not entrant.is_strategy:
+                    try_out(entrant, self.terms, self.seed)
             stack.enter_context(_locked(self.folder))
             if not resume:
                 self._write()
@@ -296,47 +294,6 @@ class Bench:
             remedy="choose another folder with --out",
             durable=True,
         )
-
-    def _try_out(self, entrant: Entrant) -> None:
-        """Builds a generator once.
-
-        Raises:
-            FreneticError: it cannot be built.
-        """
-        if entrant.is_strategy:
-            return
-        terms = self.terms
-        with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
-            folder = Path(place)
-            process = GeneratorProcess(
-                assignment(entrant, terms, self.seed, folder / COMPETITION),
-                folder=folder / "work",
-                log=folder / "log",
-                python=entrant.python,
-            )
-            clock = VirtualTime(terms.budget, terms.seconds_per_test, counts_computing=False)
-            try:
-                with process:
-                    strategy = GeneratorStrategy(
-                        process, terms.tester(), clock, patience=terms.patience, seed=self.seed
-                    )
-                    ending = strategy.start()
-            except OSError as error:
-                raise FreneticError(
-                    f"{entrant.name} cannot be started: {error.strerror or error}"
-                ) from None
-            if ending is not None:
-                printed = (folder / "log").read_text(encoding="utf-8", errors="replace")
-                lost = not ending.detail or ending.detail.startswith("its process")
-                last = printed.strip().splitlines()[-1:] if lost else []
-                needs = ""
-                if lost and entrant.python is not None:
-                    needs = "; its interpreter needs Python 3.9 or newer, numpy and scipy"
-                raise FreneticError(
-                    f"{entrant.name} cannot be built: {ending.detail or ending.end}"
-                    + "".join(f" ({line[:200]})" for line in last)
-                    + needs
-                )
 
 
 def unusual_endings(states: Sequence[RunState]) -> list[str]:

@@ -11,18 +11,14 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.interrupt import catch_interrupt
-from frenetic.bench.entrants import Entrant
-from frenetic.bench.proposing import Ending
-from frenetic.bench.running import Terms, run_entrant
+from frenetic.bench.runs import Run, RunEnd, Terms, run_entrant
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.workers.serving import stand_alone
 from frenetic.errors import CampaignError, FreneticError, describe_error
@@ -32,29 +28,8 @@ if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
+_PRELOADED: Final = ("frenetic.bench.runs", "frenetic.campaign.workers.preloading")
 _REPORT: Final = 0.2  # s between two words on the progress of a run
-
-
-@dataclass(frozen=True)
-class Run:
-    """One entrant with one seed."""
-
-    entrant: Entrant
-    repeat: int
-    """From 1."""
-    seed: int
-    folder: Path
-
-
-@dataclass(frozen=True)
-class RunEnd:
-    """What came of a run."""
-
-    run: Run
-    ending: Ending | None
-    """None if the run could not be completed."""
-    trouble: str = ""
-    """Why it could not, in one line."""
 
 
 def run_all(
@@ -116,7 +91,7 @@ def _context() -> ForkServerContext | SpawnContext:
     """How processes are made: where that is safe, from a server that has loaded everything."""
     if platform.system() == "Linux":
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["frenetic.bench.preloading"])
+        context.set_forkserver_preload(list(_PRELOADED))
         return context
     return multiprocessing.get_context("spawn")
 

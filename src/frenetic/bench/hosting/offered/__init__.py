@@ -6,44 +6,18 @@ found that are not among ours.
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import pkgutil
 import sys
 
 from frenetic.bench.hosting.offered import code_pipeline, self_driving
-from frenetic.bench.hosting.offered.code_pipeline import (
-    beamng_executor,
-    executors,
-    test_analysis,
-    tests_generation,
-    validation,
-    visualization,
-)
-from frenetic.bench.hosting.offered.self_driving import (
-    bbox,
-    catmull_rom,
-    edit_distance_polyline,
-    oob_monitor,
-    road_points,
-    road_polygon,
-    simulation_data,
-)
 
 PACKAGES = {"code_pipeline": code_pipeline, "self_driving": self_driving}
-MODULES = (
-    beamng_executor,
-    executors,
-    test_analysis,
-    tests_generation,
-    validation,
-    visualization,
-    bbox,
-    catmull_rom,
-    edit_distance_polyline,
-    oob_monitor,
-    road_points,
-    road_polygon,
-    simulation_data,
+MODULES = tuple(
+    importlib.import_module(f"{package.__name__}.{module.name}")
+    for package in PACKAGES.values()
+    for module in pkgutil.iter_modules(package.__path__)
 )
 
 

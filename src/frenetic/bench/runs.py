@@ -1,17 +1,19 @@
-"""One run of a bench: one entrant, one seed, one campaign."""
+"""Runs of a bench: one entrant, one seed, one campaign each."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.hosting.messages import Assignment
-from frenetic.bench.proposing import (
+from frenetic.bench.strategy import (
     End,
     Ending,
     GeneratorStrategy,
@@ -93,6 +95,28 @@ class Terms:
         return RecordingTester(self.simulator, self.driver, self.map_size)
 
 
+@dataclass(frozen=True)
+class Run:
+    """One entrant with one seed."""
+
+    entrant: Entrant
+    repeat: int
+    """From 1."""
+    seed: int
+    folder: Path
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """What came of a run."""
+
+    run: Run
+    ending: Ending | None
+    """None if the run could not be completed."""
+    trouble: str = ""
+    """Why it could not, in one line."""
+
+
 def run_entrant(
     entrant: Entrant,
     terms: Terms,
@@ -120,8 +144,21 @@ def run_entrant(
     clock = VirtualTime(
         terms.budget, terms.seconds_per_test, counts_computing=terms.counts_computing
     )
-    run = _run_strategy if entrant.is_strategy else _run_generator
-    ending = run(entrant, terms, clock, seed, folder, on_progress)
+    if entrant.is_strategy:
+        ending = _search(_campaign_of_strategy(entrant, terms, clock, seed, folder), on_progress)
+        if clock.is_over:
+            ending = None
+    else:
+        results = folder.absolute() / WORK / RESULTS
+        results.mkdir(parents=True, exist_ok=True)
+        with hosted(entrant, terms, clock, seed, folder, results) as strategy:
+            campaign = _campaign(entrant, terms, strategy, seed, folder)
+            campaign.tester = strategy.tester
+            campaign.description["strategy"] = _described(entrant, seed)
+            ending = _search(campaign, on_progress)
+            if ending is None or ending.end is not End.GAVE_UP:
+                ending = strategy.dismiss()
+    ending = ending or Ending(End.OVER)
     own_time = {} if entrant.is_strategy else {"strategy_seconds": round(clock.computing, 4)}
     with CampaignStore.open(folder, readonly=False) as store:
         store.finish(
@@ -171,14 +208,9 @@ def _clear(folder: Path) -> None:
         ) from None
 
 
-def _run_strategy(
-    entrant: Entrant,
-    terms: Terms,
-    clock: VirtualTime,
-    seed: int,
-    folder: Path,
-    on_progress: OnProgress | None,
-) -> Ending:
+def _campaign_of_strategy(
+    entrant: Entrant, terms: Terms, clock: VirtualTime, seed: int, folder: Path
+) -> Campaign:
     strategy: Strategy = STRATEGIES.make_from(
         entrant.spec, entrant.options, {"seed": seed, "map_size": terms.map_size}
     )
@@ -186,45 +218,69 @@ def _run_strategy(
     if clock.counts_computing:
         campaign.description["strategy"] = describe(strategy)
         campaign.strategy = _Clocked(strategy, clock)
-    ending = _searched(campaign, on_progress)
-    if ending is None or clock.is_over:
-        return Ending(End.OVER)
-    return ending
+    return campaign
 
 
-def _run_generator(
-    entrant: Entrant,
-    terms: Terms,
-    clock: VirtualTime,
-    seed: int,
-    folder: Path,
-    on_progress: OnProgress | None,
-) -> Ending:
-    results = folder.absolute() / WORK / RESULTS
-    results.mkdir(parents=True, exist_ok=True)
+@contextmanager
+def hosted(
+    entrant: Entrant, terms: Terms, clock: VirtualTime, seed: int, folder: Path, results: Path
+) -> Iterator[GeneratorStrategy]:
+    """A generator in a process of its own; its ``ending`` says if it could not be built.
+
+    Args:
+        entrant: the generator.
+        terms: those of the bench.
+        clock: of its budget.
+        seed: of `random` and numpy in its process.
+        folder: for its working directory and what it prints.
+        results: folder that it is told to be the pipeline's results folder.
+
+    Raises:
+        OSError: its process cannot be started.
+    """
     process = GeneratorProcess(
         assignment(entrant, terms, seed, results),
         folder=folder / WORK,
         log=folder / GENERATOR_LOG,
         python=entrant.python,
     )
-    tester = terms.tester()
     with process:
         strategy = GeneratorStrategy(
-            process,
-            tester,
-            clock,
-            patience=terms.patience,
-            seed=seed,
+            process, terms.tester(), clock, patience=terms.patience, seed=seed
         )
         strategy.start()
-        campaign = _campaign(entrant, terms, strategy, seed, folder)
-        campaign.tester = tester
-        campaign.description["strategy"] = _described(entrant, seed)
-        ending = _searched(campaign, on_progress)
-        if ending is not None and ending.end is End.GAVE_UP:
-            return ending
-        return strategy.dismiss()
+        yield strategy
+
+
+def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
+    """Builds a generator once.
+
+    Raises:
+        FreneticError: it cannot be built.
+    """
+    clock = VirtualTime(terms.budget, terms.seconds_per_test, counts_computing=False)
+    with TemporaryDirectory(prefix="frenetic-bench-", ignore_cleanup_errors=True) as place:
+        folder = Path(place)
+        try:
+            with hosted(entrant, terms, clock, seed, folder, folder / COMPETITION) as strategy:
+                ending = strategy.ending
+        except OSError as error:
+            raise FreneticError(
+                f"{entrant.name} cannot be started: {error.strerror or error}"
+            ) from None
+        if ending is None:
+            return
+        printed = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
+    is_lost = not ending.detail or ending.detail.startswith("its process")
+    last = printed.strip().splitlines()[-1:] if is_lost else []
+    needs = ""
+    if is_lost and entrant.python is not None:
+        needs = "; its interpreter needs Python 3.9 or newer, numpy and scipy"
+    raise FreneticError(
+        f"{entrant.name} cannot be built: {ending.detail or ending.end}"
+        + "".join(f" ({line[:200]})" for line in last)
+        + needs
+    )
 
 
 def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:
@@ -284,7 +340,7 @@ def _campaign(
     )
 
 
-def _searched(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:
+def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:
     """Runs a campaign; returns how it ended, None if its budget was spent."""
     try:
         summary = campaign.run(on_progress)

@@ -139,19 +139,18 @@ class GeneratorStrategy:
         self.ending: Ending | None = None
         """How the generator ended; None while it runs."""
         self._process = process
-        self._tester = tester
+        self.tester = tester
         self._clock = clock
         self._patience = patience
         self._ledger = Ledger()
         self._since = time.monotonic()
         """When it was answered last."""
 
-    def start(self) -> Ending | None:
-        """Waits until the generator is built; returns how it ended if it ended at that."""
+    def start(self) -> None:
+        """Waits until the generator is built, or has ended at that."""
         message = self._receive()
         if self.ending is None and (message is None or message.get("kind") != "ready"):
             self.ending = Ending(End.CRASHED, "its process sent what is no message")
-        return self.ending
 
     def ask(self) -> Candidate:
         """The road of the next test that the generator wants executed.
@@ -173,7 +172,7 @@ class GeneratorStrategy:
     def tell(self, evaluation: Evaluation) -> None:
         """Answers the test."""
         self._ledger.settle(evaluation)
-        tested = self._tester.last[0] if self._tester.last else None
+        tested = self.tester.last[0] if self.tester.last else None
         self._clock.executed += evaluation.outcome.is_simulated
         answer = Answer(
             outcome=str(evaluation.outcome),
@@ -231,7 +230,7 @@ class GeneratorStrategy:
 
     def _is_valid(self, points: FloatArray | None) -> bool:
         try:
-            return points is not None and check_validity(points, self._tester.map_size).valid
+            return points is not None and check_validity(points, self.tester.map_size).valid
         except RoadError:
             return False
 
@@ -239,7 +238,7 @@ class GeneratorStrategy:
         curvatures, step = np.empty(0), 1.0
         if points is not None:
             try:
-                road = road_through(points, self._tester.lane_width)
+                road = road_through(points, self.tester.lane_width)
             except RoadError:
                 pass  # the tester says why
             else:
@@ -251,7 +250,7 @@ class GeneratorStrategy:
         candidate = evaluation.candidate
         if tested is None or tested.trajectory is None or tested.pose is None:
             return []
-        simulator, width = self._tester.simulator, self._tester.lane_width
+        simulator, width = self.tester.simulator, self.tester.lane_width
         road = Road(candidate.curvatures, candidate.step, tested.pose, lane_width=width)
         return simulation_rows(road, Drive(tested.trajectory, simulator.car, simulator.rules))
 
