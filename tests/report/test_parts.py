@@ -2,10 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from frenetic.campaign.campaign import describe
 from frenetic.drivers import Delayed, LimitedView, Planner
-from frenetic.report.parts import part_text
 from frenetic.simulators import EmbeddedSimulator
+from frenetic.spec import describe, part_text
 
 
 def test_the_driver_is_that_under_its_layers() -> None:

@@ -24,7 +24,7 @@ from frenetic.bench.entrants import Entrant, folder_names
 from frenetic.bench.processes import run_all
 from frenetic.bench.runs import Run, RunEnd, Terms, ending_of, try_out
 from frenetic.bench.strategy import End, Ending
-from frenetic.campaign.campaign import describe, prepare
+from frenetic.campaign.campaign import prepare
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.versions import package_versions
@@ -33,6 +33,7 @@ from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.simulators.embedded import compile_kernels
+from frenetic.spec import describe
 
 BENCHES: Final = Path("benches")
 """Where benches go that are given no folder."""

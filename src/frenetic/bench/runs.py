@@ -21,8 +21,7 @@ from frenetic.bench.strategy import (
     VirtualTime,
     most_simulations,
 )
-from frenetic.campaign.budget import Budget
-from frenetic.campaign.campaign import Campaign, describe
+from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.loop import ask, tell
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
@@ -34,6 +33,7 @@ from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, SearchEnded, Strategy
 from frenetic.simulators.simulator import Simulator, check_pair
+from frenetic.spec import Budget, describe
 
 COMPETITION: Final = "competition"
 """Folder of a run that holds its tests as the competition's tools read them."""

@@ -1,10 +1,10 @@
 """One search with its budget, on disk."""
 
-from frenetic.campaign.budget import Budget
 from frenetic.campaign.campaign import LOOKAHEAD, Campaign, new_folder
 from frenetic.campaign.progress import Progress, Summary
 from frenetic.campaign.store import CampaignStore, TestRecord
 from frenetic.campaign.tester import RoadTester
+from frenetic.spec import Budget
 
 __all__ = [
     "LOOKAHEAD",

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import os
 import platform
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
-from frenetic.campaign.budget import Budget
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, Order
 from frenetic.campaign.progress import Progress, Summary, Tally
@@ -25,16 +22,16 @@ from frenetic.campaign.replay import replay
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.versions import package_versions
-from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
+from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers, available_cores
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.outcome import Outcome
-from frenetic.registry import USER_MODULE
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
+from frenetic.spec import Budget, Part, Spec, describe
 
 CAMPAIGNS: Final = Path("campaigns")
 """Where campaigns go that are given no folder."""
@@ -52,42 +49,6 @@ def new_folder(parent: Path = CAMPAIGNS) -> Path:
             break
         folder = parent / f"{stamp}-{number}"
     return folder
-
-
-def describe(part: object) -> dict[str, JSONValue]:
-    """A part of a campaign for its record: its class, its options, what it is laid over.
-
-    The options are the part's ``options`` if it has any, or the fields of a dataclass.
-    """
-    kind = type(part)
-    module = kind.__module__
-    if module.startswith(USER_MODULE):
-        module = Path(sys.modules[module].__file__ or module).name
-    described: dict[str, JSONValue] = {"class": f"{module}:{kind.__qualname__}"}
-    options = getattr(part, "options", None)
-    if isinstance(options, Mapping):
-        described["options"] = {str(name): _plain(value) for name, value in options.items()}
-    elif is_dataclass(part):
-        described["options"] = {
-            item.name: _plain(getattr(part, item.name, None)) for item in fields(part)
-        }
-    inner = getattr(part, "driver", None)
-    if isinstance(inner, Driver):
-        described["driver"] = describe(inner)
-    return described
-
-
-def _plain(value: object) -> JSONValue:
-    """A value as JSON, or else what it looks like."""
-    if value is None or isinstance(value, (bool, int, str)):
-        return value
-    if isinstance(value, float) and math.isfinite(value):
-        return value
-    if isinstance(value, Mapping):
-        return {str(name): _plain(item) for name, item in value.items()}
-    if isinstance(value, (list, tuple)) and len(value) <= 100:
-        return [_plain(item) for item in value]
-    return repr(value)[:200]
 
 
 def prepare(simulator: Simulator) -> None:
@@ -184,26 +145,77 @@ class Campaign:
         self.started = False
         """Whether its folder and database are made."""
         self.description = dict(description or {})
+        self.named: Spec | None = None
+        """What its parts are called; None if they came from Python."""
+
+    @classmethod
+    def of(
+        cls,
+        spec: Spec,
+        *,
+        folder: Path | str | None = None,
+        workers: int | None = None,
+        cluster: str | None = None,
+        drive_limit: float | None = None,
+    ) -> Campaign:
+        """The campaign of named parts.
+
+        Args:
+            spec: with names of strategy, driver and simulator, and with a budget.
+            folder: where results go, as for the class.
+            workers: how many roads are driven at once; by default as many as the simulator is best
+                used by, or as there are cores.
+            cluster: as for the class.
+            drive_limit: likewise.
+
+        Raises:
+            FreneticError: a part cannot be made.
+            ValueError: an option is out of range.
+        """
+        assert spec.budget is not None
+        driver, simulator = spec.make_driver(), spec.make_simulator()
+        campaign = cls(
+            strategy=spec.make_strategy(),
+            simulator=simulator,
+            driver=driver,
+            budget=spec.budget,
+            folder=folder,
+            map_size=spec.map_size,
+            margin=spec.margin,
+            lane_width=spec.lane_width,
+            workers=workers or getattr(simulator, "usual_workers", None) or available_cores(),
+            cluster=cluster,
+            ordered=spec.lookahead is not None,
+            lookahead=spec.lookahead or LOOKAHEAD,
+            drive_limit=drive_limit,
+        )
+        campaign.named = spec
+        return campaign
 
     def configuration(self) -> dict[str, JSONValue]:
         """What the campaign's database records about it."""
-        return {
-            "seed": self.seed,
-            "strategy": describe(self.strategy),
-            "simulator": describe(self.tester.simulator),
-            "driver": describe(self.tester.driver),
-            "rules": asdict(self.tester.simulator.rules),
-            "car": asdict(self.tester.simulator.car),
-            "budget": asdict(self.budget),
-            "map_size": self.tester.map_size,
-            "margin": self.tester.margin,
-            "lane_width": self.tester.lane_width,
-            "workers": self.workers,
-            "cluster": self.cluster,
-            "lookahead": self.order.lookahead,
-            "versions": package_versions(),
-            **self.description,
-        }
+        return self.spec().to_json() | self.description
+
+    def spec(self) -> Spec:
+        """What the campaign is made of."""
+        simulator, driver = self.tester.simulator, self.tester.driver
+        named = self.named or Spec(driver=Part(), simulator=Part(), seed=self.seed)
+        return replace(
+            named,
+            strategy=replace(named.strategy, made=describe(self.strategy)),
+            simulator=replace(named.simulator, made=describe(simulator)),
+            driver=replace(named.driver, made=describe(driver)),
+            rules=simulator.rules,
+            car=simulator.car,
+            budget=self.budget,
+            map_size=self.tester.map_size,
+            margin=self.tester.margin,
+            lane_width=self.tester.lane_width,
+            workers=self.workers,
+            cluster=self.cluster,
+            lookahead=self.order.lookahead,
+            versions=package_versions(),
+        )
 
     def run(
         self,

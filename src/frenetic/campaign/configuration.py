@@ -13,9 +13,9 @@ from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, Final, TypeAlias
 
-from frenetic.campaign.budget import Budget
 from frenetic.errors import CampaignError
 from frenetic.simulators.drive import CarBody, Rules
+from frenetic.spec import Budget
 
 Check: TypeAlias = Callable[[object], str]
 """What is wrong with a value, in words that follow "is ..:"; empty if nothing is."""

@@ -11,7 +11,6 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.interrupt import Interrupt
-from frenetic.campaign.budget import Budget
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import CampaignStore, TestRecord
@@ -21,6 +20,7 @@ from frenetic.errors import CampaignError, StrategyError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
+from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
 """How often a candidate is tried whose worker or simulator breaks."""

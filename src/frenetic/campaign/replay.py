@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from frenetic.campaign.budget import Budget
 from frenetic.campaign.loop import ask, tell
 from frenetic.campaign.progress import Tally
 from frenetic.campaign.store import CampaignStore
@@ -14,6 +13,7 @@ from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded, Strategy
+from frenetic.spec import Budget
 
 
 def replay(

@@ -35,6 +35,7 @@ from typing import Any, ClassVar, Final, Literal, Self, TypeAlias, get_args
 
 import numpy as np
 
+from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
@@ -43,9 +44,6 @@ from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import Trajectory
 
-JSONValue: TypeAlias = (
-    "bool | int | float | str | Sequence[JSONValue] | Mapping[str, JSONValue] | None"
-)
 Order: TypeAlias = Literal["told", "moobd"]
 
 DATABASE: Final = "campaign.sqlite"

@@ -27,11 +27,11 @@ from msgspec import Meta, Struct, ValidationError, convert
 from msgspec.json import decode
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.budget import Budget
 from frenetic.campaign.log import ENDINGS, LOG, Count, Event, Level, Seconds, WorkerState
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
+from frenetic.spec import Budget
 
 SILENT_AFTER: Final = 180.0
 """s without a new line after which it is in question whether a campaign still runs."""

@@ -117,7 +117,7 @@ def with_beamng(
     return (*value, *given.items())
 
 
-def moved(simulator: str, recorded: Mapping[str, Any]) -> dict[str, Any]:
+def moved(simulator: str | None, recorded: Mapping[str, Any]) -> dict[str, Any]:
     """A campaign's options of its simulator, with what `place_options` say in their place.
 
     Where BeamNG.tech was started and is now to be connected to, or the other way round, what is

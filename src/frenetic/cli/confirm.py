@@ -55,9 +55,9 @@ def confirm(
     """
     from frenetic.analysis.failures import LISTED, representative_failures
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.campaign import describe
     from frenetic.redrive.confirm import CONFIRMATIONS, confirmation_document
     from frenetic.redrive.confirm import confirm as confirm_failures
+    from frenetic.spec import describe
 
     if test_ids and top is not None:
         raise click.UsageError("--top and the ID of a test exclude each other")

@@ -159,8 +159,8 @@ def minimise(
     smallest road found so far.
     """
     from frenetic._support.interrupt import catch_interrupt
-    from frenetic.campaign.campaign import describe
     from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
+    from frenetic.spec import describe
 
     if source.is_dir():
         setup, works = _of_campaign(context, source, test_ids, top, out)

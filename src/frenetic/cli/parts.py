@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from frenetic.cli.options import as_usage_error
-from frenetic.registry import SIMULATORS, STRATEGIES, Registry
+from frenetic.registry import SIMULATORS, Registry
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Budget, Campaign
     from frenetic.drivers import Driver
-    from frenetic.search import Strategy
     from frenetic.simulators import Simulator
 
 LAYERS = ("noise", "delay", "view")
@@ -22,51 +19,6 @@ LIMITS = ("speed_limit", "oob_tolerance", "wall_limit")
 
 WALL_LIMIT: Final = 60.0
 """s of wall time that a drive may take unless it is said, or the simulator says otherwise."""
-
-
-def make_campaign(
-    command: Mapping[str, Any],
-    *,
-    seed: object,
-    map_size: float,
-    budget: Budget,
-    folder: Path,
-    lookahead: int | None,
-    workers: int | None,
-    cluster: str | None,
-    drive_limit: float | None,
-) -> Campaign:
-    """The campaign of a command line, as it was given or as a campaign has recorded it.
-
-    Without a number of workers there are as many as the simulator is best used by, or as there are
-    cores.
-    """
-    from frenetic.campaign import LOOKAHEAD, Campaign
-    from frenetic.campaign.workers import available_cores
-
-    driver = make_driver(*(command[k] for k in ("driver", "driver_options", *LAYERS)))
-    simulator = make_simulator(*(command[k] for k in ("simulator", "simulator_options", *LIMITS)))
-    strategy: Strategy = make_part(
-        STRATEGIES,
-        command["strategy"],
-        command["strategy_options"],
-        {"seed": seed, "map_size": map_size},
-    )
-    with as_usage_error():
-        return Campaign(
-            strategy=strategy,
-            simulator=simulator,
-            driver=driver,
-            budget=budget,
-            folder=folder,
-            map_size=map_size,
-            workers=workers or getattr(simulator, "usual_workers", None) or available_cores(),
-            cluster=cluster,
-            ordered=lookahead is not None,
-            lookahead=lookahead or LOOKAHEAD,
-            drive_limit=drive_limit,
-            description={"seed": seed, "command": dict(command)},  # type: ignore[dict-item]
-        )
 
 
 def make_driver(

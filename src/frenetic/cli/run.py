@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import secrets
 from collections.abc import Callable
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -30,8 +31,8 @@ from frenetic.cli.options import (
     driver_options,
     json_option,
 )
-from frenetic.cli.parts import make_campaign
 from frenetic.errors import CampaignError, FreneticError
+from frenetic.spec import Budget, Spec
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -110,19 +111,6 @@ def run(
     simulations: int | None,
     seconds: float | None,
     failures: int | None,
-    strategy: str,
-    strategy_options: tuple[tuple[str, Any], ...],
-    driver: str,
-    driver_options: tuple[tuple[str, Any], ...],
-    noise: float | None,
-    delay: float | None,
-    view: float | None,
-    simulator: str,
-    simulator_options: tuple[tuple[str, Any], ...],
-    speed_limit: float,
-    oob_tolerance: float,
-    map_size: float,
-    wall_limit: float,
     workers: int | None,
     cluster: str | None,
     drive_limit: float | None,
@@ -131,6 +119,7 @@ def run(
     seed: int | None,
     out: Path | None,
     as_json: bool,
+    **how: Any,
 ) -> None:
     """Search for roads on which a driver leaves its lane.
 
@@ -138,7 +127,7 @@ def run(
     campaigns/. The first of --simulations, --time and --failures that is reached ends the search;
     so does Ctrl-C, and nothing found is lost.
     """
-    from frenetic.campaign import LOOKAHEAD, Budget, new_folder
+    from frenetic.campaign import LOOKAHEAD, new_folder
 
     if simulations is None and seconds is None and failures is None:
         simulations = DEFAULT_SIMULATIONS
@@ -148,31 +137,17 @@ def run(
     seed = secrets.randbelow(2**31) if seed is None else seed
     with as_usage_error():
         budget = Budget(simulations=simulations, time=seconds, failures=failures)
-    command = {
-        "strategy": strategy,
-        "strategy_options": dict(strategy_options),
-        "driver": driver,
-        "driver_options": dict(driver_options),
-        "noise": noise,
-        "delay": delay,
-        "view": view,
-        "simulator": simulator,
-        "simulator_options": dict(simulator_options),
-        "speed_limit": speed_limit,
-        "oob_tolerance": oob_tolerance,
-        "wall_limit": wall_limit,
-    }
-    folder = new_folder() if out is None else out
-    campaign = make_campaign(
-        command,
+    spec = Spec.from_options(
+        how,
         seed=seed,
-        map_size=map_size,
         budget=budget,
-        folder=folder,
         lookahead=(lookahead or LOOKAHEAD) if ordered else None,
-        **_crew(workers, cluster, drive_limit),
     )
-    text = f"Searching with {strategy} for roads on which {driver} fails, seed {seed}"
+    campaign = _campaign(spec, new_folder() if out is None else out, workers, cluster, drive_limit)
+    text = (
+        f"Searching with {spec.strategy.name} for roads on which {spec.driver.name} fails,"
+        f" seed {seed}"
+    )
     _search(campaign, campaign.run, text, as_json, seed)
 
 
@@ -204,8 +179,7 @@ def resume(
     simulations or failures. With a budget, its own becomes what is spent and so much more. Where
     BeamNG.tech is may be said anew, for this time.
     """
-    from frenetic.campaign import Budget, CampaignStore
-    from frenetic.campaign.configuration import recorded_budget, recorded_command
+    from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
     from frenetic.outcome import Outcome
 
@@ -217,8 +191,7 @@ def resume(
             f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
             " 'frenetic bench --resume --out BENCH'"
         )
-    command = recorded_command(config, campaign / DATABASE)
-    if command is None:
+    if config.get("command") is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"
         )
@@ -233,35 +206,44 @@ def resume(
             if more is not None and more <= 0:
                 raise ValueError(f"{name} is {more}: more than 0 is needed")
         if any(more is not None for more in given.values()):
-            budget = Budget(**{k: None if v is None else done[k] + v for k, v in given.items()})
+            limits = {k: None if v is None else done[k] + v for k, v in given.items()}
+            recorded: dict[str, Any] = {"budget": asdict(Budget(**limits))}
         else:
-            budget = recorded_budget(config, facts, campaign / DATABASE)
+            recorded = {k: v for k, v in facts.items() if k == "budget"}
+        spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
+        assert spec.budget is not None
+        budget = spec.budget
         if budget.spent(done["simulations"], spent, done["failures"]) >= 1.0:
             raise ValueError(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    simulator_options = moved(command.options["simulator"], command.options["simulator_options"])
-    the_campaign = make_campaign(
-        {**command.options, "simulator_options": simulator_options},
-        seed=command.seed,
-        map_size=command.map_size,
-        budget=budget,
-        folder=campaign,
-        lookahead=command.lookahead,
-        **_crew(workers, cluster, drive_limit),
+    simulator = spec.simulator
+    simulator = replace(simulator, options=moved(simulator.name, simulator.options))
+    the_campaign = _campaign(
+        replace(spec, simulator=simulator), campaign, workers, cluster, drive_limit
     )
-    text = f"Going on after {counts.tests} tests with {command.options['strategy']}"
-    _search(the_campaign, the_campaign.resume, text, as_json, command.seed)
+    text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
+    _search(the_campaign, the_campaign.resume, text, as_json, spec.seed)
 
 
-def _crew(workers: int | None, cluster: str | None, drive_limit: float | None) -> dict[str, Any]:
-    """Those who drive, as options of a campaign."""
+def _campaign(
+    spec: Spec,
+    folder: Path,
+    workers: int | None,
+    cluster: str | None,
+    drive_limit: float | None,
+) -> Campaign:
+    from frenetic.campaign import Campaign
+
     if cluster is not None and workers is not None:
         raise click.UsageError(
             "--workers and --cluster exclude each other: the cluster has its own"
         )
-    return {"workers": workers, "cluster": cluster, "drive_limit": drive_limit}
+    with as_usage_error():
+        return Campaign.of(
+            spec, folder=folder, workers=workers, cluster=cluster, drive_limit=drive_limit
+        )
 
 
 def _search(

@@ -83,6 +83,11 @@ class Noisy:
         self.correlation_time = _amount(correlation_time, "correlation_time", "s are", False)
         self.seed = seed
 
+    @classmethod
+    def over(cls, driver: Driver, amount: float) -> Noisy:
+        """A driver whose lateral error has this standard deviation in m, the heading's follows."""
+        return cls(driver, offset=amount, heading=HEADING_PER_OFFSET * amount)
+
     @property
     def options(self) -> dict[str, float]:
         """What it was made with."""
@@ -170,6 +175,11 @@ class Delayed:
         if self.seconds > 10.0:
             raise ValueError(f"seconds is {seconds}: a delay of at most 10 s is allowed")
 
+    @classmethod
+    def over(cls, driver: Driver, amount: float) -> Delayed:
+        """A driver whose controls arrive this many s late."""
+        return cls(driver, seconds=amount)
+
     @property
     def options(self) -> dict[str, float]:
         """What it was made with."""
@@ -201,6 +211,11 @@ class LimitedView:
     def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
         self.driver = driver
         self.distance = _amount(distance, "distance", "m are", False)
+
+    @classmethod
+    def over(cls, driver: Driver, amount: float) -> LimitedView:
+        """A driver that sees this many m ahead."""
+        return cls(driver, distance=amount)
 
     @property
     def options(self) -> dict[str, float]:

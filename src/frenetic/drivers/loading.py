@@ -1,45 +1,113 @@
-"""Drivers by name, with their options and layers."""
+"""Drivers by name, with their options and layers.
+
+The table `LAYERS` says what a layer is called; command line, campaigns' records and reports take it
+from there. It imports no layer before one is laid, so that help takes no time.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
 
-from frenetic.drivers.driver import Driver
-from frenetic.drivers.layers import HEADING_PER_OFFSET, Delayed, LimitedView, Noisy
 from frenetic.errors import FreneticError
 from frenetic.registry import DRIVERS
 
+if TYPE_CHECKING:
+    from frenetic.drivers.driver import Driver
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A kind of layer over any driver, with one number: its amount."""
+
+    name: str
+    """Of its option, in a campaign's record and as an argument of `load_driver`."""
+    target: str
+    """``module:Class``; the class method ``over(driver, amount)`` lays it."""
+    unit: str
+    """Of the amount."""
+    nothing: float
+    """Amount with which it does nothing, so that none is laid in place of a recorded one."""
+    help: str
+    """What the amount is, in one sentence."""
+    is_needed: bool = False
+    """Whether every record of a command line says something about it, null for no such layer;
+    records made before there was this layer say nothing."""
+
+    @property
+    def another(self) -> str:
+        """Help where the layer takes the place of a campaign's."""
+        what = "all" if math.isinf(self.nothing) else "none"
+        return f"Another {self.name}, as in run; {self.nothing:g}: {what}."
+
+    def over(self, driver: Driver, amount: float) -> Driver:
+        """The driver under this layer.
+
+        Raises:
+            ValueError: the amount is out of range.
+        """
+        module, _, name = self.target.partition(":")
+        layered: Driver = getattr(import_module(module), name).over(driver, amount)
+        return layered
+
+
+LAYERS: Final = [
+    Layer(
+        name="delay",
+        target="frenetic.drivers.layers:Delayed",
+        unit="s",
+        nothing=0.0,
+        help="Let the controls arrive this many s late.",
+        is_needed=True,
+    ),
+    Layer(
+        name="noise",
+        target="frenetic.drivers.layers:Noisy",
+        unit="m",
+        nothing=0.0,
+        help="Let the driver err about its lateral place, by this standard deviation in m.",
+        is_needed=True,
+    ),
+    Layer(
+        name="view",
+        target="frenetic.drivers.layers:LimitedView",
+        unit="m",
+        nothing=math.inf,
+        help="Let the driver see only this many m ahead.",
+        is_needed=True,
+    ),
+]
+"""All layers, the outermost first."""
+
 
 def load_driver(
-    spec: str,
-    options: Mapping[str, Any] | None = None,
-    *,
-    noise: float | None = None,
-    delay: float | None = None,
-    view: float | None = None,
+    spec: str, options: Mapping[str, Any] | None = None, **layers: float | None
 ) -> Driver:
     """The driver that a name, ``package.module:Class`` or ``file.py:Class`` stands for.
 
     Args:
         spec: which driver.
         options: passed to its class.
-        noise: m, standard deviation of the lateral error of a `Noisy` layer; its heading error is
-            a tenth of it in rad per m.
-        delay: s, of a `Delayed` layer.
-        view: m, of a `LimitedView` layer.
+        layers: name -> amount of a layer of `LAYERS` to be laid over it, None for no such layer:
+            ``noise`` in m, standard deviation of the lateral error of a `Noisy` layer, whose
+            heading error is a tenth of it in rad per m; ``delay`` in s, of a `Delayed` layer;
+            ``view`` in m, of a `LimitedView` layer.
 
     Raises:
-        FreneticError: it cannot be loaded or made, or a layer's value is out of range.
+        FreneticError: it cannot be loaded or made, or a layer's amount is out of range.
+        TypeError: there is no such layer.
     """
+    if unknown := layers.keys() - {layer.name for layer in LAYERS}:
+        raise TypeError(f"there is no layer {', '.join(sorted(unknown))}")
     driver: Driver = DRIVERS.make(spec, **(options or {}))
-    try:
-        if view is not None:
-            driver = LimitedView(driver, distance=view)
-        if noise is not None:
-            driver = Noisy(driver, offset=noise, heading=HEADING_PER_OFFSET * noise)
-        if delay is not None:
-            driver = Delayed(driver, seconds=delay)
-    except ValueError as error:
-        raise FreneticError(f"layer over driver {spec!r}: {error}") from None
+    for layer in reversed(LAYERS):
+        amount = layers.get(layer.name)
+        if amount is not None:
+            try:
+                driver = layer.over(driver, amount)
+            except ValueError as error:
+                raise FreneticError(f"layer over driver {spec!r}: {error}") from None
     return driver

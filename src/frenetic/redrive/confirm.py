@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic.analysis.statistics import spearman
-from frenetic.campaign.campaign import describe, prepare
+from frenetic.campaign.campaign import prepare
 from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.tester import Tested
 from frenetic.campaign.trajectory_codec import decode, encode
@@ -31,6 +31,7 @@ from frenetic.redrive.robustness import Repeat, drive_document, read_drive
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import World
+from frenetic.spec import describe
 
 CONFIRMATIONS: Final = "confirmations.json"
 """Name of the file in a campaign's folder that holds its failures' drives in other simulators."""

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 from frenetic._support.files import write_file
-from frenetic.campaign.campaign import describe
 from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.tester import Tested
 from frenetic.drivers import Driver
@@ -20,6 +19,7 @@ from frenetic.outcome import Outcome
 from frenetic.redrive.loop import Redrive, Redriver, drive_again, readable
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import World
+from frenetic.spec import describe
 
 SUITE: Final = "frenetic replay"
 """Name of the whole in a JUnit file."""

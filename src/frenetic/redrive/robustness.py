@@ -27,7 +27,6 @@ import numpy as np
 
 from frenetic.analysis.segments import REACH
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
-from frenetic.campaign.campaign import describe
 from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
 from frenetic.campaign.tester import Tested
 from frenetic.drivers import Driver
@@ -38,6 +37,7 @@ from frenetic.redrive.kept import KeptFile, as_number, as_whole
 from frenetic.redrive.loop import Redrive, Redriver, drive_again, readable
 from frenetic.simulators.simulator import Simulator, check_pair
 from frenetic.simulators.worlds import QUANTITIES, World, check_can_vary, in_world
+from frenetic.spec import describe
 
 RERUNS: Final = "reruns.json"
 """Name of the file in a campaign's folder that holds how often its failures repeat."""

@@ -21,10 +21,10 @@ from frenetic.errors import CampaignError
 from frenetic.oracle import assess, judge
 from frenetic.redrive.confirm import Confirmation, ConfirmedTest
 from frenetic.report.failures import file_stem
-from frenetic.report.parts import part_text
 from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive
+from frenetic.spec import part_text
 
 CONFIRMED: Final = "confirmed"
 """Folder in a campaign's folder for these pictures."""

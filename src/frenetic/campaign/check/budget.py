@@ -16,11 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.budget import Budget
 from frenetic.campaign.check.database import Facts
 from frenetic.campaign.check.findings import Findings, Subject
 from frenetic.campaign.check.results import Series
 from frenetic.outcome import Outcome
+from frenetic.spec import Budget
 
 _SAME: Final = 1e-9
 

@@ -11,7 +11,6 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any
 
-from frenetic.campaign.budget import Budget
 from frenetic.campaign.check.findings import Findings, Severity, Subject
 from frenetic.campaign.configuration import (
     BUDGET,
@@ -23,6 +22,7 @@ from frenetic.campaign.configuration import (
 )
 from frenetic.campaign.store import MIGRATIONS
 from frenetic.simulators.drive import CarBody, Rules
+from frenetic.spec import Budget
 
 
 def check_file(connection: sqlite3.Connection, findings: Findings) -> None:

@@ -11,7 +11,7 @@ from frenetic.campaign.store import JSONValue
 from frenetic.errors import CampaignError
 from frenetic.redrive.confirm import Agreement, Confirmation, read_confirmations
 from frenetic.report.html.blocks import Block, Column, Paragraph, Picture, Section, Table
-from frenetic.report.parts import part_text
+from frenetic.spec import part_text
 
 MOST_BYTES: Final = 2_000_000
 """Of a picture that is put into the page; a larger one stays a file."""

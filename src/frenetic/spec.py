@@ -1,0 +1,765 @@
+"""What a run is made of: one typed object, and its only way from and to everything else.
+
+A `Spec` comes from the options of a command line (`Spec.from_options`), from what a campaign's
+database records (`Spec.from_json`) or from a campaign of objects (`Campaign.spec`). It makes the
+objects (`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record
+(`to_json`) and the words of a command line that does the same (`drive_words`, `run_words`).
+
+Its options are declared here (`NUMBERS`) and in `frenetic.drivers.loading.LAYERS`. The module
+imports nothing that takes time before it is needed, as every command's help reads it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
+
+from frenetic._support.json_value import JSONValue
+from frenetic.drivers.loading import LAYERS, load_driver
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.registry import SIMULATORS, STRATEGIES, USER_MODULE, Registry
+
+# What is imported inside functions below takes longer to import than help may.
+
+if TYPE_CHECKING:
+    from frenetic.drivers import Driver
+    from frenetic.search import Strategy
+    from frenetic.simulators.drive import CarBody, Rules
+    from frenetic.simulators.simulator import Simulator
+
+T = TypeVar("T")
+
+WALL_LIMIT: Final = 60.0
+"""Wall time that a drive may take unless it is said, or the simulator says otherwise, in s."""
+_SHOWN_OPTIONS: Final = 3
+_PARTS: Final = ("strategy", "driver", "simulator")
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a `Spec` with an option of its own."""
+
+    name: str
+    """Of the option, in the record of a command line and in a `Spec` or its rules."""
+    default: float | None
+    """None if it depends on the simulator."""
+    help: str
+    metavar: str | None = None
+    """Where it takes the place of a campaign's."""
+    another: str = ""
+    """Help there; empty if it cannot be replaced."""
+
+
+NUMBERS: Final = (
+    Number("speed_limit", 70.0, "km/h.", "KMH", "Another speed limit."),
+    Number(
+        "oob_tolerance",
+        0.95,
+        "Share of the car that may be outside its lane, above 0 and up to 1.",
+        "SHARE",
+        "Another tolerance.",
+    ),
+    Number("map_size", 200.0, "m, side of the map."),
+    Number(
+        "wall_limit",
+        None,
+        "s of wall time that one drive may take. [default: 60, with beamng 600]",
+        "S",
+        "Another limit of a drive's wall time.",
+    ),
+)
+"""The numbers that say how roads are driven, beside the layers of the driver."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much a campaign may spend. Only drives cost simulations; INVALID roads are free.
+
+    Raises:
+        ValueError: nothing is limited, or a limit is not positive.
+    """
+
+    simulations: int | None = None
+    """Drives."""
+    time: float | None = None
+    """s of wall time."""
+    failures: int | None = None
+    """FAIL outcomes wanted."""
+
+    def __post_init__(self) -> None:
+        if self.simulations is None and self.time is None and self.failures is None:
+            raise ValueError(
+                "the budget limits nothing: simulations, time or failures has to be given"
+            )
+        for name in ("simulations", "failures"):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            if isinstance(value, bool) or value != int(value) or value < 1:
+                raise ValueError(f"{name} is {value}: a whole number of at least 1 is needed")
+        if self.time is not None and not (math.isfinite(self.time) and self.time > 0.0):
+            raise ValueError(f"time is {self.time}: a positive number of seconds is needed")
+
+    def spent(self, simulations: int, seconds: float, failures: int) -> float:
+        """Share of the budget that is spent, 0..1: that of the limit which is nearest."""
+        shares = [0.0]
+        if self.simulations is not None:
+            shares.append(simulations / self.simulations)
+        if self.time is not None:
+            shares.append(seconds / self.time)
+        if self.failures is not None:
+            shares.append(failures / self.failures)
+        return min(max(shares), 1.0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A strategy, driver or simulator: what it is called, and what came of that."""
+
+    name: str | None = None
+    """A registered name, ``package.module:Class`` or ``file.py:Class``; None for an object that
+    came from Python."""
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Given with the name."""
+    made: Mapping[str, JSONValue] = field(default_factory=dict)
+    """The object as `describe` tells it; empty before there is one."""
+
+    def replaced(self, name: str | None, options: Mapping[str, Any]) -> Part:
+        """Another part with its own options, or else this one with some options added."""
+        if name is not None:
+            return Part(name, options)
+        return Part(self.name, {**self.options, **options}) if options else self
+
+    def words(self, kind: str, usual: Part | None = None) -> list[str]:
+        """The options of a command line that choose it, without the name if that is usual."""
+        assert self.name is not None
+        words = [] if usual is not None and self.name == usual.name else [f"--{kind}", self.name]
+        for name, value in self.options.items():
+            words += [f"--{kind}-option", f"{name}={_setting(value)}"]
+        return words
+
+
+def _usual_rules() -> Rules:
+    from frenetic.simulators.drive import Rules
+
+    return Rules()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """What a run is made of."""
+
+    strategy: Part = Part()
+    """Who proposes roads; without a name where nobody does, as for `frenetic drive`."""
+    driver: Part = Part("planner")
+    """The system under test; described with its layers."""
+    layers: Mapping[str, float] = field(default_factory=dict)
+    """Name of a layer of `LAYERS` -> its amount, if it is laid over the driver."""
+    simulator: Part = Part("embedded")
+    rules: Rules = field(default_factory=_usual_rules)
+    wall_limit: float | None = None
+    """Wall time that a drive may take in s; None for the usual one of the simulator."""
+    map_size: float = 200.0
+    """Side of the square map in m."""
+    margin: float = 10.0
+    """Distance that a road's centre line keeps from the map's edge in m."""
+    lane_width: float = 4.0
+    """m."""
+    seed: Any = None
+    """Of the strategy; strategies of one's own may take whatever JSON holds but objects."""
+    lookahead: int | None = None
+    """Candidates outstanding at once in an ordered campaign, None in one that is not."""
+    budget: Budget | None = None
+    """None where nothing is searched."""
+    workers: int = 1
+    cluster: str | None = None
+    """Address of a Dask scheduler."""
+    car: CarBody | None = None
+    """The simulator's, None before there is one."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """Package -> version with which it ran."""
+
+    # From a command line
+
+    @classmethod
+    def from_options(cls, given: Mapping[str, Any], **others: Any) -> Spec:
+        """What the options of a command line ask for.
+
+        Args:
+            given: name -> value of an option: of a part such as ``driver``, of its options
+                (``driver_options``, a mapping or pairs), of the layers and of `NUMBERS`. A record's
+                ``command`` is such a mapping, too.
+            others: fields of the spec that are known from elsewhere.
+
+        Raises:
+            FreneticError: a rule is out of range.
+        """
+        parts = {
+            kind: Part(given[kind], dict(given[f"{kind}_options"]))
+            for kind in _PARTS
+            if given.get(kind) is not None
+        }
+        layers = {name: given[name] for name in _layer_names() if given.get(name) is not None}
+        values: dict[str, Any] = {"rules": _with_rules(_usual_rules(), given), **parts}
+        values |= {name: given[name] for name in ("map_size", "wall_limit") if name in given}
+        return cls(layers=layers, **(values | others))
+
+    def replaced(self, given: Mapping[str, Any]) -> Spec:
+        """The same with what is given on a command line in the place of what it has.
+
+        Another driver or simulator comes with the options that are given for it, as the recorded
+        ones belong to the old one; without another, given options are added to the recorded ones.
+        Layers and rules stay unless they are given; the amount with which a layer does nothing
+        takes it away.
+
+        Args:
+            given: as for `from_options`; what is None or empty is not given.
+
+        Raises:
+            FreneticError: a rule is out of range, or another simulator cannot be loaded.
+        """
+        asked = {k: v for k, v in given.items() if v is not None and v != ()}
+        driver, simulator = (
+            getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
+            for kind in ("driver", "simulator")
+        )
+        layers = {}
+        for layer in LAYERS:
+            amount = asked.get(layer.name, self.layers.get(layer.name))
+            if amount is not None and asked.get(layer.name) != layer.nothing:
+                layers[layer.name] = amount
+        if layers != self.layers:
+            driver = replace(driver, made={})
+        # The limit of another simulator says nothing about this one.
+        limit = asked.get("wall_limit", self.wall_limit)
+        if "wall_limit" not in asked and simulator.name != self.simulator.name:
+            limit = usual_wall_limit(simulator.name)
+        return replace(
+            self,
+            driver=driver,
+            layers=layers,
+            simulator=simulator,
+            rules=_with_rules(self.rules, asked),
+            wall_limit=limit,
+        )
+
+    # From and to JSON
+
+    @classmethod
+    def from_json(
+        cls, config: Mapping[str, Any], *, source: object, needs_names: bool = True
+    ) -> Spec:
+        """What a campaign's record says.
+
+        Args:
+            config: as `to_json` makes it; entries that it does not make are left alone.
+            source: what to call the place where it stands.
+            needs_names: whether a damaged command line is a fault; otherwise the parts have no
+                names then.
+
+        Raises:
+            CampaignError: the record is damaged; the message tells everything that is wrong.
+        """
+        decoded = decode(config)
+        command: Any = config.get("command")
+        faults = [f"the {fault}" for fault in decoded.faults]
+        if faults := [*faults, *(decoded.command_faults if needs_names else ())]:
+            raise CampaignError(
+                f"{source} is damaged: it does not say with what it was driven"
+                f" ({'; '.join(faults)}); restore it from a copy"
+            )
+        values = dict(decoded.values)
+        strategy, driver, simulator = (Part(made=values.pop(kind)) for kind in _PARTS)
+        if command is None or decoded.command_faults:
+            return cls(strategy=strategy, driver=driver, simulator=simulator, **values)
+        named = cls.from_options({**command, "map_size": values.pop("map_size")}, **values)
+        return replace(
+            named,
+            strategy=replace(named.strategy, made=strategy.made),
+            driver=replace(named.driver, made=driver.made),
+            simulator=replace(named.simulator, made=simulator.made),
+        )
+
+    def to_json(self) -> dict[str, JSONValue]:
+        """What a campaign's database records."""
+        command = self.command()
+        return {
+            "seed": self.seed,
+            "strategy": self.strategy.made,
+            "simulator": self.simulator.made,
+            "driver": self.driver.made,
+            "rules": asdict(self.rules),
+            "car": None if self.car is None else asdict(self.car),
+            "budget": None if self.budget is None else asdict(self.budget),
+            "map_size": self.map_size,
+            "margin": self.margin,
+            "lane_width": self.lane_width,
+            "workers": self.workers,
+            "cluster": self.cluster,
+            "lookahead": self.lookahead,
+            "versions": dict(self.versions),
+            **({} if command is None else {"command": command}),
+        }
+
+    def command(self) -> dict[str, JSONValue] | None:
+        """The options of a command line that name the parts; None if they have no names."""
+        if self.driver.name is None or self.simulator.name is None:
+            return None
+        command: dict[str, JSONValue] = {}
+        for kind in _PARTS:
+            part: Part = getattr(self, kind)
+            if part.name is not None:
+                command |= {kind: part.name, f"{kind}_options": dict(part.options)}
+            if kind == "driver":
+                command |= {name: self.layers.get(name) for name in _layer_names()}
+        return command | {
+            "speed_limit": self.rules.speed_limit,
+            "oob_tolerance": self.rules.oob_tolerance,
+            "wall_limit": self.wall_limit,
+        }
+
+    # To objects
+
+    def make_strategy(self) -> Strategy:
+        """The strategy, with seed and map size if its class takes them.
+
+        Raises:
+            FreneticError: it cannot be made.
+        """
+        available = {"seed": self.seed, "map_size": self.map_size}
+        strategy: Strategy = _made(STRATEGIES, self.strategy, available)
+        return strategy
+
+    def make_driver(self) -> Driver:
+        """The driver under its layers.
+
+        Raises:
+            FreneticError: it cannot be made.
+        """
+        assert self.driver.name is not None
+        return load_driver(self.driver.name, self.driver.options, **self.layers)
+
+    def make_simulator(self) -> Simulator:
+        """The simulator, with rules and wall limit if its class takes them; not yet entered.
+
+        Raises:
+            FreneticError: it cannot be made.
+        """
+        limit = (
+            usual_wall_limit(self.simulator.name) if self.wall_limit is None else self.wall_limit
+        )
+        available = {"rules": self.rules, "wall_limit": limit}
+        simulator: Simulator = _made(SIMULATORS, self.simulator, available)
+        return simulator
+
+    # To words
+
+    def drive_words(self, *, brief: bool = False) -> list[str]:
+        """The options of `frenetic drive` that choose driver, simulator, rules and map.
+
+        Args:
+            brief: leave out what is so anyway.
+        """
+        usual = Spec() if brief else None
+        words = self.driver.words("driver", usual.driver if usual else None)
+        words += self.simulator.words("simulator", usual.simulator if usual else None)
+        for name in (*_layer_names(), *(number.name for number in NUMBERS)):
+            value = self._amount(name)
+            if value is None or (usual is not None and value == usual._amount(name)):
+                continue
+            if brief and name == "wall_limit" and value == usual_wall_limit(self.simulator.name):
+                continue
+            words += [f"--{name.replace('_', '-')}", number_word(value)]
+        return words
+
+    def run_words(self) -> list[str]:
+        """The command line that searches so, without a folder."""
+        assert self.budget is not None
+        words = ["frenetic", "run"]
+        for name, value in asdict(self.budget).items():
+            if value is not None:
+                words += [f"--{name}", number_word(value)]
+        words += [*self.strategy.words("strategy"), *self.drive_words()]
+        if self.lookahead is None:
+            words += ["--unordered"]
+        else:
+            words += ["--ordered", "--lookahead", str(self.lookahead)]
+        if self.cluster is not None:
+            words += ["--cluster", self.cluster]
+        else:
+            words += ["--workers", str(self.workers)]
+        return words if self.seed is None else [*words, "--seed", str(self.seed)]
+
+    def _amount(self, name: str) -> float | None:
+        """Amount of a layer or one of `NUMBERS`."""
+        if name in _layer_names():
+            return self.layers.get(name)
+        value: float | None = getattr(self, name, getattr(self.rules, name, None))
+        return value
+
+
+def usual_wall_limit(simulator: str | None) -> float:
+    """Wall time that a drive in the simulator of that name may take by default, in s."""
+    if simulator is None:
+        return WALL_LIMIT
+    limit: float = getattr(SIMULATORS.load(simulator), "usual_wall_limit", WALL_LIMIT)
+    return limit
+
+
+def _layer_names() -> list[str]:
+    return [layer.name for layer in LAYERS]
+
+
+def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
+    """The rules with those that are given."""
+    known = {item.name for item in fields(rules)}
+    try:
+        return replace(rules, **{k: v for k, v in given.items() if k in known})
+    except ValueError as error:
+        raise FreneticError(str(error)) from None
+
+
+def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> Any:
+    assert part.name is not None
+    for name in part.options:
+        if name in available:
+            raise FreneticError(
+                f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
+                " the command"
+            )
+    return registry.make_from(part.name, part.options, available)
+
+
+# Parts as records and reports tell them
+
+
+def describe(part: object) -> dict[str, JSONValue]:
+    """A part of a campaign for its record: its class, its options, what it is laid over.
+
+    The options are the part's ``options`` if it has any, or the fields of a dataclass.
+    """
+    from frenetic.drivers.driver import Driver
+
+    kind = type(part)
+    module = kind.__module__
+    if module.startswith(USER_MODULE):
+        module = Path(sys.modules[module].__file__ or module).name
+    described: dict[str, JSONValue] = {"class": f"{module}:{kind.__qualname__}"}
+    options = getattr(part, "options", None)
+    if isinstance(options, Mapping):
+        described["options"] = {str(name): _plain(value) for name, value in options.items()}
+    elif is_dataclass(part):
+        described["options"] = {
+            item.name: _plain(getattr(part, item.name, None)) for item in fields(part)
+        }
+    inner = getattr(part, "driver", None)
+    if isinstance(inner, Driver):
+        described["driver"] = describe(inner)
+    return described
+
+
+def _plain(value: object) -> JSONValue:
+    """A value as JSON, or else what it looks like."""
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float) and math.isfinite(value):
+        return value
+    if isinstance(value, Mapping):
+        return {str(name): _plain(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)) and len(value) <= 100:
+        return [_plain(item) for item in value]
+    return repr(value)[:200]
+
+
+def part_text(part: object, recorded: object = None) -> str:
+    """A driver or simulator in words, such as ``Planner, delayed (seconds 0.05)``.
+
+    Args:
+        part: as `describe` tells it; the name is that of the driver under its layers.
+        recorded: another one; options by which the part differs from it are added if both are of
+            the same class.
+    """
+    *layers, inner = _over_each_other(part)
+    texts = [_class_of(inner)]
+    *_, own = _over_each_other(recorded)
+    if _class_of(own) == _class_of(inner):
+        theirs = dict(_options_of(own))
+        texts += _in_words({k: v for k, v in _options_of(inner) if theirs.get(k) != v})
+    for layer in layers:
+        told = ", ".join(_in_words(dict(_options_of(layer))))
+        texts.append(f"{_class_of(layer).lower()} ({told})" if told else _class_of(layer).lower())
+    return ", ".join(texts)
+
+
+def _over_each_other(part: object) -> Iterator[Mapping[str, Any]]:
+    """A part and all that it is laid over, from the outside."""
+    while isinstance(part, Mapping):
+        yield part
+        if not isinstance(part.get("driver"), Mapping):
+            return
+        part = part["driver"]
+    yield {}
+
+
+def _class_of(part: Mapping[str, Any]) -> str:
+    return str(part.get("class", "")).rpartition(":")[2] or "unknown"
+
+
+def _options_of(part: Mapping[str, Any], name: str = "options") -> Iterator[tuple[str, object]]:
+    """Names and values of its options, those within others, too."""
+    value = part.get(name)
+    if isinstance(value, Mapping):
+        for inner in value:
+            if isinstance(value[inner], Mapping):
+                yield from _options_of(value, inner)
+            else:
+                yield str(inner), value[inner]
+
+
+def _in_words(options: Mapping[str, object]) -> list[str]:
+    told = [
+        f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in options.items()
+    ]
+    return told if len(told) <= _SHOWN_OPTIONS else [*told[:_SHOWN_OPTIONS], "…"]
+
+
+# Values as a command line reads them
+
+
+def number_word(value: object) -> str:
+    """A number as a word of a command line."""
+    return str(value).removesuffix(".0")
+
+
+def read_setting(text: str) -> Any:
+    """The value of NAME=VALUE on a command line: JSON or a number if it is some, or else a text."""
+    for read in (json.loads, float):
+        try:
+            return read(text)
+        except ValueError:
+            continue
+    return text
+
+
+def _setting(value: object) -> str:
+    """A value as `read_setting` reads it back."""
+    if isinstance(value, str):
+        return value if read_setting(value) == value else json.dumps(value)
+    return json.dumps(value, default=_of_proxy)
+
+
+def _of_proxy(value: object) -> object:
+    """A read-only mapping or sequence as `json` takes it."""
+    return dict(value) if isinstance(value, Mapping) else list(value)  # type: ignore[call-overload]
+
+
+# Decoding
+
+Decoder: TypeAlias = Callable[[Any], Any]
+"""Gives the typed value of a JSON value.
+
+Raises:
+    ValueError: it is none; the message follows "is ..:".
+"""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A value of a record."""
+
+    decode: Decoder
+    is_needed: bool = True
+    """Whether it is always there; records of older versions lack the others."""
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """What a campaign's record says, and what is wrong with it."""
+
+    values: Mapping[str, Any]
+    """Name of a field -> its value, of those that are sound."""
+    faults: tuple[str, ...]
+    """What is wrong, each in one line."""
+    command_faults: tuple[str, ...]
+    """What keeps a campaign of a command line from being resumed, each in one line."""
+
+
+def decode(config: Mapping[str, Any]) -> Decoded:
+    """Validates a campaign's record, as `Spec.to_json` makes it."""
+    values, faults = _decode(CONFIGURATION, config)
+    return Decoded(values, faults, command_faults(config.get("command")))
+
+
+def command_faults(command: object, without: Collection[str] = ()) -> tuple[str, ...]:
+    """What is wrong with the command line of a record, None being none; each in one line."""
+    if command is None:
+        return ()
+    if not isinstance(command, Mapping):
+        return (f"the command is {shown(command)}: an object is needed",)
+    wanted = {name: entry for name, entry in command_entries().items() if name not in without}
+    return tuple(f"the command: {fault}" for fault in _decode(wanted, command)[1])
+
+
+def _decode(
+    entries: Mapping[str, Entry], values: Mapping[str, Any]
+) -> tuple[dict[str, Any], tuple[str, ...]]:
+    decoded: dict[str, Any] = {}
+    faults = []
+    for name, entry in entries.items():
+        if name not in values:
+            if entry.is_needed:
+                faults.append(f"{name} is missing")
+            continue
+        try:
+            decoded[name] = entry.decode(values[name])
+        except ValueError as error:
+            faults.append(f"{name} is {shown(values[name])}: {error}")
+    return decoded, tuple(faults)
+
+
+def shown(value: object) -> str:
+    """What a value looks like, shortened."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a finite number."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return abs(value) <= sys.float_info.max  # a whole number may be too large for a float
+
+
+def decode_budget(value: Any) -> Budget:
+    """The budget of a JSON object.
+
+    Raises:
+        ValueError: it is none.
+    """
+    return _record(value, Budget, or_none=True)
+
+
+def _number(*, above: float = -math.inf, at_least: float = -math.inf) -> Decoder:
+    allowed = "a number"
+    if above > -math.inf:
+        allowed += f" above {above:g}"
+    if at_least > -math.inf:
+        allowed += f" of at least {at_least:g}"
+    return _if(lambda v: is_number(v) and v > above and v >= at_least, f"{allowed} is needed")
+
+
+def _whole_number(at_least: int) -> Decoder:
+    return _if(
+        lambda v: isinstance(v, int) and not isinstance(v, bool) and v >= at_least,
+        f"a whole number of at least {at_least} is needed",
+    )
+
+
+def _if(is_fine: Callable[[Any], bool], needed: str) -> Decoder:
+    """Decodes what is fine to itself."""
+
+    def decode(value: Any) -> Any:
+        if not is_fine(value):
+            raise ValueError(needed)
+        return value
+
+    return decode
+
+
+def _or_none(decoder: Decoder) -> Decoder:
+    def decode(value: Any) -> Any:
+        try:
+            return None if value is None else decoder(value)
+        except ValueError as error:
+            raise ValueError(str(error).replace(" is needed", " or null is needed")) from None
+
+    return decode
+
+
+_text: Final = _if(lambda v: isinstance(v, str), "a text is needed")
+_object: Final = _if(lambda v: isinstance(v, Mapping), "an object is needed")
+_seed: Final = _if(lambda v: not isinstance(v, (Mapping, list)), "an object or list is no seed")
+_versions: Final = _if(
+    lambda v: isinstance(v, Mapping) and all(isinstance(text, str) for text in v.values()),
+    "an object with a text for each package is needed",
+)
+
+
+def _described(value: Any) -> Mapping[str, JSONValue]:
+    """A part as `describe` tells it."""
+    if not isinstance(value, Mapping) or not isinstance(value.get("class"), str):
+        raise ValueError("an object with a class is needed")
+    for name in ("options", "driver"):
+        if name in value and not isinstance(value[name], Mapping):
+            raise ValueError(f"its {name} have to be an object")
+    if "driver" in value:
+        _described(value["driver"])
+    return value
+
+
+def _record(value: Any, kind: Callable[..., T], *, or_none: bool = False) -> T:
+    """A dataclass of numbers, with a number for each of its fields."""
+    if not isinstance(value, Mapping):
+        raise ValueError("an object is needed")
+    names = [item.name for item in fields(kind)]  # type: ignore[arg-type]
+    if missing := [name for name in names if name not in value]:
+        raise ValueError(f"it lacks {', '.join(missing)}")
+    for name, number in value.items():
+        if name not in names:
+            raise ValueError(f"it has no {name}")
+        if not (is_number(number) or (number is None and or_none)):
+            raise ValueError(f"its {name} has to be a number")
+    try:
+        return kind(**value)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+
+
+def _rules(value: Any) -> Rules:
+    from frenetic.simulators.drive import Rules
+
+    return _record(value, Rules)
+
+
+def _car(value: Any) -> CarBody:
+    from frenetic.simulators.drive import CarBody
+
+    return _record(value, CarBody)
+
+
+CONFIGURATION: Final[Mapping[str, Entry]] = MappingProxyType(
+    {
+        "seed": Entry(_seed),
+        "strategy": Entry(_described),
+        "simulator": Entry(_described),
+        "driver": Entry(_described),
+        "rules": Entry(_rules),
+        "car": Entry(_car),
+        "budget": Entry(decode_budget),
+        "map_size": Entry(_number(above=0.0)),
+        "margin": Entry(_number(at_least=0.0)),
+        "lane_width": Entry(_number(above=0.0)),
+        "workers": Entry(_whole_number(1), is_needed=False),
+        "cluster": Entry(_or_none(_text), is_needed=False),
+        "lookahead": Entry(_or_none(_whole_number(1)), is_needed=False),
+        "versions": Entry(_versions),
+    }
+)
+"""What a campaign records, beside ``command``."""
+
+
+def command_entries() -> dict[str, Entry]:
+    """What a record holds as ``command`` if the campaign was started from a command line."""
+    named: dict[str, Entry] = {}
+    for kind in _PARTS:
+        named |= {kind: Entry(_text), f"{kind}_options": Entry(_object)}
+    layers = {layer.name: Entry(_or_none(_number()), layer.is_needed) for layer in LAYERS}
+    limits = ("speed_limit", "oob_tolerance", "wall_limit")
+    return named | layers | {name: Entry(_number(above=0.0)) for name in limits}
