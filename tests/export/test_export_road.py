@@ -118,6 +118,35 @@ def test_a_road_file_is_written_beside_itself(frenetic: Frenetic) -> None:
     assert json.loads(Path("b/c.json").read_text())["curvatures"] == [0.0, 0.03, 0.0]
 
 
+@pytest.mark.parametrize(
+    ("name", "written"),
+    [("r.xodr", "<?xml"), ("r.XODR", "<?xml"), ("r.csv", "distance_m,"), ("r.beamng.json", "[\n[")],
+)
+def test_the_suffix_says_the_format(frenetic: Frenetic, name: str, written: str) -> None:
+    road = write("bend.json", {"curvatures": [0, 0.03, 0]})
+    assert frenetic("export-road", road, "--out", name).code == 0
+    assert Path(name).read_text().startswith(written)
+
+
+def test_a_suffix_that_does_not_say_the_format(frenetic: Frenetic) -> None:
+    road = write("bend.json", {"curvatures": [0, 0.03, 0]})
+    answer = frenetic("export-road", road, "--out", "r.json")
+    refused(answer, "r.json does not say", "--format from competition, json, beamng")
+    every = "--format from opendrive, competition, csv, json, beamng"
+    for name in ("r", "r.txt", "xodr"):
+        refused(frenetic("export-road", road, "--out", name), f"{name} does not say", every)
+        assert not Path(name).exists()
+
+
+def test_the_place_on_the_globe(frenetic: Frenetic) -> None:
+    road = write("bend.json", {"curvatures": [0, 0.03, 0]})
+    out = ("--out", "r.xodr")
+    assert frenetic("export-road", road, "--origin", "-33.5", "151.25", *out).code == 0
+    assert "+lat_0=-33.5 +lon_0=151.25 " in Path("r.xodr").read_text()
+    refused(frenetic("export-road", road, "--origin", "91", "0", *out), "latitude of -80 to 84")
+    refused(frenetic("export-road", road, "--origin", "1", "2", "--out", "r.csv"), "--origin is")
+
+
 def test_stdout_gets_the_file_and_nothing_else(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     frenetic("export-road", road, "--format", "opendrive", "--shoulder", "2")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -117,6 +118,17 @@ def test_no_spiral_is_nearly_an_arc_and_no_arc_nearly_a_line(road: Road) -> None
             assert abs(start) >= 1e-10
 
 
+@given(roads())
+def test_no_spiral_has_ends_that_numpy_takes_for_equal(road: Road) -> None:
+    for _, shape in plan_view(to_opendrive(road)):
+        if shape.tag == "spiral":
+            assert not np.isclose(*curvatures_of(shape))
+
+
+def test_a_long_step_that_hardly_bends_is_several_arcs() -> None:
+    assert kinds(Road([0.05, 0.05 + 1e-7, 0.0], 40.0)) == ["arc"] * 12 + ["spiral"]
+
+
 def test_same_road_same_bytes_without_a_date() -> None:
     values = [0.01, -0.02, 0.03]
     text = to_opendrive(Road(values))
@@ -135,6 +147,10 @@ def test_the_header_says_where_the_road_lies() -> None:
     edges = np.concatenate([road.sample(0.1, 6.0), road.sample(0.1, -6.0)])
     assert [west, south] == pytest.approx(edges.min(axis=0), abs=0.01)
     assert [east, north] == pytest.approx(edges.max(axis=0), abs=0.01)
+    place = header.find("geoReference")
+    assert place is not None
+    assert place.text is not None
+    assert place.text.startswith("+proj=tmerc +lat_0=49.0 +lon_0=8.4 ")
 
 
 def test_lanes_marks_and_speed() -> None:
@@ -185,11 +201,13 @@ def test_any_name_can_be_written(name: str) -> None:
         ({"speed_limit": math.nan}, "speed_limit is nan"),
         ({"shoulder": -1.0}, "shoulder is -1"),
         ({"shoulder": math.inf}, "shoulder is inf"),
+        ({"origin": (91.0, 0.0)}, r"origin is \(91, 0\)"),
+        ({"origin": (0.0, math.nan)}, r"origin is \(0, nan\)"),
     ],
 )
-def test_senseless_options_are_refused(options: dict[str, float], complaint: str) -> None:
+def test_senseless_options_are_refused(options: dict[str, Any], complaint: str) -> None:
     with pytest.raises(RoadError, match=complaint):
-        to_opendrive(Road([0.0, 0.0]), **options)  # type: ignore[arg-type]
+        to_opendrive(Road([0.0, 0.0]), **options)
 
 
 # Reading what we wrote
@@ -211,6 +229,25 @@ def test_our_own_file_gives_the_same_road(road: Road) -> None:
 )
 def test_curvatures_that_change_come_back_bit_for_bit(values: list[float]) -> None:
     assert from_opendrive(to_opendrive(Road(values)).encode()).curvatures.tolist() == values
+
+
+@given(roads())
+def test_curvatures_that_hardly_change_come_back_bit_for_bit(road: Road) -> None:
+    read = from_opendrive(to_opendrive(road).encode())
+    assert read.curvatures.tolist() == road.curvatures.tolist()
+
+
+def test_noted_curvatures_do_not_count_where_the_geometries_say_something_else() -> None:
+    text = to_opendrive(Road([0.02, 0.02 + 1e-10]))
+    assert 'code="frenetic:curvatures"' in text
+    bent = re.sub(r'curvature="0.02\d*"', 'curvature="0.03"', text)
+    assert set(from_opendrive(bent.encode()).curvatures) == {0.03}
+    longer = text.replace('length="10.0"', 'length="20.0"')
+    assert from_opendrive(longer.encode()).length == 20.0
+    for damage in ("", "x", "0.02", "9 9", "nan nan"):
+        damaged = re.sub(r'(frenetic:curvatures" value=)"[^"]*"', rf'\1"{damage}"', text)
+        read = from_opendrive(damaged.encode())
+        assert read.curvatures == pytest.approx([0.02] * 2, abs=1e-9)
 
 
 def test_a_file_that_was_edited_counts_for_what_it_says() -> None:

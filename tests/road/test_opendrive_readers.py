@@ -8,17 +8,20 @@ import platform
 import subprocess
 import sys
 import venv
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import opendrive_readers as readers
 import pytest
 
 from frenetic.road import Road
-from frenetic.road.opendrive import to_opendrive
+from frenetic.road.opendrive import from_opendrive, to_opendrive
 
 ROADS = readers.varied_roads()
 SHOULDERS = {name: 2.5 * (i % 2) for i, name in enumerate(ROADS)}  # m
+COMMONROAD = "commonroad-scenario-designer==0.8.5"
 ASAM_CHECKER = "asam-qc-opendrive==1.0.0"
 NEW_IN_1_8 = "check_asam_xodr_junctions_connection_one_link_to_incoming"
 GONE_IN_1_8 = "check_asam_xodr_junctions_connection_one_connection_element"
@@ -28,6 +31,9 @@ carla_has_a_wheel = pytest.mark.skipif(
     or sys.platform not in ("linux", "win32")
     or platform.machine() not in ("x86_64", "AMD64"),
     reason="CARLA is packaged for Linux and Windows on x86-64 and Python up to 3.12",
+)
+commonroad_can_be_installed = pytest.mark.skipif(
+    sys.version_info >= (3, 14), reason="CommonRoad's Scenario Designer ends at Python 3.13"
 )
 checker_can_be_installed = pytest.mark.skipif(
     sys.version_info >= (3, 13), reason="the ASAM checker wants numpy 1, which ends at Python 3.12"
@@ -60,6 +66,20 @@ def test_carla_knows_the_lanes_and_their_marks() -> None:
     assert ego.right_lane_marking.type == carla.LaneMarkingType.Solid
 
 
+@carla_has_a_wheel
+def test_carla_places_the_road_on_the_globe() -> None:
+    import carla
+
+    text = to_opendrive(ROADS["straight"], origin=(-33.5, 151.25))
+    here, east = (
+        carla.Map("road", text).transform_to_geolocation(carla.Location(x, 0.0, 0.0))
+        for x in (0.0, 1000.0)
+    )
+    assert (here.latitude, here.longitude) == (pytest.approx(-33.5), pytest.approx(151.25))
+    a_degree = 111_320.0 * np.cos(np.radians(33.5))  # m
+    assert east.longitude - here.longitude == pytest.approx(1000.0 / a_degree, rel=0.01)
+
+
 @pytest.mark.parametrize("name", ROADS)
 def test_netconvert_makes_the_lane_within_15_centimetres(name: str) -> None:
     road = ROADS[name]
@@ -80,27 +100,43 @@ def test_a_reader_that_errs_is_noticed() -> None:
     assert readers.away_at_places(road, lane) > 0.15
 
 
+Environment = Callable[[str], str]
+
+
 @pytest.fixture
-def asam_python(request: pytest.FixtureRequest, tmp_path: Path) -> str:
-    """A Python that has the ASAM checker: an environment of its own, kept between runs."""
-    cache = getattr(request.config, "cache", None)
-    name = f"asam-{sys.version_info.major}.{sys.version_info.minor}"
-    folder = cache.mkdir(name) if cache is not None else tmp_path / name
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    complete = folder / "complete"
-    if not (complete.exists() and complete.read_text() == ASAM_CHECKER):
-        venv.create(folder, clear=True, with_pip=True)
-        install = [str(python), "-m", "pip", "install", "--quiet", ASAM_CHECKER]
-        done = subprocess.run(install, capture_output=True, text=True)
-        if done.returncode != 0:
-            reason = f"{' '.join(install)} failed: {done.stderr.strip()[-300:]}"
-            (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
-        complete.write_text(ASAM_CHECKER)
-    return str(python)
+def python_with(request: pytest.FixtureRequest, tmp_path: Path) -> Environment:
+    """Gives a Python that has a package: an environment of its own, kept between runs."""
+
+    def install(package: str) -> str:
+        cache = getattr(request.config, "cache", None)
+        name = f"{package.split('=')[0]}-{sys.version_info.major}.{sys.version_info.minor}"
+        folder = cache.mkdir(name) if cache is not None else tmp_path / name
+        python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+        complete = folder / "complete"
+        if not (complete.exists() and complete.read_text() == package):
+            venv.create(folder, clear=True, with_pip=True)
+            command = [str(python), "-m", "pip", "install", "--quiet", package]
+            done = subprocess.run(command, capture_output=True, text=True)
+            if done.returncode != 0:
+                reason = f"{' '.join(command)} failed: {done.stderr.strip()[-300:]}"
+                (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+            complete.write_text(package)
+        return str(python)
+
+    return install
+
+
+def answers_of(python: str, script: str, *arguments: str | Path) -> dict[str, Any]:
+    """What a script beside this file says, run by another Python."""
+    command = [python, str(Path(__file__).with_name(script)), *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    answers: dict[str, Any] = json.loads(done.stdout)
+    return answers
 
 
 @checker_can_be_installed
-def test_the_asam_checker_finds_nothing(asam_python: str, tmp_path: Path) -> None:
+def test_the_asam_checker_finds_nothing(python_with: Environment, tmp_path: Path) -> None:
     files = {}
     for i, (name, road) in enumerate(ROADS.items()):
         text = to_opendrive(road, name=name, shoulder=SHOULDERS[name])
@@ -112,19 +148,70 @@ def test_the_asam_checker_finds_nothing(asam_python: str, tmp_path: Path) -> Non
     files[bad] = to_opendrive(Road([0.0, 0.01])).replace('hdg="', 'heading="')
     for path, text in files.items():
         path.write_text(text, encoding="utf-8")
-    command = [asam_python, str(Path(__file__).with_name("asam_checks.py")), *map(str, files)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    answers = json.loads(done.stdout)
+    answers = answers_of(python_with(ASAM_CHECKER), "asam_checks.py", *files)
     complaint = answers.pop(str(bad))
     assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
     assert len(answers) == 60
-    for path, answer in answers.items():
+    for file, answer in answers.items():
         skipped = {name for name, (status, *_) in answer.items() if status == "skipped"}
-        assert skipped == {GONE_IN_1_8 if path.endswith("-8.xodr") else NEW_IN_1_8}
+        assert skipped == {GONE_IN_1_8 if file.endswith("-8.xodr") else NEW_IN_1_8}
         assert len(answer) == 23
         assert all(status in ("completed", "skipped") for status, *_ in answer.values())
         assert not any(issues for _, *issues in answer.values())
+
+
+def imported_roads() -> dict[str, Road]:
+    """Roads as they come from others' files: arcs and lines joined with and without spirals."""
+    bends = {
+        "arc": '<arc curvature="0.066"/>',
+        "spiral": '<spiral curvStart="0.01" curvEnd="0.01002"/>',
+        "param": '<paramPoly3 bU="30" cV="5" dV="-2" pRange="normalized"/>',
+    }
+    header = '<header revMajor="1" revMinor="4"/>'
+    lane = '<lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>'
+    lanes = f'<lanes><laneSection s="0"><right>{lane}</right></laneSection></lanes>'
+    roads = {}
+    for name, bend in bends.items():
+        length = 30.234 if name == "param" else 31.4
+        line = '<geometry s="0" x="-50" y="0" hdg="0" length="50"><line/></geometry>'
+        curve = f'<geometry s="50" x="0" y="0" hdg="0" length="{length}">{bend}</geometry>'
+        data = (
+            f'<OpenDRIVE>{header}<road length="{50 + length}" id="1" junction="-1">'
+            f"<planView>{line}{curve}</planView>{lanes}</road></OpenDRIVE>"
+        )
+        roads[f"imported {name}"] = from_opendrive(data.encode())
+    return roads
+
+
+@commonroad_can_be_installed
+def test_commonroad_finds_the_lane_within_3_centimetres(
+    python_with: Environment, tmp_path: Path
+) -> None:
+    roads = ROADS | imported_roads()
+    files = {tmp_path / f"{i}.xodr": road for i, road in enumerate(roads.values())}
+    for i, (path, road) in enumerate(files.items()):
+        path.write_text(to_opendrive(road, shoulder=2.5 * (i % 2)), encoding="utf-8")
+    answers = answers_of(python_with(COMMONROAD), "commonroad_lanelets.py", "", *files)
+    assert len(answers) == 53
+    for path, road in files.items():
+        lanes = answers[str(path)]
+        assert isinstance(lanes, list), lanes
+        away = [
+            readers.away_from_line(road, readers.ReadLane(np.array(lane), road.lane_width))
+            for lane in lanes
+        ]
+        assert min(away) < 0.03
+
+
+@commonroad_can_be_installed
+def test_commonroad_places_the_road_on_the_globe(python_with: Environment, tmp_path: Path) -> None:
+    path, road = tmp_path / "road.xodr", ROADS["S-bend"]
+    path.write_text(to_opendrive(road, origin=(-33.5, 151.25)), encoding="utf-8")
+    east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"
+    answers = answers_of(python_with(COMMONROAD), "commonroad_lanelets.py", east, path)
+    moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(path)]]
+    away = [readers.away_from_line(road, readers.ReadLane(lane, 4.0)) for lane in moved]
+    assert min(away) < 0.03
 
 
 def test_what_we_read_back_is_the_same_road() -> None:

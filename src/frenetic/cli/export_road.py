@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -20,7 +21,12 @@ EXPORTS: Final = "exports"
 @click.command("export-road", short_help="Write one road for other tools: OpenDRIVE, CSV, ...")
 @click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
 @click.argument("test_id", type=int, required=False, metavar="[ID]")
-@click.option("--format", "name", type=click.Choice(FORMATS), required=True, help="What to write.")
+@click.option(
+    "--format",
+    "name",
+    type=click.Choice(FORMATS),
+    help="What to write. [default: what the suffix of --out says]",
+)
 @click.option(
     "--out",
     type=click.Path(path_type=Path, allow_dash=True),
@@ -33,18 +39,39 @@ EXPORTS: Final = "exports"
     metavar="M",
     help="OpenDRIVE: m of ground beyond each lane, so that a car which leaves it does not fall.",
 )
+@click.option(
+    "--origin",
+    type=float,
+    nargs=2,
+    metavar="LATITUDE LONGITUDE",
+    help="OpenDRIVE: where on the globe x = y = 0 lies, in degrees. [default: 49 8.4]",
+)
 def export_road(
-    source: Path, test_id: int | None, name: str, out: Path | None, shoulder: float | None
+    source: Path,
+    test_id: int | None,
+    name: str | None,
+    out: Path | None,
+    shoulder: float | None,
+    origin: tuple[float, float] | None,
 ) -> None:
     """Write the road of a CAMPAIGN's test, or of a ROAD file, for other tools.
 
     A campaign is its folder and needs the ID of a test. The file's name is printed.
     """
-    from frenetic.export import road_format, write_road
+    from frenetic.export import format_of, road_format, write_road
 
-    if shoulder is not None and name != "opendrive":
-        raise click.UsageError(f"--shoulder is for --format opendrive, not {name}")
-    exported, default = _exported(source, test_id, shoulder or 0.0)
+    if name is None:
+        if out is None or str(out) == "-":
+            raise click.UsageError(
+                f"Missing option '--format': choose from {', '.join(FORMATS)}, or say it by the"
+                " suffix of --out"
+            )
+        name = format_of(out).name
+    for option, given in (("--shoulder", shoulder), ("--origin", origin)):
+        if given is not None and name != "opendrive":
+            raise click.UsageError(f"{option} is for --format opendrive, not {name}")
+    exported, default = _exported(source, test_id)
+    exported = replace(exported, shoulder=shoulder or 0.0, origin=origin or exported.origin)
     the_format = road_format(name)
     if out is not None and str(out) == "-":
         # As bytes, so that every platform writes the same.
@@ -58,7 +85,7 @@ def export_road(
     click.echo(path)
 
 
-def _exported(source: Path, test_id: int | None, shoulder: float) -> tuple[ExportedRoad, Path]:
+def _exported(source: Path, test_id: int | None) -> tuple[ExportedRoad, Path]:
     """What to write, and where without its suffix."""
     from frenetic.export import ExportedRoad
 
@@ -70,7 +97,7 @@ def _exported(source: Path, test_id: int | None, shoulder: float) -> tuple[Expor
                 f"{source} is a folder: say which test of the campaign, or name a road file"
             )
         road = read_road(source).road()
-        return ExportedRoad(road, source.stem, shoulder=shoulder), source.with_suffix("")
+        return ExportedRoad(road, source.stem), source.with_suffix("")
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.stored import stored_test
     from frenetic.report.failures import file_stem
@@ -80,5 +107,5 @@ def _exported(source: Path, test_id: int | None, shoulder: float) -> tuple[Expor
         test = stored_test(store, store.test(test_id))
         speed_limit = Rules(**store.config["rules"]).speed_limit  # type: ignore[arg-type]
     stem = file_stem(test_id)
-    exported = ExportedRoad(test.road, stem, speed_limit, shoulder, test)
+    exported = ExportedRoad(test.road, stem, speed_limit, test=test)
     return exported, source / EXPORTS / stem

@@ -13,6 +13,7 @@ from frenetic.export.roads import (
     FORMATS,
     ExportedRoad,
     RoadFormat,
+    format_of,
     road_format,
     write_road,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "competition_document",
     "data_frame",
     "export_campaign",
+    "format_of",
     "road_format",
     "simulation_records",
     "stored_test_document",

@@ -17,7 +17,7 @@ from frenetic.errors import UnknownNameError
 from frenetic.export.competition import GROUND, competition_document, stored_test_document
 from frenetic.road import MAP_SIZE, Road
 from frenetic.road.geometry import CURVATURE
-from frenetic.road.opendrive import to_opendrive
+from frenetic.road.opendrive import ORIGIN, to_opendrive
 
 CSV_COLUMNS: Final = (
     "distance_m",
@@ -49,9 +49,11 @@ class ExportedRoad:
     speed_limit: float = 70.0
     """km/h."""
     shoulder: float = 0.0
-    """m of ground beyond each lane; only OpenDRIVE knows it."""
+    """Ground beyond each lane, in m; only OpenDRIVE knows it."""
     test: StoredTest | None = None
     """The campaign's test whose road it is, if it is one's."""
+    origin: tuple[float, float] = ORIGIN
+    """Latitude and longitude of (0, 0), in degrees; only OpenDRIVE knows them."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ def _opendrive(exported: ExportedRoad) -> str:
         name=exported.name,
         speed_limit=exported.speed_limit,
         shoulder=exported.shoulder,
+        origin=exported.origin,
     )
 
 
@@ -150,6 +153,22 @@ def road_format(name: str) -> RoadFormat:
         known = ", ".join(FORMATS)
         raise UnknownNameError(f"no road format is called {name!r}: choose from {known}")
     return FORMATS[name]
+
+
+def format_of(path: Path) -> RoadFormat:
+    """The format that a file's name says.
+
+    Raises:
+        UnknownNameError: its suffix is that of several formats, or of none.
+    """
+    named = [item for item in FORMATS.values() if path.name.lower().endswith(item.suffix)]
+    longest = max((item.suffix for item in named), key=len, default="")
+    # A name that ends in just .json may be meant for any of the formats that are JSON.
+    possible = [item for item in FORMATS.values() if item.suffix.endswith(longest)]
+    if len(possible) > 1:
+        known = ", ".join(item.name for item in possible)
+        raise UnknownNameError(f"{path} does not say its format: choose --format from {known}")
+    return possible[0]
 
 
 def write_road(exported: ExportedRoad, name: str, path: Path) -> None:

@@ -19,6 +19,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
 from frenetic.road.geometry import HEADING, build_table, sub_steps
+from frenetic.road.opendrive.writing import hardly_differ
 from frenetic.road.recovery import CORRECTION, follow_line
 from frenetic.road.road import (
     MAX_COORDINATE,
@@ -38,6 +39,7 @@ STEPS: Final = (0.5, 0.25, 0.1)
 
 _SPACING: Final = 0.1  # m between the points of a trace
 _EQUAL_CURVATURE: Final = 1e-9  # 1/m
+_SAME_PLACE: Final = 1e-5  # m and rad
 _PARTS: Final = 10  # of the shortest geometry, tried as a file's step
 
 Cubic: TypeAlias = tuple[float, float, float, float]
@@ -183,6 +185,27 @@ def exact_road(
     turn = np.remainder(road.headings[ends[:-1]] - starts[:, 2] + math.pi, math.tau) - math.pi
     meets = away.max() <= TOLERANCE and np.abs(turn).max() <= KINK
     return road if meets else None
+
+
+def are_of_road(geometries: Sequence[Geometry], road: Road) -> bool:
+    """Whether geometries are those that `to_opendrive` writes for a road: clothoids along it."""
+    distance = 0.0
+    for piece in geometries:
+        if not isinstance(piece, Clothoid):
+            return False
+        pose = road.pose_at(distance)
+        gap = math.hypot(piece.pose.x - pose.x, piece.pose.y - pose.y)
+        turn = math.remainder(piece.pose.heading - pose.heading, math.tau)
+        last = min(distance + piece.length, road.length)
+        start, end = road.curvature_at([distance, last])
+        same = all(
+            here == there or hardly_differ(here, there)
+            for here, there in ((piece.start, float(start)), (piece.end, float(end)))
+        )
+        if not (same and gap <= _SAME_PLACE and abs(turn) <= _SAME_PLACE):
+            return False
+        distance += piece.length
+    return abs(distance - road.length) <= _SAME_PLACE
 
 
 def trace(geometries: Sequence[Geometry], offsets: Sequence[Offset]) -> FloatArray:

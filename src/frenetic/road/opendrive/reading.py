@@ -23,11 +23,12 @@ from frenetic.road.opendrive.line import (
     Geometry,
     Offset,
     Polynomial,
+    are_of_road,
     exact_road,
     follow,
     trace,
 )
-from frenetic.road.opendrive.writing import STEP_CODE
+from frenetic.road.opendrive.writing import CURVATURES_CODE, STEP_CODE
 from frenetic.road.road import (
     MAX_COORDINATE,
     MAX_CURVATURE,
@@ -48,8 +49,8 @@ LEVEL: Final = 1e-3
 def from_opendrive(data: bytes) -> Road:
     """The road in an OpenDRIVE file.
 
-    A file that `to_opendrive` wrote gives the same road: curvatures to 1e-9 1/m (mostly bit for
-    bit), step, pose and lane width exactly. Of any other file, the road is at most 1 cm away from
+    A file that `to_opendrive` wrote gives the same road: curvatures, step, pose and lane width bit
+    for bit. Of any other file, the road is at most 1 cm away from
     the line in it; see `frenetic.road.opendrive.line`.
 
     Args:
@@ -66,7 +67,8 @@ def from_opendrive(data: bytes) -> Road:
     geometries = _geometries(road)
     offsets = _offsets(road)
     if not offsets:
-        exact = exact_road(geometries, _step(road), lane_width)
+        exact = _noted_road(road, geometries, lane_width)
+        exact = exact or exact_road(geometries, _step(road), lane_width)
         if exact is not None:
             return exact
     return follow(trace(geometries, offsets), lane_width)
@@ -92,6 +94,20 @@ def _only_road(root: Element) -> Element:
             f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
         )
     return road
+
+
+def _noted_road(road: Element, geometries: list[Geometry], lane_width: float) -> Road | None:
+    """The road whose curvatures `to_opendrive` noted, if the geometries still follow it."""
+    step = _step(road)
+    notes = [n for n in road.findall("userData") if n.get("code") == CURVATURES_CODE]
+    if step is None or not notes:
+        return None
+    try:
+        values = [float(text) for text in notes[0].get("value", "").split()]
+        noted = Road(values, step, geometries[0].pose, lane_width=lane_width)
+    except (ValueError, RoadError):
+        return None
+    return noted if are_of_road(geometries, noted) else None
 
 
 def _step(road: Element) -> float | None:
