@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from frenetic.campaign.tester import Tested
+    from frenetic.campaign.record import Attempt
     from frenetic.search import Candidate
 
 SEED: Final = 1
@@ -64,7 +64,7 @@ class Measured:
     """MB, largest resident memory."""
 
 
-def different_drives() -> list[tuple[Candidate, Tested]]:
+def different_drives() -> list[tuple[Candidate, Attempt]]:
     """Roads and their results, as many of each outcome as wanted."""
     from frenetic.campaign import RoadTester
     from frenetic.drivers import Planner
@@ -77,10 +77,10 @@ def different_drives() -> list[tuple[Candidate, Tested]]:
     drives = []
     while any(missing.values()):
         candidate = strategy.ask()
-        tested = tester.test(candidate)
-        if missing.get(tested.result.outcome, 0):
-            missing[tested.result.outcome] -= 1
-            drives.append((candidate, tested.pack()))
+        attempt = replace(tester.test(candidate), seconds=SECONDS_PER_TEST)
+        if missing.get(attempt.result.outcome, 0):
+            missing[attempt.result.outcome] -= 1
+            drives.append((candidate, attempt.pack()))
     return drives
 
 
@@ -106,20 +106,19 @@ def make_campaign(folder: Path, tests: int) -> None:
     start = time.perf_counter()
     with CampaignStore.create(folder, campaign.configuration()) as store:
         for number, outcome in enumerate(outcomes, start=1):
-            candidate, tested = drives[(number - 1) % len(drives)]
+            candidate, attempt = drives[(number - 1) % len(drives)]
             candidate = replace(candidate, id=number)
             store.asked(candidate)
             simulations += outcome is not Outcome.INVALID
             failures += outcome is Outcome.FAIL
             elapsed = number * SECONDS_PER_TEST
-            record = tested.record(
+            record = attempt.record(
                 candidate,
                 told=number,
                 budget_spent=budget.spent(simulations, elapsed, failures),
-                seconds=SECONDS_PER_TEST,
                 elapsed=elapsed,
             )
-            store.told(record, tested.packed)
+            store.told(record, attempt.packed)
         seconds = tests * SECONDS_PER_TEST
         store.finish(seconds=seconds, interrupted=False, budget=asdict(budget))
     seconds = time.perf_counter() - start

@@ -27,7 +27,8 @@ import numpy.typing as npt
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord, tester
+from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign.record import Attempt
 from frenetic.drivers import Planner
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
@@ -161,8 +162,9 @@ def test_store(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
 
 
 def record(driven: Driven, candidate: Candidate, number: int) -> TestRecord:
-    tested = tester.Tested(driven.result, driven.road.pose, driven.drive.trajectory)
-    return tested.record(candidate, told=number, budget_spent=0.5, seconds=0.001)
+    trajectory = driven.drive.trajectory
+    attempt = Attempt(number, driven.result, driven.road.pose, trajectory, seconds=0.001)
+    return attempt.record(candidate, told=number, budget_spent=0.5)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])

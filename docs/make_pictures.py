@@ -20,7 +20,6 @@ from frenetic.analysis import compare
 from frenetic.analysis.failures import representative_failures
 from frenetic.report import draw_gallery
 from frenetic.report.comparison import draw_comparison
-from frenetic.report.failures import stored_test
 
 IMAGES = Path(__file__).parent / "images"
 SEED = 1
@@ -45,10 +44,9 @@ def draw_failures() -> None:
         with CampaignStore.open(Path(folder) / "campaign") as store:
             # The representative failure on the longest road makes the README's picture.
             tests = [
-                stored_test(store, store.test(record.candidate.id))
-                for record in representative_failures(store, 12)
+                store.test(record.candidate.id) for record in representative_failures(store, 12)
             ]
-            assert all(test.record.outcome is Outcome.FAIL for test in tests)
+            assert all(test.outcome is Outcome.FAIL for test in tests)
             drawn = [(test, test.drive) for test in tests if test.drive is not None]
             test, drive = max(drawn, key=lambda pair: pair[0].road.length)
             draw_drive(test.road, drive, IMAGES / "failure.png", title=f"Test {test.id}: FAIL")

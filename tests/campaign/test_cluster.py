@@ -42,8 +42,9 @@ from pids import LIMIT, is_running, until
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, RoadTester
 from frenetic.campaign.log import LOG, CampaignLog
+from frenetic.campaign.record import Attempt
 from frenetic.campaign.trajectory_codec import encode
-from frenetic.campaign.workers import Attempt, Workers, dask_link
+from frenetic.campaign.workers import Workers, dask_link
 from frenetic.campaign.workers import cluster as cluster_module
 from frenetic.campaign.workers.cluster import ClusterWorkers
 from frenetic.drivers import Driver
@@ -186,8 +187,8 @@ def test_each_road_comes_back_as_if_tested_here(cluster: Cluster, tmp_path: Path
         attempts = drive_all(workers, samples)
         assert sum(state.tests for state in workers.states().values()) == len(samples)
     for candidate in roads(samples):
-        here, there = tester.test(candidate), attempts[candidate.id].tested
-        assert there is not None
+        here, there = tester.test(candidate), attempts[candidate.id]
+        assert not there.worker_lost
         assert (there.result, there.pose) == (here.result, here.pose)
         assert there.packed == (None if here.trajectory is None else encode(here.trajectory))
 
@@ -253,7 +254,7 @@ def test_a_simulator_that_broke_is_started_again(
         workers.submit(straight(1))
         attempt = await_attempt(workers)
         assert attempt.failure == "the simulator raised RuntimeError: the engine stalled"
-        assert attempt.tested is not None
+        assert not attempt.worker_lost
         await_free(workers, 2)
     assert len(marks.numbers("start")) == len(marks.numbers("end")) == 3
 
@@ -290,7 +291,7 @@ def test_a_driver_that_ends_its_thread_is_a_lost_attempt(
         await_free(workers)
         workers.submit(straight(1))
         attempt = await_attempt(workers)
-        assert attempt.tested is None
+        assert attempt.worker_lost
         assert attempt.failure == f"worker {attempt.worker} was lost: SystemExit: 3"
         await_free(workers, 2)
 
@@ -340,7 +341,7 @@ def test_a_worker_that_once_worked_gets_further_chances_to_start(
     with workers_of(cluster, tmp_path, Stumbling(marks.folder)) as workers:
         await_free(workers, 2)
         workers.submit(straight(1))
-        assert await_attempt(workers).tested is None
+        assert await_attempt(workers).worker_lost
         await_free(workers, 2)
     assert marks.are_there("stumbled")
 
@@ -373,7 +374,7 @@ def test_a_worker_without_a_nanny_dies_for_good(
         process.kill()
         marks.make("go")
         attempts = await_attempts(workers, 3)
-        (lost,) = [attempt for attempt in attempts if attempt.tested is None]
+        (lost,) = [attempt for attempt in attempts if attempt.worker_lost]
         assert lost.failure == "worker mortal was lost: it died or left the cluster"
         assert sorted(attempt.candidate_id for attempt in attempts) == [1, 2, 3]
         assert "mortal" not in workers.states()
@@ -389,7 +390,7 @@ def test_a_worker_that_hangs_is_started_again_by_its_nanny(
         before = marks.pids()
         workers.submit(straight(1))
         attempt = await_attempt(workers)
-        assert attempt.tested is None
+        assert attempt.worker_lost
         assert re.search("was lost: its drive took more than [0-9.]+ s", str(attempt.failure))
         await_free(workers, 2)
         assert len(marks.pids()) == 3
@@ -410,7 +411,7 @@ def test_a_worker_that_hangs_without_a_nanny_is_left_alone(
         await_free(workers)
         monkeypatch.setattr(cluster_module, "NO_SEATS_LIMIT", 0.2)
         workers.submit(straight(1))
-        assert await_attempt(workers).tested is None
+        assert await_attempt(workers).worker_lost
         assert workers.states()["mortal"].state == "lost"
         assert process.poll() is None
         await_free(workers)

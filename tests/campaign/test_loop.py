@@ -7,6 +7,7 @@ import random
 import signal
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -19,8 +20,9 @@ from faulty import Fault, FaultySimulator, Straight, Uneven, bend, kill, raise_e
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary
 from frenetic.campaign.log import CampaignLog, WorkerState
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
-from frenetic.campaign.tester import RoadTester
-from frenetic.campaign.workers import Attempt, Workers
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.workers import Workers
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
@@ -66,7 +68,7 @@ class FakeWorkers:
     def states(self) -> Mapping[str, WorkerState]:
         return {}
 
-    def submit(self, candidate: Candidate) -> None:
+    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
         assert self.free
         assert candidate.id not in self.running
         self.running[candidate.id] = candidate
@@ -82,8 +84,8 @@ class FakeWorkers:
     def _attempt(self, candidate: Candidate) -> Attempt:
         if self.losses[candidate.id]:
             self.losses[candidate.id] -= 1
-            return Attempt(candidate.id, "fake", 0.0, None, "fake was lost: it fell asleep")
-        return Attempt(candidate.id, "fake", 0.0, self.tester.test(candidate))
+            return Attempt.lost(candidate.id, "fake", 0.0, "fake was lost: it fell asleep")
+        return replace(self.tester.test(candidate), worker="fake")
 
     def __enter__(self) -> Self:
         return self

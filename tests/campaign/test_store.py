@@ -18,14 +18,8 @@ import pytest
 
 from frenetic.campaign import store as store_module
 from frenetic.campaign.lock import FileLock
-from frenetic.campaign.store import (
-    APPLICATION_ID,
-    DATABASE,
-    MIGRATIONS,
-    CampaignStore,
-    JSONValue,
-    TestRecord,
-)
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import APPLICATION_ID, DATABASE, MIGRATIONS, CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Origin

@@ -43,7 +43,7 @@ def test_passing_road_is_driven_where_it_fits_the_map() -> None:
 @pytest.mark.parametrize(("drift", "side"), [(4.0, "left"), (-4.0, "right")])
 def test_failing_road_says_where_and_on_which_side(drift: float, side: str) -> None:
     tested = make_tester(drift)[0].test(candidate([0.0] * 15))
-    record = tested.record(candidate([0.0] * 15), told=3, budget_spent=0.25, seconds=0.5)
+    record = replace(tested, seconds=0.5).record(candidate([0.0] * 15), told=3, budget_spent=0.25)
     assert record.outcome is Outcome.FAIL
     assert record.departure_side == side
     assert record.departure_distance is not None
@@ -71,7 +71,7 @@ def test_refused_roads_cost_no_simulation(values: list[float], why: str, placed:
     assert why in tested.result.reason
     assert (tested.pose is not None) == placed
     assert simulator.drives == 0
-    record = tested.record(candidate([0.0, 0.0]), told=1, budget_spent=0.0, seconds=0.0)
+    record = tested.record(candidate([0.0, 0.0]), told=1, budget_spent=0.0)
     assert record.trajectory is None
     assert record.duration is None
 

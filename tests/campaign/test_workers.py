@@ -48,24 +48,27 @@ from pids import LIMIT, ending, is_running, until, until_gone
 
 from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG, CampaignLog
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement
 from frenetic.campaign.trajectory_codec import decode, encode
-from frenetic.campaign.workers import Attempt, LocalWorkers, ThisProcess, Workers, processes
+from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers, processes
 from frenetic.campaign.workers.messages import (
-    Finished,
-    Hopeless,
     Logged,
     Ready,
-    decode_candidate,
+    WorkerFailed,
     decode_message,
-    encode_candidate,
+    decode_task,
     encode_message,
+    encode_task,
 )
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
+from frenetic.road import Pose
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Simulator
+from frenetic.simulators.worlds import Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX signals and groups")
@@ -170,8 +173,8 @@ def test_each_road_comes_back_as_if_tested_here(workers_of, tmp_path: Path) -> N
     with workers_of(DummySimulator()) as workers:
         attempts = drive_all(workers, samples)
     for candidate in roads(samples):
-        here, there = tester.test(candidate), attempts[candidate.id].tested
-        assert there is not None
+        here, there = tester.test(candidate), attempts[candidate.id]
+        assert not there.worker_lost
         assert attempts[candidate.id].failure is None
         assert (there.result, there.pose) == (here.result, here.pose)
         packed = there.pack().packed
@@ -205,7 +208,7 @@ def test_a_simulator_that_broke_is_started_again(workers_of, marks: Marks) -> No
         while not (attempts := workers.wait(0.5)):
             pass
         assert attempts[0].failure == "the simulator raised RuntimeError: the engine stalled"
-        assert attempts[0].tested is not None
+        assert not attempts[0].worker_lost
         assert drive_all(workers, [8])[1].failure is None
     starts, ends = len(marks.numbers("start")), len(marks.numbers("end"))
     assert starts == ends == len(workers.states()) + 1
@@ -263,10 +266,10 @@ def test_nonsense_of_a_simulator_is_a_failed_attempt(workers_of, simulator: Simu
     with workers_of(simulator) as workers:
         attempts = drive_all(workers, [8, 9])
     for attempt in attempts.values():
-        assert attempt.failure is not None or attempt.tested is not None
+        assert attempt.failure is not None or not attempt.worker_lost
         if attempt.failure is None:
-            assert attempt.tested is not None
-            assert attempt.tested.result.outcome is Outcome.ERROR
+            assert not attempt.worker_lost
+            assert attempt.result.outcome is Outcome.ERROR
 
 
 def test_a_driver_that_calls_sys_exit_ends_nothing_else(workers_of, marks: Marks) -> None:  # type: ignore[no-untyped-def]
@@ -319,7 +322,7 @@ def test_a_killed_worker_is_replaced_and_its_road_comes_back(marks: Marks, tmp_p
         while not (attempts := workers.wait(0.5)):
             pass
         (attempt,) = attempts
-        assert (attempt.candidate_id, attempt.tested) == (1, None)
+        assert (attempt.candidate_id, attempt.worker_lost) == (1, True)
         assert attempt.failure == "worker 1 was lost: it was killed by SIGKILL"
         assert drive_all(workers, [8])[1].failure is None
         assert not is_running(victim)
@@ -383,7 +386,7 @@ def test_a_worker_that_once_worked_gets_further_chances_to_start(
         workers.submit(straight(1))
         while not (attempts := workers.wait(0.5)):
             pass
-        assert attempts[0].tested is None
+        assert attempts[0].worker_lost
         assert drive_all(workers, [8])[1].failure is None
 
 
@@ -421,7 +424,7 @@ def test_a_driver_that_takes_its_worker_with_it(
         workers.submit(straight(1))
         while not (attempts := workers.wait(0.5)):
             pass
-        assert attempts[0].tested is None
+        assert attempts[0].worker_lost
         assert why in (attempts[0].failure or "")
         assert drive_all(workers, [8])[1].failure is None
     assert "Traceback" not in capfd.readouterr().err
@@ -531,10 +534,10 @@ def test_the_quicker_the_tests_the_more_wait_in_a_worker(seconds: float, most: i
     assert worker.room == 0  # it is not there yet
     worker.turn("idle")
     assert worker.room == 1  # who knows how long it takes
-    worker.queue.append(straight(1))
+    worker.queue.append((straight(1), None))
     worker.finish(seconds)
     assert worker.room == most
-    worker.queue.append(straight(2))
+    worker.queue.append((straight(2), None))
     assert worker.room == most - 1
 
 
@@ -542,7 +545,7 @@ def test_one_slow_test_stops_the_prefetching_of_a_quick_worker() -> None:
     worker = processes._Worker("worker 1")
     worker.turn("idle")
     for seconds in [0.001] * 5 + [2.0]:
-        worker.queue.append(straight(1))
+        worker.queue.append((straight(1), None))
         worker.finish(seconds)
     assert worker.room == 1
 
@@ -821,7 +824,11 @@ POINTS = np.array([[10.0, 20.0], [0.1 + 0.2, 30.0]])
     ],
 )
 def test_candidates_travel(candidate: Candidate) -> None:
-    there = decode_candidate(encode_candidate(candidate))
+    placement = Placement(Pose(1.0, 2.0, 0.1 + 0.2), Conditions(friction=0.5))
+    there, again = decode_task(encode_task(candidate, placement))
+    assert again == placement
+    assert there is not None
+    assert decode_task(encode_task(candidate))[1] is None
     assert type(there) is type(candidate)
     assert (there.id, there.step, there.origin) == (candidate.id, candidate.step, candidate.origin)
     assert there.curvatures.tolist() == candidate.curvatures.tolist()
@@ -829,21 +836,22 @@ def test_candidates_travel(candidate: Candidate) -> None:
     assert (there.points is None) == (candidate.points is None)
     assert there.points is None or there.points.tolist() == POINTS.tolist()
     assert getattr(there, "name", "") == getattr(candidate, "name", "")
-    assert decode_candidate(encode_candidate(None)) is None
+    assert decode_task(encode_task(None)) == (None, None)
 
 
 def test_messages_travel() -> None:
     tester = RoadTester(DummySimulator(lambda road: 0.5 * len(road.curvatures)), DummyDriver())
     outcomes = set()
     for candidate in roads([2, 8, 12, 40]):
-        tested = tester.test(candidate).pack()
-        outcomes.add(tested.result.outcome)
+        attempt = tester.test(candidate).pack()
+        outcomes.add(attempt.result.outcome)
         for message in (
-            Finished(candidate.id, 0.1 + 0.2, tested),
-            Finished(candidate.id, 1.0, replace(tested, simulator_broke=True)),
+            replace(attempt, seconds=0.1 + 0.2),
+            replace(attempt, seconds=1.0, simulator_broke=True, worker="one"),
+            Attempt.lost(candidate.id, "one", 0.5, "gone"),
         ):
             assert decode_message(encode_message(message)) == message
     assert {Outcome.FAIL, Outcome.INVALID} <= outcomes
-    for other in (Ready(), Hopeless("no port"), Logged(20, "frenetic.x", "so it goes")):
+    for other in (Ready(), WorkerFailed("no port"), Logged(20, "frenetic.x", "so it goes")):
         assert decode_message(encode_message(other)) == other
         assert type(decode_message(encode_message(other))) is type(other)

@@ -24,5 +24,10 @@ def test_the_page_names_every_column_and_no_other() -> None:
 
 def test_columns_are_called_what_they_are_called_elsewhere() -> None:
     assert tuple(column.name for column in TRAJECTORIES[1:]) == Trajectory.names()
-    kept = {item.name for item in fields(TestRecord)} - {"candidate", "pose", "trajectory"}
+    kept = {item.name for item in fields(TestRecord)} - {
+        "candidate",
+        "pose",
+        "trajectory",
+        "setting",
+    }
     assert kept < {column.name for column in TESTS}

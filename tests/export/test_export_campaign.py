@@ -15,7 +15,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.stored import stored_test
 from frenetic.cli import main
 from frenetic.cli.export import FORMATS
 from frenetic.cli.export import TRAJECTORIES as OFFERED
@@ -93,7 +92,7 @@ def test_json_comes_back(campaign: Path, exported: dict[str, Path]) -> None:
     assert list(pd.read_json(path, lines=True)["id"]) == list(frame["id"])
     with CampaignStore.open(campaign) as store:
         for document in documents:
-            test = stored_test(store, store.test(document["id"]))
+            test = store.test(document["id"])
             assert np.allclose(document["road_points"], test.road.road_points, atol=1e-6)
             if test.drive is None:
                 assert document["trajectory"] is None

@@ -24,7 +24,6 @@ from frenetic.redrive.confirm import (
     write_confirmations,
 )
 from frenetic.report.confirmation import pictures_of, write_confirmation
-from frenetic.report.failures import stored_test
 from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
@@ -86,7 +85,7 @@ def test_drives_are_judged_by_the_box_of_the_other_car(campaign: Path) -> None:
         for one in found.tests:
             drive = found.drive(one)
             assert drive is not None
-            result = judge(stored_test(store, store.test(one.test_id)).road, drive)
+            result = judge(store.test(one.test_id).road, drive)
             assert result.outcome is one.other.outcome
             assert result.moobd == pytest.approx(one.other.moobd, abs=1e-3)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import signal
 from pathlib import Path
 
@@ -10,15 +9,16 @@ import numpy as np
 import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
-from frenetic.campaign.tester import Tested
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import Redrive, Redriver, drive_again
+from frenetic.redrive.loop import Task, campaign_tester, drive_again
 from frenetic.road import Pose, Road
 from frenetic.search import Candidate, Frenetic, Origin
 from frenetic.simulators import Drive, EmbeddedSimulator
-from frenetic.simulators.worlds import World
+from frenetic.simulators.worlds import USUAL, Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -40,38 +40,37 @@ def records_of(folder: Path) -> list[TestRecord]:
         return [record for record in store.tests() if record.outcome.is_driven]
 
 
-def redriver_of(folder: Path) -> Redriver:
+def redriving(folder: Path) -> RoadTester:
     with CampaignStore.open(folder) as store:
-        return Redriver.of(store, EmbeddedSimulator(), Planner())
+        return campaign_tester(store, EmbeddedSimulator(), Planner())
 
 
-def redrives_of(records: list[TestRecord], world: World | None = None) -> list[Redrive]:
-    return [Redrive.of(i, record, world or World()) for i, record in enumerate(records, start=1)]
+def tasks_of(records: list[TestRecord], conditions: Conditions = USUAL) -> list[Task]:
+    return [Task.of(i, record, conditions) for i, record in enumerate(records, start=1)]
 
 
-def driven(redrives: list[Redrive], redriver: Redriver, workers: int = 1) -> dict[int, Tested]:
-    found: dict[int, Tested] = {}
+def driven(tasks: list[Task], tester: RoadTester, workers: int = 1) -> dict[int, Attempt]:
+    found: dict[int, Attempt] = {}
 
-    def note(redrive: Redrive, tested: Tested, seconds: float) -> None:
-        assert redrive.id not in found
-        assert seconds >= 0.0
-        found[redrive.id] = tested
+    def note(attempt: Attempt) -> None:
+        assert attempt.candidate_id not in found
+        assert attempt.seconds >= 0.0
+        found[attempt.candidate_id] = attempt
 
-    assert drive_again(redrives, redriver, workers=workers, on_result=note)
+    assert drive_again(tasks, tester, workers=workers, on_attempt=note)
     return found
 
 
-def gentle(number: int = 1, world: World | None = None) -> Redrive:
+def gentle(number: int = 1) -> Task:
     """A gentle road somewhere on the map."""
-    pose = Pose(100.0, 50.0, 1.5)
-    world = world or World()
-    return Redrive(number, np.zeros(11), 10.0, Origin("redrive"), pose=pose, world=world)
+    candidate = Candidate(number, np.zeros(11), 10.0, Origin("redrive"))
+    return Task(candidate, Placement(Pose(100.0, 50.0, 1.5)))
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers: int) -> None:
     records = records_of(campaign)
-    found = driven(redrives_of(records), redriver_of(campaign), workers)
+    found = driven(tasks_of(records), redriving(campaign), workers)
     assert len(found) == len(records) == 60
     for number, record in enumerate(records, start=1):
         result = found[number].result
@@ -80,25 +79,18 @@ def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers:
         assert result.reason == record.reason
 
 
-def test_the_world_reaches_workers(campaign: Path) -> None:
+def test_the_conditions_reach_workers(campaign: Path) -> None:
     records = records_of(campaign)[:6]
-    redrives = redrives_of(records, World(friction=0.5, noise=0.3, noise_seed=4))
-    here, there = (driven(redrives, redriver_of(campaign), workers) for workers in (1, 2))
-    usual = driven(redrives_of(records), redriver_of(campaign))
+    tasks = tasks_of(records, Conditions(friction=0.5, noise=0.3, noise_seed=4))
+    here, there = (driven(tasks, redriving(campaign), workers) for workers in (1, 2))
+    usual = driven(tasks_of(records), redriving(campaign))
     assert [t.result for t in here.values()] == [there[n].result for n in here]
     assert all(here[n].result != usual[n].result for n in here)
 
 
-def test_a_redrive_survives_being_sent() -> None:
-    redrive = gentle(7, World(speed=50.0))
-    there: Redrive = pickle.loads(pickle.dumps(redrive))
-    assert (there.id, there.pose, there.world) == (7, redrive.pose, redrive.world)
-    assert not there.curvatures.flags.writeable
-
-
 def test_a_road_that_is_not_valid_any_more_is_not_driven() -> None:
-    redriver = Redriver(EmbeddedSimulator(), Planner(), map_size=120.0)
-    tested = driven([gentle()], redriver)[1]
+    tester = RoadTester(EmbeddedSimulator(), Planner(), map_size=120.0)
+    tested = driven([gentle()], tester)[1]
     assert tested.result.outcome is Outcome.INVALID
     assert "map" in tested.result.reason
 
@@ -111,7 +103,7 @@ def test_only_roads_that_were_driven_are_driven_again() -> None:
     lost = TestRecord(candidate=candidate, outcome=Outcome.ERROR, **facts)  # type: ignore[arg-type]
     for record in (refused, lost):
         with pytest.raises(CampaignError, match=f"test 9 is {record.outcome}: only a road that"):
-            Redrive.of(1, record, World())
+            Task.of(1, record)
 
 
 class BreaksOnce(DummySimulator):
@@ -135,13 +127,13 @@ class BreaksOnce(DummySimulator):
 
 def test_a_simulator_that_breaks_is_started_again_and_the_road_tried_once_more() -> None:
     simulator = BreaksOnce(1)
-    tested = driven([gentle(1), gentle(2)], Redriver(simulator, DummyDriver()))
+    tested = driven([gentle(1), gentle(2)], RoadTester(simulator, DummyDriver()))
     assert [t.result.outcome for t in tested.values()] == [Outcome.PASS, Outcome.PASS]
     assert simulator.starts == 2
 
 
 def test_a_simulator_that_breaks_twice_is_an_error_of_that_road_only() -> None:
-    tested = driven([gentle(1), gentle(2)], Redriver(BreaksOnce(2), DummyDriver()))
+    tested = driven([gentle(1), gentle(2)], RoadTester(BreaksOnce(2), DummyDriver()))
     assert tested[1].result.outcome is Outcome.ERROR
     assert "the simulator has gone" in tested[1].result.reason
     assert tested[2].result.outcome is Outcome.PASS
@@ -151,15 +143,15 @@ def test_ctrl_c_ends_after_what_runs() -> None:
     found: list[int] = []
     said: list[str] = []
 
-    def note(redrive: Redrive, tested: Tested, seconds: float) -> None:
-        found.append(redrive.id)
-        if redrive.id == 3:
+    def note(attempt: Attempt) -> None:
+        found.append(attempt.candidate_id)
+        if attempt.candidate_id == 3:
             signal.raise_signal(signal.SIGINT)
 
     complete = drive_again(
         [gentle(number) for number in range(1, 10)],
-        Redriver(DummySimulator(), DummyDriver()),
-        on_result=note,
+        RoadTester(DummySimulator(), DummyDriver()),
+        on_attempt=note,
         on_interrupt=lambda: said.append("stopping"),
     )
     assert not complete
@@ -168,13 +160,13 @@ def test_ctrl_c_ends_after_what_runs() -> None:
 
 
 def test_nothing_to_drive_is_no_trouble() -> None:
-    assert driven([], Redriver(DummySimulator(), DummyDriver()), workers=3) == {}
+    assert driven([], RoadTester(DummySimulator(), DummyDriver()), workers=3) == {}
 
 
 @pytest.mark.parametrize("workers", [0, 1.5, True])
 def test_a_number_of_workers_that_is_none_is_refused(workers: int) -> None:
     with pytest.raises(ValueError, match="workers is"):
-        driven([gentle()], Redriver(DummySimulator(), DummyDriver()), workers)
+        driven([gentle()], RoadTester(DummySimulator(), DummyDriver()), workers)
 
 
 def test_a_damaged_configuration_is_one_line(campaign: Path, tmp_path: Path) -> None:
@@ -184,4 +176,4 @@ def test_a_damaged_configuration_is_one_line(campaign: Path, tmp_path: Path) -> 
         CampaignStore.open(tmp_path / "c") as store,
         pytest.raises(CampaignError, match=r"is damaged: .*map_size is 'large'"),
     ):
-        Redriver.of(store, EmbeddedSimulator(), Planner())
+        campaign_tester(store, EmbeddedSimulator(), Planner())

@@ -25,7 +25,7 @@ from frenetic.redrive.robustness import (
     RerunProgress,
     Stability,
     Variation,
-    draw_worlds,
+    draw_conditions,
     read_reruns,
     rerun,
     rerun_document,
@@ -35,7 +35,7 @@ from frenetic.redrive.robustness import (
 from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.simulators import Drive, EmbeddedSimulator, Simulator
-from frenetic.simulators.worlds import QUANTITIES, World
+from frenetic.simulators.worlds import QUANTITIES, USUAL, Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -214,20 +214,20 @@ def test_drives_that_broke_count_neither_way(campaign: Path) -> None:
 # What matters
 
 
-def of_worlds(worlds: tuple[World, ...], ranges: list[Variation], **outcomes: Any) -> Rerun:
+def of_worlds(worlds: tuple[Conditions, ...], ranges: list[Variation], **outcomes: Any) -> Rerun:
     """A rerun whose drives fail and pass as a function of the world says."""
     verdict = outcomes["verdict"]
     drives = tuple(
         Repeat(world, Outcome.FAIL if (moobd := verdict(world)) < 0.0 else Outcome.PASS, moobd)
         for world in worlds
     )
-    recorded = Repeat(World(), Outcome.FAIL, -1.0)
+    recorded = Repeat(USUAL, Outcome.FAIL, -1.0)
     return Rerun(1, recorded, tuple(ranges), 0, {"class": "d"}, {"class": "s"}, drives)
 
 
 def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
     ranges = [Variation("friction", 0.8, 1.0), Variation("delay", 0.0, 0.2)]
-    worlds = draw_worlds(ranges, 20, 1)
+    worlds = draw_conditions(ranges, 20, 1)
     one = of_worlds(worlds, ranges, verdict=lambda w: w.friction - 0.93)
     first, second = one.influences
     assert (first.quantity, first.matters) == ("friction", True)
@@ -239,7 +239,7 @@ def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
 
 def test_more_of_what_harms_is_worse() -> None:
     ranges = [Variation("noise", 0.0, 0.4)]
-    worlds = draw_worlds(ranges, 30, 1)
+    worlds = draw_conditions(ranges, 30, 1)
     one = of_worlds(worlds, ranges, verdict=lambda w: 0.2 - w.noise)
     (influence,) = one.influences
     assert influence.spearman < -0.8
@@ -249,20 +249,20 @@ def test_more_of_what_harms_is_worse() -> None:
 def test_how_far_out_failing_cars_are_does_not_matter() -> None:
     # With less friction a car is slower, so it is less far out when its drive is ended.
     ranges = [Variation("friction", 0.5, 1.0)]
-    one = of_worlds(draw_worlds(ranges, 20, 1), ranges, verdict=lambda w: -w.friction)
+    one = of_worlds(draw_conditions(ranges, 20, 1), ranges, verdict=lambda w: -w.friction)
     assert one.failed == 20
     assert one.influences == ()
 
 
 def test_too_few_drives_say_nothing_about_what_matters() -> None:
     ranges = [Variation("friction", 0.5, 1.0)]
-    one = of_worlds(draw_worlds(ranges, 7, 1), ranges, verdict=lambda w: w.friction - 0.7)
+    one = of_worlds(draw_conditions(ranges, 7, 1), ranges, verdict=lambda w: w.friction - 0.7)
     assert one.influences == ()
 
 
 def test_p_values_are_corrected_for_the_number_of_quantities() -> None:
     ranges = [Variation("friction", 0.5, 1.0), Variation("delay", 0.0, 0.2)]
-    worlds = draw_worlds(ranges, 12, 0)
+    worlds = draw_conditions(ranges, 12, 0)
     verdict = {"verdict": lambda w: w.delay - 0.1 + 0.2 * w.friction}
     both = {one.quantity: one.p for one in of_worlds(worlds, ranges, **verdict).influences}
     alone = {
@@ -288,17 +288,17 @@ def test_stability_needs_the_whole_interval_on_one_side(
     failed: int, times: int, stability: Stability
 ) -> None:
     moobds = iter([-1.0] * failed + [1.0] * (times - failed))
-    one = of_worlds((World(),) * times, [], verdict=lambda w: next(moobds))
+    one = of_worlds((USUAL,) * times, [], verdict=lambda w: next(moobds))
     assert one.stability is stability
 
 
 def test_failing_elsewhere_is_failing_but_not_alike() -> None:
-    there = Repeat(World(), Outcome.FAIL, -1.0, 100.0, "left")
+    there = Repeat(USUAL, Outcome.FAIL, -1.0, 100.0, "left")
     assert there.fails_like(replace(there, departure_distance=129.0))
     assert not there.fails_like(replace(there, departure_distance=131.0))
     assert not there.fails_like(replace(there, departure_side="right"))
     assert not there.fails_like(replace(there, outcome=Outcome.PASS))
-    stuck = Repeat(World(), Outcome.FAIL, 1.0)
+    stuck = Repeat(USUAL, Outcome.FAIL, 1.0)
     assert stuck.fails_like(stuck)
     assert not stuck.fails_like(there)
 
@@ -313,7 +313,7 @@ def test_failing_elsewhere_is_failing_but_not_alike() -> None:
 )
 def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -> None:
     ranges = [Variation(name, QUANTITIES[name].low, QUANTITIES[name].high) for name in names]
-    worlds = draw_worlds(ranges, times, seed)
+    worlds = draw_conditions(ranges, times, seed)
     assert len(worlds) == times
     for one in ranges:
         values = [world.value(one.quantity) for world in worlds]
@@ -323,32 +323,32 @@ def test_each_range_is_covered_evenly(names: list[str], times: int, seed: int) -
             if value is not None
         )
         assert parts == list(range(times))
-    assert worlds == draw_worlds(ranges[::-1], times, seed), "the order of the ranges counts"
+    assert worlds == draw_conditions(ranges[::-1], times, seed), "the order of the ranges counts"
     for name in QUANTITIES.keys() - names:
         assert {world.value(name) for world in worlds} == {None}
 
 
 def test_another_seed_gives_other_worlds_and_each_world_its_own_noise() -> None:
     ranges = [Variation("noise", 0.2, 0.2)]
-    worlds = draw_worlds(ranges, 10, 1)
+    worlds = draw_conditions(ranges, 10, 1)
     assert {world.noise for world in worlds} == {0.2}
     assert len({world.noise_seed for world in worlds}) == 10
-    assert worlds != draw_worlds(ranges, 10, 2)
+    assert worlds != draw_conditions(ranges, 10, 2)
 
 
 def test_without_variation_all_worlds_are_the_campaigns() -> None:
-    assert draw_worlds([], 3, 0) == (World(),) * 3
+    assert draw_conditions([], 3, 0) == (USUAL,) * 3
 
 
 @pytest.mark.parametrize("times", [0, -1, 2.5, True])
 def test_a_number_of_times_that_is_none_is_refused(times: int) -> None:
     with pytest.raises(ValueError, match="times is"):
-        draw_worlds([], times, 0)
+        draw_conditions([], times, 0)
 
 
 def test_a_quantity_is_varied_once() -> None:
     with pytest.raises(ValueError, match="speed is varied twice"):
-        draw_worlds([Variation("speed", 50.0, 60.0), Variation("speed", 60.0, 70.0)], 3, 0)
+        draw_conditions([Variation("speed", 50.0, 60.0), Variation("speed", 60.0, 70.0)], 3, 0)
 
 
 @pytest.mark.parametrize(
@@ -449,7 +449,7 @@ def test_a_test_that_passed_is_neither_robust_nor_fragile(campaign: Path) -> Non
 
 
 def test_it_is_said_how_many_failed_at_the_same_place() -> None:
-    here = Repeat(World(), Outcome.FAIL, -1.0, 50.0, "left")
+    here = Repeat(USUAL, Outcome.FAIL, -1.0, 50.0, "left")
     there = replace(here, departure_distance=90.0)
     same = Rerun(1, here, (), 0, {}, {}, (here,) * 4)
     assert str(same) == "fails 4 of 4 (100 %, 95 % interval 51 to 100 %)"

@@ -13,7 +13,7 @@ from frenetic.cli.console import print_failures
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.report.failures import road_document, stored_test, write_failures
+from frenetic.report.failures import road_document, write_failures
 from frenetic.road.files import read_road
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -36,7 +36,7 @@ def store(tmp_path: Path) -> Iterator[CampaignStore]:
 def test_stored_drive_is_judged_as_it_was(store: CampaignStore) -> None:
     for record in store.tests(with_trajectory=True):
         if record.outcome.is_driven:
-            test = stored_test(store, record)
+            test = record
             assert test.drive is not None
             again = judge(test.road, test.drive)
             assert again.outcome is record.outcome
@@ -118,6 +118,6 @@ def test_document_of_a_refused_road_says_why(tmp_path: Path) -> None:
     ).run()
     with CampaignStore.open(tmp_path) as store:
         (record,) = store.tests(Outcome.INVALID, limit=1)
-        document = road_document(stored_test(store, record), store.config)
+        document = road_document(record, store.config)
     assert document["is_valid"] is False
     assert document["validation_message"] == record.reason

@@ -30,7 +30,6 @@ from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import confirm
 from frenetic.redrive.robustness import Repeat, Rerun, Variation, write_reruns
 from frenetic.report.confirmation import write_confirmation
-from frenetic.report.failures import stored_test
 from frenetic.report.html import (
     Chart,
     Fact,
@@ -54,7 +53,7 @@ from frenetic.road import Road
 from frenetic.search import Origin
 from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.simulators.worlds import World
+from frenetic.simulators.worlds import USUAL
 
 
 @pytest.fixture(scope="session")
@@ -192,7 +191,7 @@ def test_drives_come_back_as_they_were_stored(searched: Path, tmp_path: Path) ->
     steps = (0.01, 0.01, 0.01, 0.001, 0.01, 0.01, 0.01, 0.001)
     with CampaignStore.open(searched) as store:
         for drive in data["drives"][:20]:
-            test = stored_test(store, store.test(drive["id"]))
+            test = store.test(drive["id"])
             assert test.drive is not None
             path, seen = test.drive.trajectory, assess(test.road, test.drive)
             n = len(seen.distance)
@@ -202,7 +201,7 @@ def test_drives_come_back_as_they_were_stored(searched: Path, tmp_path: Path) ->
             )
             assert len(time) < n
             assert time[-1] == pytest.approx(path.time[n - 1], abs=0.006)
-            assert oob.min() == pytest.approx(test.record.moobd, abs=0.006)
+            assert oob.min() == pytest.approx(test.moobd, abs=0.006)
             for column, original, close in (
                 (x, path.x, 0.25),
                 (y, path.y, 0.25),
@@ -380,8 +379,8 @@ def test_table_keeps_what_it_was_made_of() -> None:
 
 def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
     folder = make_hostile(tmp_path, searched)
-    recorded = Repeat(World(), Outcome.FAIL, -1.0)
-    passed = Repeat(World(), Outcome.PASS, 1.0)
+    recorded = Repeat(USUAL, Outcome.FAIL, -1.0)
+    passed = Repeat(USUAL, Outcome.PASS, 1.0)
     with CampaignStore.open(folder) as store:
         driver, simulator = store.config["driver"], store.config["simulator"]
     assert isinstance(driver, dict)

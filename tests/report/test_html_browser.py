@@ -22,7 +22,7 @@ from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.cli import cli
 from frenetic.outcome import Outcome
-from frenetic.report.failures import road_document, stored_test
+from frenetic.report.failures import road_document
 from frenetic.report.html import (
     Bars,
     Chart,
@@ -153,7 +153,7 @@ def test_replay_is_drawn_where_the_simulator_drove(page: Page, searched: Path) -
     page.locator(".gallery .card").first.click()
     number = int(re.findall(r"\d+", page.locator("#player-title").text_content() or "")[0])
     with CampaignStore.open(searched) as store:
-        test = stored_test(store, store.test(number))
+        test = store.test(number)
     assert test.drive is not None
     path = test.drive.trajectory
     start = car(page)
@@ -436,7 +436,7 @@ def test_profile_ticks_stand_where_they_say(page: Page, searched: Path) -> None:
     page.locator(".gallery .card").first.click()
     number = int(re.findall(r"\d+", page.locator("#player-title").text_content() or "")[0])
     with CampaignStore.open(searched) as store:
-        length = stored_test(store, store.test(number)).road.length
+        length = store.test(number).road.length
     area, tick = page.locator("#profiles").bounding_box(), page.locator(".plot-ticks span").last
     box = tick.bounding_box()
     assert area is not None
@@ -459,7 +459,7 @@ def test_a_minimised_road_can_be_driven_again(
     folder = shutil.copytree(searched, tmp_path / "it's small")
     with CampaignStore.open(folder) as store:
         worst = distinct_failures(store)[0].most_severe
-        road = road_document(stored_test(store, store.test(worst)), store.config)
+        road = road_document(store.test(worst), store.config)
     file = folder / "minimised" / f"test-{worst:05d}.json"
     file.parent.mkdir()
     file.write_text(json.dumps(road), encoding="utf-8")

@@ -12,7 +12,7 @@ from frenetic.drivers.layers import compiled_form
 from frenetic.errors import FreneticError
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
-from frenetic.simulators.worlds import QUANTITIES, World, check_can_vary, in_world
+from frenetic.simulators.worlds import QUANTITIES, Conditions, check_can_vary, in_conditions
 from frenetic.testing import DummySimulator
 
 ROAD = Road([0.0, 0.0, 0.01, 0.03, 0.05, 0.05, 0.02, -0.02, -0.04, -0.04, 0.0, 0.0])
@@ -23,29 +23,29 @@ def rows(simulator: Simulator, driver: Driver) -> list[list[float]]:
     return rows
 
 
-def in_that(world: World, simulator: Simulator, driver: Driver) -> list[list[float]]:
-    with in_world(world, simulator, driver) as there:
+def in_that(world: Conditions, simulator: Simulator, driver: Driver) -> list[list[float]]:
+    with in_conditions(world, simulator, driver) as there:
         return rows(simulator, there)
 
 
 @pytest.mark.parametrize(
     ("world", "simulator", "driver"),
     [
-        (World(friction=0.6), EmbeddedSimulator(friction=0.6), Planner()),
-        (World(speed=40.0), EmbeddedSimulator(rules=Rules(speed_limit=40.0)), Planner()),
-        (World(start=0.4), EmbeddedSimulator(start_offset=0.4), Planner()),
-        (World(heading=-0.1), EmbeddedSimulator(start_heading=-0.1), Planner()),
-        (World(delay=0.2), EmbeddedSimulator(), Delayed(Planner(), seconds=0.2)),
+        (Conditions(friction=0.6), EmbeddedSimulator(friction=0.6), Planner()),
+        (Conditions(speed=40.0), EmbeddedSimulator(rules=Rules(speed_limit=40.0)), Planner()),
+        (Conditions(start=0.4), EmbeddedSimulator(start_offset=0.4), Planner()),
+        (Conditions(heading=-0.1), EmbeddedSimulator(start_heading=-0.1), Planner()),
+        (Conditions(delay=0.2), EmbeddedSimulator(), Delayed(Planner(), seconds=0.2)),
         (
-            World(noise=0.3, noise_seed=5),
+            Conditions(noise=0.3, noise_seed=5),
             EmbeddedSimulator(),
             Noisy(Planner(), offset=0.3, heading=0.03, seed=5),
         ),
     ],
-    ids=lambda value: str(value) if isinstance(value, World) else "",
+    ids=lambda value: str(value) if isinstance(value, Conditions) else "",
 )
 def test_a_drive_in_a_world_is_that_of_parts_made_for_it(
-    world: World, simulator: Simulator, driver: Driver
+    world: Conditions, simulator: Simulator, driver: Driver
 ) -> None:
     there = in_that(world, EmbeddedSimulator(), Planner())
     assert there == rows(simulator, driver)
@@ -53,16 +53,18 @@ def test_a_drive_in_a_world_is_that_of_parts_made_for_it(
 
 
 def test_an_unchanged_world_changes_nothing() -> None:
-    assert in_that(World(), EmbeddedSimulator(), Planner()) == rows(EmbeddedSimulator(), Planner())
+    assert in_that(Conditions(), EmbeddedSimulator(), Planner()) == rows(
+        EmbeddedSimulator(), Planner()
+    )
 
 
 def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None:
     simulator = EmbeddedSimulator(friction=0.9, start_offset=0.1)
     before = rows(simulator, Planner())
-    world = World(friction=0.5, speed=30.0, start=-0.5, heading=0.2)
+    world = Conditions(friction=0.5, speed=30.0, start=-0.5, heading=0.2)
 
     def break_there() -> None:
-        with in_world(world, simulator, Planner()):
+        with in_conditions(world, simulator, Planner()):
             assert simulator.friction == 0.5
             raise RuntimeError
 
@@ -75,7 +77,7 @@ def test_the_simulator_is_as_before_afterwards_even_if_the_drive_broke() -> None
 
 def test_rules_keep_all_but_the_speed_limit() -> None:
     simulator = EmbeddedSimulator(rules=Rules(oob_tolerance=0.5, stuck_time=7.0))
-    with in_world(World(speed=50.0), simulator, Planner()):
+    with in_conditions(Conditions(speed=50.0), simulator, Planner()):
         assert simulator.rules == replace(
             Rules(oob_tolerance=0.5, stuck_time=7.0), speed_limit=50.0
         )
@@ -83,7 +85,7 @@ def test_rules_keep_all_but_the_speed_limit() -> None:
 
 def test_a_layer_takes_the_place_of_one_of_its_kind_and_leaves_the_others() -> None:
     driver = Noisy(LimitedView(Delayed(Planner(), seconds=0.3), distance=20.0), offset=0.1, seed=1)
-    with in_world(World(delay=0.1), EmbeddedSimulator(), driver) as there:
+    with in_conditions(Conditions(delay=0.1), EmbeddedSimulator(), driver) as there:
         form = compiled_form(there, 0.05)
     assert form is not None, "two layers of a kind are driven in Python, slowly"
     assert (form.delay, form.rows) == (2, 11)
@@ -99,7 +101,7 @@ def test_what_a_simulator_cannot_vary_is_refused_in_one_line(name: str) -> None:
     values: dict[str, float] = {name: 0.5}
     with (
         pytest.raises(FreneticError, match="cannot vary"),
-        in_world(World(**values), simulator, Planner()),  # type: ignore[arg-type]
+        in_conditions(Conditions(**values), simulator, Planner()),  # type: ignore[arg-type]
     ):
         pass
 
@@ -107,7 +109,7 @@ def test_what_a_simulator_cannot_vary_is_refused_in_one_line(name: str) -> None:
 def test_any_simulator_can_vary_what_does_not_concern_its_physics() -> None:
     simulator = DummySimulator()
     check_can_vary(simulator, ["speed", "noise", "delay"])
-    with in_world(World(speed=30.0, delay=0.1), simulator, Planner()) as driver:
+    with in_conditions(Conditions(speed=30.0, delay=0.1), simulator, Planner()) as driver:
         assert simulator.drive(ROAD, driver).rules.speed_limit == 30.0
 
 
@@ -122,10 +124,10 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
             if friction != 1.0:
                 raise ValueError("this road is always dry")
 
-    world = World(friction=0.5)
+    world = Conditions(friction=0.5)
     with (
         pytest.raises(FreneticError, match=r"Picky cannot have friction = 0\.5: this road"),
-        in_world(world, Picky(), Planner()),
+        in_conditions(world, Picky(), Planner()),
     ):
         pass
 
@@ -133,9 +135,9 @@ def test_a_value_that_a_simulator_refuses_is_one_line() -> None:
 def test_the_table_of_quantities_is_true() -> None:
     """Every quantity is a field of a world, and both ends of its range can be driven in."""
     for name, quantity in QUANTITIES.items():
-        assert World().value(name) is None
+        assert Conditions().value(name) is None
         for value in (quantity.low, quantity.high):
             values: dict[str, float] = {name: value}
-            world = World(**values)  # type: ignore[arg-type]
+            world = Conditions(**values)  # type: ignore[arg-type]
             assert world.value(name) == value
             assert np.isfinite(in_that(world, EmbeddedSimulator(), Planner())).all()

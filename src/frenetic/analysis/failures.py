@@ -35,7 +35,8 @@ from frenetic.analysis.segments import (
     segment_profile,
     segments_of,
 )
-from frenetic.campaign.store import CampaignStore, TestRecord
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import frame_at, sample_line

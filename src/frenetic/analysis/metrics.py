@@ -28,7 +28,8 @@ from frenetic.analysis.failures import Failure, cluster_failures
 from frenetic.analysis.features import FEATURES, Feature, features_of
 from frenetic.analysis.segments import Segment, segments_of
 from frenetic.analysis.sparseness import competition_sparseness, diversity
-from frenetic.campaign.store import CampaignStore, TestRecord
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
 
 Cell: TypeAlias = tuple[int, ...]

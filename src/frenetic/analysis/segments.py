@@ -11,8 +11,8 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.bends import Bend, find_bends
-from frenetic.campaign.store import CampaignStore, Order, TestRecord
-from frenetic.campaign.stored import stored_test
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import CampaignStore, Order
 from frenetic.oracle import Assessment, Departure, Side, assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -169,7 +169,7 @@ def segments_of(
     """
     for record in store.tests(outcome, order_by, limit, with_trajectory=True):
         if record.outcome.is_driven:
-            test = stored_test(store, record)
+            test = record
             if test.drive is not None:
                 yield record, segment_of(test.road, test.drive, record.departure)
 

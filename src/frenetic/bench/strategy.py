@@ -15,8 +15,9 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
 from frenetic.bench.hosting.messages import Answer
+from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.tester import RoadTester, Tested, road_through
+from frenetic.campaign.tester import Placement, RoadTester, road_through
 from frenetic.errors import RoadError
 from frenetic.export.competition import simulation_rows
 from frenetic.road import Road, check_validity
@@ -101,15 +102,15 @@ class VirtualTime:
 class RecordingTester(RoadTester):
     """A tester that remembers what it tested last."""
 
-    last: list[Tested] = field(default_factory=list, compare=False)
+    last: list[Attempt] = field(default_factory=list, compare=False)
     """One at most."""
 
-    def test(self, candidate: Candidate) -> Tested:
+    def test(self, candidate: Candidate, placement: Placement | None = None) -> Attempt:
         """Tests a candidate as any tester does."""
         self.last[:] = []
-        tested = super().test(candidate)
-        self.last[:] = [tested]
-        return tested
+        attempt = super().test(candidate, placement)
+        self.last[:] = [attempt]
+        return attempt
 
 
 class GeneratorStrategy:
@@ -245,7 +246,7 @@ class GeneratorStrategy:
                 curvatures, step = road.curvatures, road.step
         return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
-    def _records(self, evaluation: Evaluation, tested: Tested | None) -> list[Any]:
+    def _records(self, evaluation: Evaluation, tested: Attempt | None) -> list[Any]:
         """What the simulator recorded, as the pipeline's records."""
         candidate = evaluation.candidate
         if tested is None or tested.trajectory is None or tested.pose is None:

@@ -2,7 +2,8 @@
 
 from frenetic.campaign.campaign import LOOKAHEAD, Campaign, new_folder
 from frenetic.campaign.progress import Progress, Summary
-from frenetic.campaign.store import CampaignStore, TestRecord
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.spec import Budget
 

@@ -159,7 +159,7 @@ COMMAND: Final[Mapping[str, Entry]] = MappingProxyType(
 
 def configuration_faults(config: Mapping[str, Any]) -> list[str]:
     """What is wrong with a configuration, each in one line."""
-    return _faults(CONFIGURATION, config)
+    return faults_of(CONFIGURATION, config)
 
 
 def command_faults(config: Mapping[str, Any]) -> list[str]:
@@ -169,10 +169,11 @@ def command_faults(config: Mapping[str, Any]) -> list[str]:
         return []
     if not isinstance(command, Mapping):
         return [f"the command is {shown(command)}: an object is needed"]
-    return [f"the command: {fault}" for fault in _faults(COMMAND, command)]
+    return [f"the command: {fault}" for fault in faults_of(COMMAND, command)]
 
 
-def _faults(entries: Mapping[str, Entry], values: Mapping[str, Any]) -> list[str]:
+def faults_of(entries: Mapping[str, Entry], values: Mapping[str, Any]) -> list[str]:
+    """What is wrong with some values, each in one line."""
     faults = []
     for name, entry in entries.items():
         if name not in values:
@@ -214,7 +215,7 @@ def recorded_command(config: Mapping[str, Any], database: object) -> RecordedCom
     if config.get("command") is None:
         return None
     needed = {name: CONFIGURATION[name] for name in ("seed", "map_size", "lookahead")}
-    if faults := [*command_faults(config), *_faults(needed, config)]:
+    if faults := [*command_faults(config), *faults_of(needed, config)]:
         raise CampaignError(
             f"{database} does not say how to go on with the campaign: {'; '.join(faults)}; restore"
             " it from a copy, or run the campaign again"

@@ -13,9 +13,9 @@ import numpy as np
 from frenetic._support.interrupt import Interrupt
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.progress import Progress, Tally
-from frenetic.campaign.store import CampaignStore, TestRecord
-from frenetic.campaign.tester import Tested, untested
-from frenetic.campaign.workers.workers import Attempt, Workers
+from frenetic.campaign.record import Attempt, TestRecord
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
@@ -202,8 +202,8 @@ class Dispatcher:
         """How doubtful it is whether the younger siblings of a candidate will be wanted."""
         if candidate_id not in self._ended:
             return _DOUBTFUL
-        tested = self._ended[candidate_id].tested
-        return _DOOMED if tested and tested.result.outcome is Outcome.FAIL else _SURE
+        failed = self._ended[candidate_id].result.outcome is Outcome.FAIL
+        return _DOOMED if failed else _SURE
 
     def _take(self, attempt: Attempt) -> None:
         """Takes note of an attempt; a lost one leads to another, if it was not the last."""
@@ -245,9 +245,7 @@ class Dispatcher:
 
     def _finish(self, candidate: Candidate) -> None:
         """Stores and tells the result of a candidate whose last attempt has ended."""
-        attempt = self._ended.pop(candidate.id)
-        tested = attempt.tested or untested(Outcome.ERROR, attempt.loss)
-        self._tell(candidate, tested, attempt.seconds, attempt.worker)
+        self._tell(candidate, self._ended.pop(candidate.id))
 
     def _drop(self, candidate: Candidate) -> None:
         """Stores and tells that a candidate is not driven any more."""
@@ -255,26 +253,22 @@ class Dispatcher:
         self._waiting.discard(candidate.id)
         # Whether it was tried meanwhile depends on the workers.
         self._tries.pop(candidate.id, None)
-        dropped = untested(Outcome.DROPPED, "not wanted any more when its turn came")
-        self._tell(candidate, dropped, 0.0, None)
+        reason = "not wanted any more when its turn came"
+        self._tell(candidate, Attempt.undriven(candidate.id, Outcome.DROPPED, reason))
 
-    def _tell(
-        self, candidate: Candidate, tested: Tested, seconds: float, worker: str | None
-    ) -> None:
-        tally, result = self._tally, tested.result
+    def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
+        tally, result = self._tally, attempt.result
         tally.count(result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
         tally.budget_spent = self._budget.spent(tally.simulations, elapsed, tally.failures)
-        record = tested.record(
+        record = attempt.record(
             candidate,
             told=tally.told,
             budget_spent=tally.budget_spent,
-            seconds=seconds,
             attempts=self._tries.pop(candidate.id, 0),
-            worker=worker,
             elapsed=elapsed,
         )
-        self._store.told(record, tested.packed, hold=True)
+        self._store.told(record, attempt.packed, hold=True)
         del self._outstanding[candidate.id]
         evaluation = Evaluation(candidate, result.outcome, result.moobd, tally.budget_spent)
         tell(self._strategy, evaluation, tally)

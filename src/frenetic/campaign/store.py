@@ -22,26 +22,35 @@ asked since the last result are lost with the process.
 from __future__ import annotations
 
 import json
-import math
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, ClassVar, Final, Literal, Self, TypeAlias, get_args
-
-import numpy as np
+from typing import Any, Final, Literal, Self, TypeAlias, get_args
 
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic.campaign.lock import FileLock
+from frenetic.campaign.record import (
+    CANDIDATE_COLUMNS,
+    RECORD_COLUMNS,
+    TEST_COLUMNS,
+    Counts,
+    RowError,
+    Setting,
+    TestRecord,
+    read_candidate,
+    read_test,
+    row_of_candidate,
+    row_of_test,
+    setting_faults,
+)
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
-from frenetic.oracle import Departure, Side
 from frenetic.outcome import Outcome
-from frenetic.search.records import Candidate, Origin
+from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Trajectory
 
 Order: TypeAlias = Literal["told", "moobd"]
@@ -131,19 +140,16 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
 
-_INSERT_CANDIDATE: Final = "INSERT INTO candidate VALUES (?, ?, ?, ?, ?, ?, ?, ?)"
-_INSERT_TEST: Final = f"INSERT INTO test VALUES ({', '.join('?' * 22)})"  # noqa: S608
+_INSERT: Final = "INSERT INTO {} VALUES ({})"
+_INSERT_CANDIDATE: Final = _INSERT.format("candidate", ", ".join("?" * len(CANDIDATE_COLUMNS)))
+_INSERT_TEST: Final = _INSERT.format("test", ", ".join("?" * len(TEST_COLUMNS)))
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?)"
 _INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?)"
-_SELECT_CANDIDATE: Final = (
-    "SELECT id, operator, parents, generation, step, curvatures, points FROM candidate WHERE id = ?"
-)
-_SELECT_TEST: Final = """
-    SELECT told, outcome, reason, budget_spent, x, y, heading, moobd, max_oob_share, duration,
-        moobd_distance, departure_time, departure_distance, departure_x, departure_y,
-        departure_side, seconds, attempts, worker, elapsed
-    FROM test WHERE candidate_id = ?
-"""
+_SELECT_CANDIDATE: Final = f"SELECT {', '.join(CANDIDATE_COLUMNS)} FROM candidate WHERE id = ?"  # noqa: S608
+_SELECT_TEST: Final = f"""
+    SELECT {", ".join(RECORD_COLUMNS)}, {", ".join(CANDIDATE_COLUMNS)}
+    FROM test LEFT JOIN candidate ON id = candidate_id WHERE candidate_id = ?
+"""  # noqa: S608
 _SELECT_TRAJECTORY: Final = "SELECT data FROM trajectory WHERE candidate_id = ?"
 _SELECT_IDS: Final[Mapping[str, str]] = {
     "told": """
@@ -157,90 +163,6 @@ _SELECT_IDS: Final[Mapping[str, str]] = {
 }
 _CONFIG: Final = "config"
 _CREATED_AT: Final = "created_at"
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TestRecord:
-    """What a campaign keeps of one road test: its candidate, what became of it, its trajectory."""
-
-    __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
-
-    candidate: Candidate
-    told: int
-    """Counts from 1 in the order in which results were told."""
-    outcome: Outcome
-    reason: str
-    """Why it ended so, for people."""
-    budget_spent: float
-    """Share of the campaign's budget spent when this was told, 0..1."""
-    pose: tuple[float, float, float] | None = None
-    """x (m), y (m), heading (rad) at which the fitted road starts; None if it fits nowhere."""
-    moobd: float | None = None
-    """Minimum oob distance in m; None unless PASS or FAIL."""
-    max_oob_share: float | None = None
-    """Largest oob share of the drive, 0..1."""
-    duration: float | None = None
-    """Simulated s."""
-    moobd_distance: float | None = None
-    """m along the road to where the oob distance was smallest."""
-    departure_time: float | None = None
-    """Simulated s at which the car left its lane; None if it did not, as for all of departure."""
-    departure_distance: float | None = None
-    """m along the road."""
-    departure_x: float | None = None
-    """m."""
-    departure_y: float | None = None
-    """m."""
-    departure_side: Side | None = None
-    """The side of the lane on which it left."""
-    seconds: float
-    """s of wall time that the test took."""
-    attempts: int = 1
-    """How often it was tried; 0 if it was dropped before."""
-    worker: str | None = None
-    """Who drove it, None where that is not known."""
-    elapsed: float | None = None
-    """s of the campaign's time when this was told; None in logs of old versions."""
-    trajectory: Trajectory | None = None
-    """None if nothing was driven, or if the record was read without it."""
-
-    @property
-    def departure(self) -> Departure | None:
-        """Where the car left its lane, None if it did not."""
-        place = (
-            self.departure_time,
-            self.departure_distance,
-            self.departure_x,
-            self.departure_y,
-        )
-        if self.departure_side is None or None in place:
-            return None
-        time, distance, x, y = (float(v) for v in place if v is not None)
-        return Departure(time, distance, x, y, self.departure_side)
-
-
-@dataclass(frozen=True)
-class Counts:
-    """How far a campaign has come."""
-
-    asked: int
-    """Candidates that were asked and recorded."""
-    told: int
-    """Candidates whose result was told, dropped ones included."""
-    by_outcome: Mapping[Outcome, int]
-    """Tests per outcome, each outcome present."""
-    lowest_moobd: float | None
-    """Smallest minimum oob distance of all tests in m; None before the first drive."""
-
-    @property
-    def tests(self) -> int:
-        """Road tests, refused ones included, dropped ones not."""
-        return self.told - self.by_outcome[Outcome.DROPPED]
-
-    @property
-    def simulations(self) -> int:
-        """Drives, broken ones included."""
-        return self.tests - self.by_outcome[Outcome.INVALID]
 
 
 class CampaignStore:
@@ -272,6 +194,7 @@ class CampaignStore:
                 self._last_asked = last or 0
                 (self._told,) = connection.execute("SELECT count(*) FROM test").fetchone()
             self._config = self._read_config()
+        self._setting = None if setting_faults(self._config) else Setting.of(self._config)
 
     @classmethod
     def create(cls, folder: Path, config: Mapping[str, JSONValue]) -> Self:
@@ -403,6 +326,16 @@ class CampaignStore:
         return self._config
 
     @property
+    def setting(self) -> Setting:
+        """What the campaign's roads were driven with.
+
+        Raises a `CampaignError` if the configuration does not say it.
+        """
+        if self._setting is None:
+            raise self._damaged("; ".join(setting_faults(self._config)))
+        return self._setting
+
+    @property
     def facts(self) -> Mapping[str, JSONValue]:
         """What else is known of the campaign: ``created_at`` and what `finish` added."""
         with translated(self._path):
@@ -427,7 +360,7 @@ class CampaignStore:
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a "
                 f"higher id, not {candidate.id}"
             )
-        self._held_candidates.append(_candidate_row(candidate, self._told))
+        self._held_candidates.append(row_of_candidate(candidate, self._told))
         self._last_asked = candidate.id
 
     def told(
@@ -443,7 +376,7 @@ class CampaignStore:
         is not finite.
         """
         self._require_writer()
-        row = _test_row(record)
+        row = row_of_test(record, _now())
         data = trajectory
         if data is None and record.trajectory is not None:
             data = encode(record.trajectory)
@@ -550,7 +483,7 @@ class CampaignStore:
             row = self._fetch(_SELECT_CANDIDATE, id)
             if row is None:
                 raise self._unknown("candidate", id, "SELECT min(id), max(id) FROM candidate")
-        return self._to_candidate(row)
+        return self._to_candidate(row)[0]
 
     def candidates(self) -> Iterator[Candidate]:
         """Return all candidates that were asked up to this moment, in the order of asking."""
@@ -574,8 +507,10 @@ class CampaignStore:
             ).fetchall()
             (asked,) = self._connection.execute("SELECT count(*) FROM candidate").fetchone()
         by_outcome = dict.fromkeys(Outcome, 0)
-        by_outcome |= {self._outcome(outcome, "a test"): count for outcome, count, _ in rows}
-        moobds = [self._real(moobd, "moobd of a test") for *_, moobd in rows if moobd is not None]
+        by_outcome |= {
+            Outcome(self._value("outcome", outcome)): count for outcome, count, _ in rows
+        }
+        moobds = [self._value("moobd", moobd) for *_, moobd in rows if moobd is not None]
         return Counts(
             asked=asked + len(self._held_candidates),
             told=sum(by_outcome.values()),
@@ -590,13 +525,11 @@ class CampaignStore:
             rows = self._connection.execute("SELECT seconds, elapsed FROM test ORDER BY told")
             total = 0.0
             for seconds, elapsed in rows:
-                name = "time that a test took"
                 # Logs of old versions know only what each test took.
-                total = (
-                    total + self._real(seconds, name)
-                    if elapsed is None
-                    else self._real(elapsed, name)
-                )
+                if elapsed is None:
+                    total += self._value("seconds", seconds)
+                else:
+                    total = self._value("elapsed", elapsed)
         return total
 
     def rows(self, select: str, parameters: Sequence[object] = ()) -> Iterator[tuple[Any, ...]]:
@@ -699,50 +632,17 @@ class CampaignStore:
                     candidate_id,
                     "SELECT min(candidate_id), max(candidate_id) FROM test",
                 )
-            candidate_row = self._fetch(_SELECT_CANDIDATE, candidate_id)
-            if candidate_row is None:
-                raise self._damaged(f"candidate {candidate_id} is missing")
-            blob = self._fetch(_SELECT_TRAJECTORY, candidate_id) if with_trajectory else None
+            data = self._fetch(_SELECT_TRAJECTORY, candidate_id) if with_trajectory else None
         name = f"of test {candidate_id}"
-        told, outcome, reason, budget_spent, x, y, heading, *others = row
-        *optional, side, seconds, attempts, worker, elapsed = others
-        if not isinstance(told, int) or not isinstance(reason, str):
-            raise self._damaged(f"the order or reason {name} has the wrong type")
-        if side not in (None, *get_args(Side)):
-            raise self._damaged(f"the departure_side {name} is {side!r}")
-        if not isinstance(attempts, int) or not isinstance(worker, str | None):
-            raise self._damaged(f"the attempts or worker {name} has the wrong type")
-        pose = None
-        if x is not None or y is not None or heading is not None:
-            pose = (
-                self._real(x, f"x {name}"),
-                self._real(y, f"y {name}"),
-                self._real(heading, f"heading {name}"),
-            )
-        numbers: dict[str, Any] = {
-            column: None if value is None else self._real(value, f"{column} {name}")
-            for column, value in zip(_OPTIONAL, optional, strict=True)
-        }
-        return TestRecord(
-            candidate=self._to_candidate(candidate_row),
-            told=told,
-            outcome=self._outcome(outcome, name),
-            reason=reason,
-            budget_spent=self._real(budget_spent, f"budget_spent {name}"),
-            pose=pose,
-            **numbers,
-            departure_side=side,
-            seconds=self._real(seconds, f"seconds {name}"),
-            attempts=attempts,
-            worker=worker,
-            elapsed=None if elapsed is None else self._real(elapsed, f"elapsed {name}"),
-            trajectory=self._to_trajectory(blob, name),
-        )
+        of_test, of_candidate = row[: len(RECORD_COLUMNS)], row[len(RECORD_COLUMNS) :]
+        if of_candidate[0] is None:
+            raise self._damaged(f"candidate {candidate_id} is missing")
+        candidate, _ = self._to_candidate(of_candidate)
+        trajectory = None if data is None else self._to_trajectory(data[0], name)
+        with self._naming(name):
+            return read_test(of_test, candidate, trajectory, self._setting)
 
-    def _to_trajectory(self, row: tuple[Any, ...] | None, name: str) -> Trajectory | None:
-        if row is None:
-            return None
-        (data,) = row
+    def _to_trajectory(self, data: object, name: str) -> Trajectory:
         if not isinstance(data, bytes):
             raise self._damaged(f"the trajectory {name} has the wrong type")
         try:
@@ -750,43 +650,25 @@ class CampaignStore:
         except CampaignError as error:
             raise CampaignError(f"{self._path}: the trajectory {name}: {error}") from error
 
-    def _to_candidate(self, row: tuple[Any, ...]) -> Candidate:
-        candidate_id, operator, parents_json, generation, step, blob, pairs = row
-        name = f"of candidate {candidate_id}"
-        if not isinstance(operator, str) or not isinstance(generation, int):
-            raise self._damaged(f"the operator or generation {name} has the wrong type")
-        parents = self._from_json(parents_json, f"parents {name}")
-        if not isinstance(parents, list) or not all(type(parent) is int for parent in parents):
-            raise self._damaged(f"the parents {name} are no list of ids")
-        step = self._real(step, f"step {name}")
-        if step <= 0.0:
-            raise self._damaged(f"the step {name} is {step}")
-        if not isinstance(blob, bytes) or len(blob) % 8:
-            raise self._damaged(f"the curvatures {name} are not whole numbers of float64")
-        curvatures = np.frombuffer(blob, dtype="<f8").astype(np.float64, copy=False)
-        if not np.isfinite(curvatures).all():
-            raise self._damaged(f"the curvatures {name} are not all finite")
-        points = None
-        if pairs is not None:
-            if not isinstance(pairs, bytes) or len(pairs) % 16:
-                raise self._damaged(f"the points {name} are not whole pairs of float64")
-            points = np.frombuffer(pairs, dtype="<f8").reshape(-1, 2)
-            if not np.isfinite(points).all():
-                raise self._damaged(f"the points {name} are not all finite")
-        return Candidate(
-            candidate_id, curvatures, step, Origin(operator, tuple(parents), generation), points
-        )
+    def _to_candidate(self, row: tuple[Any, ...]) -> tuple[Candidate, int]:
+        with self._naming(f"of candidate {row[0]}"):
+            return read_candidate(row)
 
-    def _outcome(self, value: object, name: str) -> Outcome:
+    @contextmanager
+    def _naming(self, name: str) -> Iterator[None]:
+        """Turns what is wrong with a row into a `CampaignError` that says which row it is."""
         try:
-            return Outcome(value)
-        except ValueError:
-            raise self._damaged(f"the outcome {name} is {value!r}") from None
+            yield
+        except RowError as error:
+            column, text = error.faults[0]
+            raise self._damaged(f"the {column} {name} {text}") from None
 
-    def _real(self, value: object, name: str) -> float:
-        if not isinstance(value, int | float) or not math.isfinite(value):
-            raise self._damaged(f"the {name} is {value!r}, no finite number")
-        return float(value)
+    def _value(self, column: str, value: object) -> Any:
+        """A value of some test."""
+        try:
+            return TEST_COLUMNS[column].read(value)
+        except ValueError as error:
+            raise self._damaged(f"the {column} of a test {error}") from None
 
     def _from_json(self, text: object, name: str) -> JSONValue:
         try:
@@ -805,68 +687,6 @@ class CampaignStore:
         if not isinstance(config, dict):
             raise self._damaged("the config is no JSON object")
         return MappingProxyType(config)
-
-
-_OPTIONAL: Final = (
-    "moobd",
-    "max_oob_share",
-    "duration",
-    "moobd_distance",
-    "departure_time",
-    "departure_distance",
-    "departure_x",
-    "departure_y",
-)
-"""Numbers that a test may lack, in the order of the table's columns and of the record's fields."""
-
-
-def _candidate_row(candidate: Candidate, asked_after: int) -> tuple[object, ...]:
-    origin = candidate.origin
-    curvatures, points = candidate.curvatures, candidate.points
-    if curvatures.ndim != 1 or not np.isfinite(curvatures).all():
-        raise ValueError(f"the curvatures of candidate {candidate.id} are not all finite")
-    if points is not None and not (
-        points.ndim == 2 and points.shape[1] == 2 and np.isfinite(points).all()
-    ):
-        raise ValueError(f"the points of candidate {candidate.id} are not pairs of finite numbers")
-    if not (math.isfinite(candidate.step) and candidate.step > 0.0):
-        raise ValueError(f"step is {candidate.step}: a positive number is needed")
-    return (
-        int(candidate.id),
-        origin.operator,
-        json.dumps([int(parent) for parent in origin.parents]),
-        int(origin.generation),
-        float(candidate.step),
-        curvatures.astype("<f8", copy=False).tobytes(),
-        asked_after,
-        None if points is None else points.astype("<f8", copy=False).tobytes(),
-    )
-
-
-def _test_row(record: TestRecord) -> tuple[object, ...]:
-    pose = record.pose or (None, None, None)
-    optional = [getattr(record, name) for name in _OPTIONAL]
-    names = ("budget_spent", "x", "y", "heading", *_OPTIONAL, "seconds", "elapsed")
-    numbers = [record.budget_spent, *pose, *optional, record.seconds, record.elapsed]
-    for k, value in enumerate(numbers):
-        if value is not None:
-            if not math.isfinite(value):
-                raise ValueError(f"{names[k]} is {value}: a finite number is needed")
-            numbers[k] = float(value)  # numpy's numbers would be stored as blobs
-    return (
-        int(record.candidate.id),
-        int(record.told),
-        str(record.outcome),
-        # A broken driver's message may hold file names that are no text: keep them readable.
-        record.reason.encode("utf-8", "backslashreplace").decode("utf-8"),
-        *numbers[:-2],
-        record.departure_side,
-        numbers[-2],
-        _now(),
-        int(record.attempts),
-        record.worker,
-        numbers[-1],
-    )
 
 
 def _to_json(value: JSONValue) -> str:

@@ -99,12 +99,11 @@ def _exported(source: Path, test_id: int | None) -> tuple[ExportedRoad, Path]:
         road = read_road(source).road()
         return ExportedRoad(road, source.stem), source.with_suffix("")
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.stored import stored_test
     from frenetic.report.failures import file_stem
     from frenetic.simulators import Rules
 
     with CampaignStore.open(source) as store:
-        test = stored_test(store, store.test(test_id))
+        test = store.test(test_id)
         speed_limit = Rules(**store.config["rules"]).speed_limit  # type: ignore[arg-type]
     stem = file_stem(test_id)
     exported = ExportedRoad(test.road, stem, speed_limit, test=test)

@@ -232,7 +232,6 @@ def _of_campaign(
     """How a campaign's tests are driven, and those that are to be minimised."""
     from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.stored import stored_test
     from frenetic.outcome import Outcome
     from frenetic.report.failures import file_stem
     from frenetic.report.minimised import MINIMISED, MinimisedFiles
@@ -266,7 +265,7 @@ def _of_campaign(
             works.append(
                 Work(
                     f"Test {number}",
-                    stored_test(store, record).road,
+                    record.road,
                     MinimisedFiles.beside(
                         out or folder / MINIMISED / f"{file_stem(number)}{suffix}"
                     ),

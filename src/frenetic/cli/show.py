@@ -129,12 +129,11 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         PICTURES,
         file_stem,
         road_document,
-        stored_test,
     )
     from frenetic.report.picture import draw_drive, draw_road
 
     record = store.test(test_id)
-    test = stored_test(store, record)
+    test = record
     kind = FAILURES if record.outcome is Outcome.FAIL else PICTURES
     picture = plot if plot is not None else store.folder / kind / f"{file_stem(test_id)}.png"
     title = f"Test {test_id}: {record.outcome}"

@@ -12,7 +12,7 @@ from operator import attrgetter
 from typing import Any, Final
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.stored import StoredTest
+from frenetic.campaign.record import TestRecord
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road, Verdict
@@ -162,17 +162,16 @@ def competition_document(
     return document
 
 
-def stored_test_document(test: StoredTest) -> dict[str, Any]:
+def stored_test_document(test: TestRecord) -> dict[str, Any]:
     """A campaign's test as `competition_document` gives it."""
-    record = test.record
-    is_invalid = record.outcome is Outcome.INVALID
-    verdict = Verdict(not is_invalid, record.reason if is_invalid else "")
+    is_invalid = test.outcome is Outcome.INVALID
+    verdict = Verdict(not is_invalid, test.reason if is_invalid else "")
     return competition_document(
         test.road,
         test.id,
-        verdict if record.outcome.is_test else None,
-        outcome=record.outcome,
-        description=record.reason,
+        verdict if test.outcome.is_test else None,
+        outcome=test.outcome,
+        description=test.reason,
         drive=test.drive,
-        points=record.candidate.points,
+        points=test.candidate.points,
     )

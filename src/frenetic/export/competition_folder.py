@@ -12,8 +12,8 @@ from typing import Any, Final
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.competition import competition_segment
 from frenetic.analysis.sparseness import competition_sparseness
-from frenetic.campaign.store import CampaignStore, TestRecord
-from frenetic.campaign.stored import StoredTest, stored_test
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import RoadError
 from frenetic.export.competition import stored_test_document
 from frenetic.outcome import Outcome
@@ -53,12 +53,9 @@ def write_competition_folder(
     for done, record in enumerate(store.tests(), start=1):
         outcome = record.outcome
         if outcome.is_test:
-            test = _stored_test(store, record)
-            statistics.count(record, test)
+            statistics.count(record)
             if outcome in outcomes:
-                if outcome in driven:
-                    test = _stored_test(store, store.test(record.candidate.id))
-                _write_test(folder, record, test)
+                _write_test(folder, store.test(record.id) if outcome in driven else record)
         on_test(done)
     alone = store.config.get("workers", 1) == 1 and store.config.get("cluster") is None
     _write_row(folder / "generation_stats.csv", statistics.generation(alone))
@@ -66,18 +63,18 @@ def write_competition_folder(
     _write_row(folder / "experiment_description.csv", _experiment(store))
 
 
-def _stored_test(store: CampaignStore, record: TestRecord) -> StoredTest | None:
-    """The test made ready; None if the candidate is no road."""
+def _is_road(record: TestRecord) -> bool:
+    """Whether there is a road; what was proposed may be none."""
     try:
-        return stored_test(store, record)
+        return record.road is not None
     except RoadError:
-        return None
+        return False
 
 
-def _write_test(folder: Path, record: TestRecord, test: StoredTest | None) -> None:
+def _write_test(folder: Path, record: TestRecord) -> None:
     document: Mapping[str, Any]
-    if test is not None:
-        document = stored_test_document(test)
+    if _is_road(record):
+        document = stored_test_document(record)
     else:
         points = record.candidate.points
         document = {
@@ -104,7 +101,7 @@ class _Statistics:
         self._segments: list[FloatArray] = []
         self._seconds = self._simulated = self._elapsed = 0.0
 
-    def count(self, record: TestRecord, test: StoredTest | None) -> None:
+    def count(self, record: TestRecord) -> None:
         """Takes one more test into account."""
         self._outcomes[record.outcome] += 1
         self._simulated += record.duration or 0.0
@@ -112,13 +109,13 @@ class _Statistics:
             self._seconds += record.seconds
         self._elapsed = record.elapsed or self._elapsed + record.seconds
         departure = record.departure
-        if record.outcome is Outcome.FAIL and departure is not None and test is not None:
+        if record.outcome is Outcome.FAIL and departure is not None and _is_road(record):
             self._sides[departure.side] += 1
             if self._with_sparseness:
                 place = (departure.x, departure.y)
                 points = record.candidate.points
                 segment = competition_segment(
-                    test.road.road_points if points is None else points, place
+                    record.road.road_points if points is None else points, place
                 )
                 if segment is not None:
                     self._segments.append(segment.points)

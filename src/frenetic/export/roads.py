@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.files import write_file
-from frenetic.campaign.stored import StoredTest
+from frenetic.campaign.record import TestRecord
 from frenetic.errors import UnknownNameError
 from frenetic.export.competition import GROUND, competition_document, stored_test_document
 from frenetic.road import MAP_SIZE, Road
@@ -50,7 +50,7 @@ class ExportedRoad:
     """km/h."""
     shoulder: float = 0.0
     """Ground beyond each lane, in m; only OpenDRIVE knows it."""
-    test: StoredTest | None = None
+    test: TestRecord | None = None
     """The campaign's test whose road it is, if it is one's."""
     origin: tuple[float, float] = ORIGIN
     """Latitude and longitude of (0, 0), in degrees; only OpenDRIVE knows them."""

@@ -19,19 +19,19 @@ from typing import Any, Final
 
 from frenetic.analysis.statistics import spearman
 from frenetic.campaign.campaign import prepare
-from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
-from frenetic.campaign.tester import Tested
+from frenetic.spec import describe
+from frenetic.campaign.record import Attempt, TestRecord
+from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.kept import KeptFile, as_number, as_whole
-from frenetic.redrive.loop import Redrive, Redriver, drive_again
+from frenetic.redrive.loop import Task, campaign_tester, drive_again
 from frenetic.redrive.robustness import Repeat, drive_document, read_drive
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import World
-from frenetic.spec import describe
+from frenetic.simulators.worlds import USUAL
 
 CONFIRMATIONS: Final = "confirmations.json"
 """Name of the file in a campaign's folder that holds its failures' drives in other simulators."""
@@ -178,26 +178,27 @@ def confirm(
         prepare(simulator)
     with CampaignStore.open(folder) as store:
         records = [store.test(test_id, with_trajectory=False) for test_id in test_ids]
-        redriver = Redriver.of(store, simulator, driver)
+        tester = campaign_tester(store, simulator, driver)
     for record in records:
         if record.outcome is not Outcome.FAIL:
             raise CampaignError(
                 f"test {record.candidate.id} is {record.outcome}: only a failure can be confirmed"
             )
-    redrives = [Redrive.of(i, record, World()) for i, record in enumerate(records, start=1)]
+    tasks = [Task.of(i, record) for i, record in enumerate(records, start=1)]
     done: dict[int, ConfirmedTest] = {}
 
-    def note(redrive: Redrive, tested: Tested, _seconds: float) -> None:
-        done[redrive.id] = _confirmed(records[redrive.id - 1], tested)
+    def note(attempt: Attempt) -> None:
+        number = attempt.candidate_id
+        done[number] = _confirmed(records[number - 1], attempt)
         if on_progress is not None:
             on_progress(len(done), len(records))
 
     drive_again(
-        redrives,
-        redriver,
+        tasks,
+        tester,
         workers=workers,
         drive_limit=drive_limit,
-        on_result=note,
+        on_attempt=note,
         on_start=on_start,
         on_interrupt=on_interrupt,
     )
@@ -215,15 +216,13 @@ def confirm(
     return confirmation
 
 
-def _confirmed(record: TestRecord, tested: Tested) -> ConfirmedTest:
-    trajectory = tested.trajectory
-    if trajectory is None and tested.packed is not None:
-        trajectory = decode(tested.packed)
+def _confirmed(record: TestRecord, attempt: Attempt) -> ConfirmedTest:
+    trajectory = None if attempt.packed is None else decode(attempt.packed)
     return ConfirmedTest(
         record.candidate.id,
         Repeat.recorded(record),
-        Repeat.of(World(), tested),
-        tested.result.reason,
+        Repeat.of(USUAL, attempt),
+        attempt.result.reason,
         trajectory,
     )
 

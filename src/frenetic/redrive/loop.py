@@ -1,51 +1,42 @@
-"""Driving roads again where they lie, by this process or several, each in a world of its own."""
+"""Driving roads again where they lie, by this process or several, each in conditions of its own."""
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Final
 
-from frenetic._support.arrays import FloatArray
 from frenetic._support.interrupt import catch_interrupt
-from frenetic.campaign.configuration import configuration_faults
-from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.loop import MAX_ATTEMPTS
-from frenetic.campaign.store import DATABASE, CampaignStore, TestRecord
-from frenetic.campaign.tester import RoadTester, Tested, untested
-from frenetic.campaign.workers import Attempt, LocalWorkers, ThisProcess, Workers
+from frenetic.campaign.record import Attempt, TestRecord
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road
+from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import World, in_world
+from frenetic.simulators.worlds import USUAL, Conditions
 
 OPERATOR: Final = "redrive"
 """What the origin of the roads that are driven again says."""
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Redrive(Candidate):
-    """A road to be driven where it lies, in a world that may differ from the simulator's."""
+@dataclass(frozen=True)
+class Task:
+    """A road to be driven where it lies."""
 
-    pose: Pose
-    world: World
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Made anew, so that the values are read-only again.
-        values = (self.id, self.curvatures, self.step, self.origin, self.pose, self.world)
-        return _redrive, values
+    candidate: Candidate
+    placement: Placement
 
     @classmethod
-    def of(cls, number: int, record: TestRecord, world: World) -> Redrive:
+    def of(cls, number: int, record: TestRecord, conditions: Conditions = USUAL) -> Task:
         """A stored test as drive ``number`` of many.
 
         Raises:
@@ -58,53 +49,29 @@ class Redrive(Candidate):
                 " driven again"
             )
         origin = Origin(OPERATOR, (candidate.id,), candidate.origin.generation)
-        curvatures, pose = candidate.curvatures, Pose(*record.pose)
-        return _redrive(number, curvatures, candidate.step, origin, pose, world)
-
-
-def _redrive(
-    number: int, curvatures: FloatArray, step: float, origin: Origin, pose: Pose, world: World
-) -> Redrive:
-    return Redrive(number, curvatures, step, origin, pose=pose, world=world)
-
-
-@dataclass(frozen=True)
-class Redriver(RoadTester):
-    """Drives roads where they lie, instead of fitting them into the map."""
-
-    @classmethod
-    def of(cls, store: CampaignStore, simulator: Simulator, driver: Driver) -> Redriver:
-        """Drives the roads of a campaign.
-
-        Raises:
-            CampaignError: the campaign's configuration is damaged.
-        """
-        config: Mapping[str, Any] = store.config
-        if faults := configuration_faults(config):
-            raise CampaignError(
-                f"{store.folder / DATABASE} is damaged: {'; '.join(faults)}; restore it from a copy"
-            )
-        return cls(simulator, driver, config["map_size"], config["margin"], config["lane_width"])
-
-    def test(self, candidate: Candidate) -> Tested:
-        """Drives the road of a `Redrive` in its world, if it is still valid."""
-        assert isinstance(candidate, Redrive)
-        road = Road(
-            candidate.curvatures, candidate.step, candidate.pose, lane_width=self.lane_width
+        return cls(
+            Candidate(number, candidate.curvatures, candidate.step, origin),
+            Placement(Pose(*record.pose), conditions),
         )
-        with in_world(candidate.world, self.simulator, self.driver) as driver:
-            return RoadTester(
-                self.simulator, driver, self.map_size, self.margin, self.lane_width
-            ).test_placed(road)
+
+
+def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) -> RoadTester:
+    """Drives a campaign's roads with parts that may be others than its own.
+
+    Raises:
+        CampaignError: the campaign's configuration is damaged.
+    """
+    setting = store.setting
+    return RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
 
 
 def drive_again(
-    redrives: Sequence[Redrive],
-    redriver: Redriver,
+    tasks: Sequence[Task],
+    tester: RoadTester,
     *,
     workers: int = 1,
     drive_limit: float | None = None,
-    on_result: Callable[[Redrive, Tested, float], None],
+    on_attempt: Callable[[Attempt], None],
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
 ) -> bool:
@@ -114,11 +81,11 @@ def drive_again(
     the first Ctrl-C nothing is begun any more and what runs is finished.
 
     Args:
-        redrives: numbered from 1, each number once.
-        redriver: drives them; copied into each worker if there are several.
+        tasks: their candidates numbered from 1, each number once.
+        tester: drives them; copied into each worker if there are several.
         workers: how many roads are driven at once, as for `Campaign`.
         drive_limit: s of wall time, likewise.
-        on_result: called with every drive, what became of it and the s of wall time it took.
+        on_attempt: called with the last attempt at each task.
         on_start: called when the simulator has started.
         on_interrupt: called at the first Ctrl-C.
 
@@ -131,48 +98,36 @@ def drive_again(
     """
     if isinstance(workers, bool) or workers != int(workers) or workers < 1:
         raise ValueError(f"workers is {workers}: a whole number of at least 1 is needed")
-    waiting = deque(redrives)
-    running: dict[int, Redrive] = {}
+    waiting = deque(tasks)
+    running: dict[int, Task] = {}
     tries: Counter[int] = Counter()
-
-    def take(attempt: Attempt) -> None:
-        redrive = running.pop(attempt.candidate_id)
-        if attempt.failure is not None and tries[redrive.id] < MAX_ATTEMPTS:
-            waiting.appendleft(redrive)
-            return
-        tested = attempt.tested or untested(Outcome.ERROR, attempt.loss)
-        on_result(redrive, tested, attempt.seconds)
-
     with ExitStack() as stack:
         interrupt = stack.enter_context(catch_interrupt(on_interrupt))
-        crew = _crew(redriver, min(workers, max(len(redrives), 1)), drive_limit, stack)
+        crew = stack.enter_context(_crew(tester, min(workers, max(len(tasks), 1)), drive_limit))
         while not crew.free and not interrupt.requested:
             crew.wait(_POLL)
         if on_start is not None:
             on_start()
         while running or (waiting and not interrupt.requested):
             while waiting and crew.free and not interrupt.requested:
-                redrive = waiting.popleft()
-                running[redrive.id] = redrive
-                tries[redrive.id] += 1
-                crew.submit(redrive)
+                task = waiting.popleft()
+                running[task.candidate.id] = task
+                tries[task.candidate.id] += 1
+                crew.submit(task.candidate, task.placement)
             for attempt in crew.wait(_POLL):
-                take(attempt)
+                task = running.pop(attempt.candidate_id)
+                if attempt.failure is not None and tries[attempt.candidate_id] < MAX_ATTEMPTS:
+                    waiting.appendleft(task)
+                else:
+                    on_attempt(attempt)
     return not waiting
 
 
-def readable(reason: str) -> str:
-    """A broken driver's message with what is no text, half characters, shown as Python does."""
-    return reason.encode("utf-8", "backslashreplace").decode("utf-8")
-
-
-def _crew(redriver: Redriver, workers: int, drive_limit: float | None, stack: ExitStack) -> Workers:
+def _crew(tester: RoadTester, workers: int, drive_limit: float | None) -> Workers:
     if workers == 1:
-        return stack.enter_context(ThisProcess(redriver))
+        return ThisProcess(tester)
     if drive_limit is None:
-        drive_limit = 1.5 * getattr(redriver.simulator, "wall_limit", 60.0) + 10.0
-    # What happens to the workers is no part of the campaign's log.
-    nowhere = Path(stack.enter_context(TemporaryDirectory()))
-    log = stack.enter_context(CampaignLog(nowhere))
+        drive_limit = 1.5 * getattr(tester.simulator, "wall_limit", 60.0) + 10.0
     compile_kernels()
-    return stack.enter_context(LocalWorkers(redriver, workers, drive_limit=drive_limit, log=log))
+    # What happens to the workers is no part of the campaign's log.
+    return LocalWorkers(tester, workers, drive_limit=drive_limit)

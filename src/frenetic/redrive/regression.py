@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Final
 
 from frenetic._support.files import write_file
-from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
-from frenetic.campaign.tester import Tested
+from frenetic.spec import describe
+from frenetic.campaign.record import Attempt, TestRecord, as_text
+from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import Redrive, Redriver, drive_again, readable
+from frenetic.redrive.loop import Task, campaign_tester, drive_again
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import World
-from frenetic.spec import describe
 
 SUITE: Final = "frenetic replay"
 """Name of the whole in a JUnit file."""
@@ -149,25 +148,25 @@ def replay(
     with CampaignStore.open(folder) as store:
         kinds = (Outcome.FAIL, Outcome.PASS) if everything else (Outcome.FAIL,)
         records = [record for kind in kinds for record in store.tests(kind)]
-        redriver = Redriver.of(store, simulator, driver)
+        tester = campaign_tester(store, simulator, driver)
     records.sort(key=lambda record: record.candidate.id)
-    redrives = [Redrive.of(i, record, World()) for i, record in enumerate(records, start=1)]
+    tasks = [Task.of(i, record) for i, record in enumerate(records, start=1)]
     tests: list[Replayed] = []
     failed = 0
 
-    def note(redrive: Redrive, tested: Tested, seconds: float) -> None:
+    def note(attempt: Attempt) -> None:
         nonlocal failed
-        tests.append(_replayed(records[redrive.id - 1], tested, seconds))
+        tests.append(_replayed(records[attempt.candidate_id - 1], attempt))
         failed += tests[-1].after is Outcome.FAIL
         if on_progress is not None:
             on_progress(ReplayProgress(len(tests), len(records), failed))
 
     drive_again(
-        redrives,
-        redriver,
+        tasks,
+        tester,
         workers=workers,
         drive_limit=drive_limit,
-        on_result=note,
+        on_attempt=note,
         on_start=on_start,
         on_interrupt=on_interrupt,
     )
@@ -180,18 +179,18 @@ def replay(
     )
 
 
-def _replayed(record: TestRecord, tested: Tested, seconds: float) -> Replayed:
-    candidate, result = record.candidate, tested.result
+def _replayed(record: TestRecord, attempt: Attempt) -> Replayed:
+    candidate, result = record.candidate, attempt.result
     return Replayed(
         test_id=candidate.id,
         before=record.outcome,
         moobd_before=record.moobd,
         after=result.outcome,
         moobd_after=result.moobd,
-        reason=readable(result.reason),
+        reason=as_text(result.reason),
         duration=result.duration,
         length=(len(candidate.curvatures) - 1) * candidate.step,
-        seconds=seconds,
+        seconds=attempt.seconds,
     )
 
 

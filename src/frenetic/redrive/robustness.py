@@ -27,17 +27,23 @@ import numpy as np
 
 from frenetic.analysis.segments import REACH
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
-from frenetic.campaign.store import CampaignStore, JSONValue, TestRecord
-from frenetic.campaign.tester import Tested
+from frenetic.spec import describe
+from frenetic.campaign.record import Attempt, TestRecord, as_text
+from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.redrive.kept import KeptFile, as_number, as_whole
-from frenetic.redrive.loop import Redrive, Redriver, drive_again, readable
+from frenetic.redrive.loop import Task, campaign_tester, drive_again
 from frenetic.simulators.simulator import Simulator, check_pair
-from frenetic.simulators.worlds import QUANTITIES, World, check_can_vary, in_world
-from frenetic.spec import describe
+from frenetic.simulators.worlds import (
+    QUANTITIES,
+    USUAL,
+    Conditions,
+    check_can_vary,
+    in_conditions,
+)
 
 RERUNS: Final = "reruns.json"
 """Name of the file in a campaign's folder that holds how often its failures repeat."""
@@ -132,7 +138,9 @@ _USUAL: Final[Mapping[str, tuple[float, float]]] = {
 }
 
 
-def draw_worlds(variations: Sequence[Variation], times: int, seed: int) -> tuple[World, ...]:
+def draw_conditions(
+    variations: Sequence[Variation], times: int, seed: int
+) -> tuple[Conditions, ...]:
     """So many worlds in which the quantities are drawn from their ranges.
 
     A Latin hypercube: cut into ``times`` equal parts, the range of each quantity gives one value
@@ -149,7 +157,7 @@ def draw_worlds(variations: Sequence[Variation], times: int, seed: int) -> tuple
         if names.count(name) > 1:
             raise ValueError(f"{name} is varied twice: give one range for it")
     rng = np.random.default_rng(seed)
-    worlds = [World()] * times
+    worlds = [USUAL] * times
     # In one order, whatever the order in which they were given.
     for variation in sorted(variations, key=lambda v: list(QUANTITIES).index(v.quantity)):
         shares = (rng.permutation(times) + rng.random(times)) / times
@@ -166,7 +174,7 @@ def draw_worlds(variations: Sequence[Variation], times: int, seed: int) -> tuple
 class Repeat:
     """One drive of a road, the recorded one or one of those that repeat it."""
 
-    world: World
+    world: Conditions
     outcome: Outcome
     moobd: float | None
     """m, minimum oob distance; None unless PASS or FAIL."""
@@ -177,9 +185,9 @@ class Repeat:
     """Why it could not be judged, None if it was."""
 
     @classmethod
-    def of(cls, world: World, tested: Tested) -> Repeat:
+    def of(cls, world: Conditions, attempt: Attempt) -> Repeat:
         """What became of a drive."""
-        result = tested.result
+        result = attempt.result
         departure = result.departure
         return cls(
             world,
@@ -187,14 +195,14 @@ class Repeat:
             result.moobd,
             None if departure is None else departure.distance,
             None if departure is None else departure.side,
-            None if result.outcome.is_driven else readable(result.reason),
+            None if result.outcome.is_driven else as_text(result.reason),
         )
 
     @classmethod
     def recorded(cls, record: TestRecord) -> Repeat:
         """The drive that a campaign has stored."""
         return cls(
-            World(),
+            USUAL,
             record.outcome,
             record.moobd,
             record.departure_distance,
@@ -397,18 +405,20 @@ def rerun(
         ValueError: an option is out of range.
     """
     folder = Path(folder)
-    worlds = draw_worlds(variations, times, seed)
+    worlds = draw_conditions(variations, times, seed)
     check_can_vary(simulator, [variation.quantity for variation in variations])
-    with in_world(worlds[0], simulator, driver) as layered:  # alike in what is laid over the driver
+    with in_conditions(
+        worlds[0], simulator, driver
+    ) as layered:  # alike in what is laid over the driver
         check_pair(simulator, layered)
     with CampaignStore.open(folder) as store:
         if test_ids is None:
             records = list(store.tests(Outcome.FAIL, order_by="moobd"))
         else:
             records = [store.test(i, with_trajectory=False) for i in dict.fromkeys(test_ids)]
-        redriver = Redriver.of(store, simulator, driver)
-    redrives = [
-        Redrive.of(number * times + i + 1, record, world)
+        tester = campaign_tester(store, simulator, driver)
+    tasks = [
+        Task.of(number * times + i + 1, record, world)
         for number, record in enumerate(records)
         for i, world in enumerate(worlds)
     ]
@@ -424,25 +434,25 @@ def rerun(
 
     drives = failed = 0
 
-    def note(redrive: Redrive, tested: Tested, _: float) -> None:
+    def note(attempt: Attempt) -> None:
         nonlocal drives, failed
-        number, i = divmod(redrive.id - 1, times)
-        done[number][i] = Repeat.of(redrive.world, tested)
+        number, i = divmod(attempt.candidate_id - 1, times)
+        done[number][i] = Repeat.of(worlds[i], attempt)
         drives += 1
-        failed += tested.result.outcome is Outcome.FAIL
+        failed += attempt.result.outcome is Outcome.FAIL
         if len(done[number]) == times:
             kept.add(collect(number))
         if on_progress is not None:
             test_id = records[number].candidate.id
-            on_progress(RerunProgress(test_id, drives, len(redrives), failed))
+            on_progress(RerunProgress(test_id, drives, len(tasks), failed))
 
     try:
         drive_again(
-            redrives,
-            redriver,
+            tasks,
+            tester,
             workers=workers,
             drive_limit=drive_limit,
-            on_result=note,
+            on_attempt=note,
             on_start=on_start,
             on_interrupt=on_interrupt,
         )
@@ -578,14 +588,14 @@ def _read_repeat(item: Any) -> Repeat:
     trouble = item["trouble"]
     if not isinstance(trouble, str | None):
         raise TypeError(f"a trouble is {trouble!r}")
-    names = {one.name for one in fields(World)}
+    names = {one.name for one in fields(Conditions)}
     if unknown := item["world"].keys() - names:
         raise ValueError(f"a world has {', '.join(sorted(unknown))}")
     world: dict[str, Any] = {
         name: as_whole(value) if name == "noise_seed" else as_number(value)
         for name, value in item["world"].items()
     }
-    return replace(read_drive(item), world=World(**world), trouble=trouble)
+    return replace(read_drive(item), world=Conditions(**world), trouble=trouble)
 
 
 def drive_document(drive: Repeat) -> dict[str, JSONValue]:
@@ -611,7 +621,7 @@ def read_drive(item: Any) -> Repeat:
     if side not in (None, "left", "right"):
         raise ValueError(f"a departure_side is {side!r}")
     return Repeat(
-        World(),
+        USUAL,
         Outcome(item["outcome"]),
         None if moobd is None else as_number(moobd),
         None if distance is None else as_number(distance),

@@ -16,7 +16,6 @@ from matplotlib.patches import Polygon
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore
-from frenetic.campaign.stored import stored_test
 from frenetic.errors import CampaignError
 from frenetic.oracle import assess, judge
 from frenetic.redrive.confirm import Confirmation, ConfirmedTest
@@ -94,7 +93,7 @@ def pictures_of(confirmation: Confirmation) -> Path:
 
 
 def _pair(store: CampaignStore, confirmation: Confirmation, test: ConfirmedTest) -> Pair | None:
-    stored = stored_test(store, store.test(test.test_id))
+    stored = store.test(test.test_id)
     other = confirmation.drive(test)
     if stored.drive is None or other is None or not len(other.trajectory):
         return None

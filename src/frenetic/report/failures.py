@@ -9,9 +9,8 @@ from typing import Any, Final
 
 from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
-from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue, TestRecord
-from frenetic.campaign.stored import StoredTest as StoredTest
-from frenetic.campaign.stored import stored_test as stored_test
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 
@@ -30,10 +29,9 @@ def file_stem(candidate_id: int) -> str:
     return f"test-{candidate_id:05d}"
 
 
-def road_document(test: StoredTest, config: Mapping[str, JSONValue]) -> dict[str, Any]:
+def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[str, Any]:
     """A test as a JSON object that `frenetic drive` and the competition's tools can read."""
-    record = test.record
-    candidate, road = record.candidate, test.road
+    candidate, road = record.candidate, record.road
     return {
         "id": candidate.id,
         "is_valid": record.outcome is not Outcome.INVALID,
@@ -81,7 +79,7 @@ def write_failures(
     try:
         folder.mkdir(exist_ok=True)
         for record in store.tests(Outcome.FAIL, order_by="moobd", limit=MOST_FILES):
-            document = road_document(stored_test(store, record), store.config)
+            document = road_document(record, store.config)
             path = folder / f"{file_stem(record.candidate.id)}.json"
             with replacing(path) as partial:
                 partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
@@ -93,7 +91,7 @@ def write_failures(
     drawn = []
     with catch_interrupt() as interrupt:
         for record in listed:
-            test = stored_test(store, store.test(record.candidate.id))
+            test = store.test(record.candidate.id)
             if test.drive is not None:
                 path = folder / f"{file_stem(test.id)}.png"
                 draw_drive(test.road, test.drive, path, title=f"Test {test.id}: {record.outcome}")

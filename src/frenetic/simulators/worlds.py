@@ -1,6 +1,6 @@
-"""Worlds that differ a little from the one in which a road was driven.
+"""Conditions that differ a little from those in which a road was driven.
 
-A *quantity* is a property of a drive's world that can vary, such as the road's friction. A
+A *quantity* is a property of a drive's conditions that can vary, such as the road's friction. A
 simulator offers those that it can vary as attributes that may be set between two drives: ``rules``,
 which every simulator has, and ``friction``, ``start_offset`` and ``start_heading`` if it can.
 Quantities of the driver are layers over it, so they work with every simulator.
@@ -24,10 +24,10 @@ from frenetic.simulators.simulator import Simulator
 
 @dataclass(frozen=True)
 class Quantity:
-    """A property of a drive's world that can vary."""
+    """A property of a drive's conditions that can vary."""
 
     name: str
-    """Name of the field in `World`."""
+    """Name of the field in `Conditions`."""
     description: str
     unit: str
     """Empty if it has none."""
@@ -109,12 +109,12 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         )
     }
 )
-"""Name of a field of `World` -> what it is."""
+"""Name of a field of `Conditions` -> what it is."""
 
 
 @dataclass(frozen=True)
-class World:
-    """Differences of a drive's world from the campaign's; None where there is none."""
+class Conditions:
+    """Differences of a drive from the campaign's; None where there is none."""
 
     friction: float | None = None
     """Of the road."""
@@ -137,6 +137,10 @@ class World:
         return value
 
 
+USUAL: Final = Conditions()
+"""The campaign's own."""
+
+
 def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
     """Refuses quantities that a simulator cannot vary.
 
@@ -153,24 +157,24 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
 
 
 @contextmanager
-def in_world(world: World, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
-    """Puts a simulator into a world for a while; gives the driver for that world.
+def in_conditions(conditions: Conditions, simulator: Simulator, driver: Driver) -> Iterator[Driver]:
+    """Puts a simulator into some conditions for a while; gives the driver for these.
 
     Raises:
-        FreneticError: the simulator cannot be put into that world.
+        FreneticError: the simulator cannot be put into them.
     """
     values: dict[str, object] = {}
-    if world.speed is not None:
-        values["rules"] = replace(simulator.rules, speed_limit=world.speed)
+    if conditions.speed is not None:
+        values["rules"] = replace(simulator.rules, speed_limit=conditions.speed)
     for name in ("friction", "start", "heading"):
-        wanted = world.value(name)
+        wanted = conditions.value(name)
         if wanted is not None:
             check_can_vary(simulator, [name])
             values[str(QUANTITIES[name].attribute)] = wanted
     before = {attribute: getattr(simulator, attribute) for attribute in values}
     try:
         _set(simulator, values)
-        yield _layered(world, driver)
+        yield _layered(conditions, driver)
     finally:
         _set(simulator, before)
 
@@ -185,17 +189,17 @@ def _set(simulator: Simulator, values: Mapping[str, object]) -> None:
             ) from error
 
 
-def _layered(world: World, driver: Driver) -> Driver:
-    """The driver under the world's layers, each in place of its own of that kind."""
-    if world.noise is not None:
+def _layered(conditions: Conditions, driver: Driver) -> Driver:
+    """The driver under the layers of some conditions, each in place of its own of that kind."""
+    if conditions.noise is not None:
         driver = Noisy(
             _without(Noisy, driver),
-            offset=world.noise,
-            heading=HEADING_PER_OFFSET * world.noise,
-            seed=world.noise_seed,
+            offset=conditions.noise,
+            heading=HEADING_PER_OFFSET * conditions.noise,
+            seed=conditions.noise_seed,
         )
-    if world.delay is not None:
-        driver = Delayed(_without(Delayed, driver), seconds=world.delay)
+    if conditions.delay is not None:
+        driver = Delayed(_without(Delayed, driver), seconds=conditions.delay)
     return driver
 
 

@@ -22,10 +22,10 @@ from frenetic.campaign.check.report import CheckReport, Holdings, State
 from frenetic.campaign.check.results import check_results
 from frenetic.campaign.configuration import is_number
 from frenetic.campaign.lock import find_holder
+from frenetic.campaign.record import Counts
 from frenetic.campaign.store import (
     DATABASE,
     LOCK,
-    Counts,
     check_identity,
     connect_to_read,
     find_database,

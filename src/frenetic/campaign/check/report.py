@@ -8,7 +8,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from frenetic.campaign.check.findings import Finding
-from frenetic.campaign.store import Counts
+from frenetic.campaign.record import Counts
 
 
 class State(StrEnum):

@@ -2,6 +2,6 @@
 
 from frenetic.campaign.workers.here import ThisProcess
 from frenetic.campaign.workers.processes import LocalWorkers
-from frenetic.campaign.workers.workers import Attempt, Workers, available_cores
+from frenetic.campaign.workers.workers import Workers, available_cores
 
-__all__ = ["Attempt", "LocalWorkers", "ThisProcess", "Workers", "available_cores"]
+__all__ = ["LocalWorkers", "ThisProcess", "Workers", "available_cores"]

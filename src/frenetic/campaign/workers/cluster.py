@@ -15,15 +15,16 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import Final, Self
 
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
+from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.processes import CLOSING_LIMIT, START_LIMIT, STARTS
-from frenetic.campaign.workers.workers import Attempt
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 
@@ -122,13 +123,13 @@ class ClusterWorkers:
             for seat in self._all_seats()
         }
 
-    def submit(self, candidate: Candidate) -> None:
+    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
         """Hands a candidate to a free seat."""
         seat = next(self._idle_seats())
         assert seat.handle is not None
         seat.candidate_id = candidate.id
         seat.turn("driving", self._drive_limit)
-        seat.begin(self._link.call(seat.host, Seat.test, seat.handle, candidate))
+        seat.begin(self._link.call(seat.host, Seat.test, seat.handle, candidate, placement))
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns what has come back.
@@ -262,13 +263,13 @@ class ClusterWorkers:
         for level, name, text in driven.logged:
             logging.getLogger(name).log(level, "%s: %s", seat.name, text)
         seat.tests += 1
-        if driven.tested.simulator_broke:
+        if driven.attempt.simulator_broke:
             assert seat.handle is not None
             seat.turn("starting", START_LIMIT)
             seat.begin(self._link.call(seat.host, Seat.restart, seat.handle))
         else:
             self._rest(seat)
-        return [Attempt(seat.candidate_id, seat.name, driven.seconds, driven.tested)]
+        return [replace(driven.attempt, worker=seat.name)]
 
     def _ready(self, seat: _Seat) -> None:
         self._failed_starts[seat.home] = 0
@@ -313,7 +314,7 @@ class ClusterWorkers:
         loss = f"worker {seat.name} was lost: {reason}"
         if seat.state == "driving":
             seconds = time.monotonic() - seat.since
-            attempts.append(Attempt(seat.candidate_id, seat.name, seconds, None, loss))
+            attempts.append(Attempt.lost(seat.candidate_id, seat.name, seconds, loss))
             fields["test"] = seat.candidate_id
             self._failed_starts[seat.home] = 0
         elif seat.state == "starting" and not seat.is_taken:

@@ -9,9 +9,9 @@ from types import TracebackType
 from typing import Final, Self
 
 from frenetic.campaign.log import WorkerState, WorkerStatus
-from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.serving import reason_of
-from frenetic.campaign.workers.workers import Attempt
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 
@@ -32,14 +32,14 @@ class ThisProcess:
     def __init__(self, tester: RoadTester) -> None:
         self._tester = tester
         self._started = False
-        self._candidate: Candidate | None = None
+        self._task: tuple[Candidate, Placement | None] | None = None
         self._tests = 0
         self._since = time.monotonic()
 
     @property
     def free(self) -> int:
         """1 unless a candidate has been submitted and not been waited for."""
-        return 0 if self._candidate else 1
+        return 0 if self._task else 1
 
     @property
     def needed(self) -> int:
@@ -48,13 +48,13 @@ class ThisProcess:
 
     def states(self) -> Mapping[str, WorkerState]:
         """What it does, seen between two tests."""
-        state: WorkerStatus = "driving" if self._candidate else "idle"
+        state: WorkerStatus = "driving" if self._task else "idle"
         return {NAME: WorkerState(NAME, state, self._tests, time.monotonic() - self._since)}
 
-    def submit(self, candidate: Candidate) -> None:
+    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
         """Takes the candidate that `wait` will test."""
-        assert self._candidate is None
-        self._candidate = candidate
+        assert self._task is None
+        self._task = candidate, placement
         self._since = time.monotonic()
 
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - it takes what it takes
@@ -63,23 +63,22 @@ class ThisProcess:
         Raises:
             CampaignError: the simulator does not start again.
         """
-        if self._candidate is None:
+        if self._task is None:
             return ()
         self._start()
-        candidate = self._candidate
-        tested, loss = None, ""
+        candidate, placement = self._task
         start = time.perf_counter()
         try:
-            tested = self._tester.test(candidate).pack()
+            attempt = self._tester.attempt(candidate, placement, NAME)
         except (Exception, SystemExit) as error:
             logger.debug("a test broke", exc_info=True)
-            loss = reason_of(error)
-        seconds = time.perf_counter() - start
-        if tested is None or tested.simulator_broke:
+            seconds = time.perf_counter() - start
+            attempt = Attempt.lost(candidate.id, NAME, seconds, reason_of(error))
+        if attempt.failure is not None:
             self._end(None, None, None)
-        self._candidate = None
+        self._task = None
         self._tests += 1
-        return (Attempt(candidate.id, NAME, seconds, tested, loss),)
+        return (attempt,)
 
     def __enter__(self) -> Self:
         """Starts the simulator.

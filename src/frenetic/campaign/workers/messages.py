@@ -14,7 +14,8 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from frenetic.campaign.tester import Tested
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement
 from frenetic.oracle import Departure, Result
 from frenetic.outcome import Outcome
 from frenetic.road import Pose
@@ -25,16 +26,7 @@ class Ready(NamedTuple):
     """The simulator has started; a candidate may be sent."""
 
 
-class Finished(NamedTuple):
-    """A candidate was tested; the next one may be sent, unless the simulator broke."""
-
-    candidate_id: int
-    seconds: float
-    tested: Tested
-    """Its trajectory is packed."""
-
-
-class Hopeless(NamedTuple):
+class WorkerFailed(NamedTuple):
     """This process cannot go on: its simulator does not start, or a drive broke it, too."""
 
     reason: str
@@ -48,19 +40,17 @@ class Logged(NamedTuple):
     message: str
 
 
-Message: TypeAlias = Ready | Finished | Hopeless | Logged
+Message: TypeAlias = Ready | Attempt | WorkerFailed | Logged
 
-_KINDS: Final = (Ready, Finished, Hopeless, Logged)
+_KINDS: Final = (Ready, Attempt, WorkerFailed, Logged)
 _PROTOCOL: Final = 5
 _of_result = attrgetter(*(field.name for field in fields(Result)))
 _of_departure = attrgetter(*(field.name for field in fields(Departure)))
 
 
 def encode_message(message: Message) -> bytes:
-    """A worker's message as bytes."""
-    values: tuple[object, ...] = message
-    if isinstance(message, Finished):
-        values = (message.candidate_id, message.seconds, *_values_of_tested(message.tested))
+    """A worker's message as bytes; an attempt's trajectory has to be packed."""
+    values = _values_of(message) if isinstance(message, Attempt) else message
     return pickle.dumps((_KINDS.index(type(message)), *values), _PROTOCOL)
 
 
@@ -71,17 +61,14 @@ def decode_message(data: bytes) -> Message:
     """
     index, *values = pickle.loads(data)  # noqa: S301
     kind: Any = _KINDS[index]
-    if kind is Finished:
-        candidate_id, seconds, *others = values
-        return Finished(candidate_id, seconds, _tested(*others))
-    message: Message = kind(*values)
+    message: Message = _attempt(*values) if kind is Attempt else kind(*values)
     return message
 
 
-def encode_candidate(candidate: Candidate | None) -> bytes:
-    """A candidate for a worker as bytes; None says that no other will come."""
+def encode_task(candidate: Candidate | None, placement: Placement | None = None) -> bytes:
+    """A candidate for a worker as bytes, see `RoadTester.test`; None if no other will come."""
     if type(candidate) is not Candidate or candidate.points is not None:
-        return pickle.dumps(candidate, _PROTOCOL)
+        return pickle.dumps((candidate, placement), _PROTOCOL)
     origin = candidate.origin
     values = (
         candidate.id,
@@ -91,42 +78,40 @@ def encode_candidate(candidate: Candidate | None) -> bytes:
         origin.parents,
         origin.generation,
     )
-    return pickle.dumps(values, _PROTOCOL)
+    return pickle.dumps((values, placement), _PROTOCOL)
 
 
-def decode_candidate(data: bytes) -> Candidate | None:
-    """What `encode_candidate` was given."""
+def decode_task(data: bytes) -> tuple[Candidate | None, Placement | None]:
+    """What `encode_task` was given."""
     # It comes from our own parent, so it may be unpickled.
-    candidate: Candidate | tuple[Any, ...] | None = pickle.loads(data)  # noqa: S301
-    if not isinstance(candidate, tuple):
-        return candidate
-    candidate_id, curvatures, step, *origin = candidate
-    return Candidate(candidate_id, np.frombuffer(curvatures), step, Origin(*origin))
+    candidate, placement = pickle.loads(data)  # noqa: S301
+    if isinstance(candidate, tuple):
+        candidate_id, curvatures, step, *origin = candidate
+        candidate = Candidate(candidate_id, np.frombuffer(curvatures), step, Origin(*origin))
+    return candidate, placement
 
 
-def _values_of_tested(tested: Tested) -> tuple[object, ...]:
-    assert tested.trajectory is None
-    outcome, *others, departure = _of_result(tested.result)
+def _values_of(attempt: Attempt) -> tuple[object, ...]:
+    assert attempt.trajectory is None
+    outcome, *others, departure = _of_result(attempt.result)
     return (
+        attempt.candidate_id,
         (str(outcome), *others, departure and _of_departure(departure)),
-        tested.pose and tuple(tested.pose),
-        tested.packed,
-        tested.simulator_broke,
+        attempt.pose and tuple(attempt.pose),
+        attempt.packed,
+        attempt.simulator_broke,
+        attempt.worker_lost,
+        attempt.worker,
+        attempt.seconds,
     )
 
 
-def _tested(
+def _attempt(
+    candidate_id: int,
     result: tuple[Any, ...],
     pose: tuple[float, float, float] | None,
-    packed: bytes | None,
-    simulator_broke: bool,
-) -> Tested:
-    outcome, *others, departure = result
-    values = (Outcome(outcome), *others, departure and Departure(*departure))
-    return Tested(
-        Result(*values),
-        pose and Pose(*pose),
-        None,
-        packed,
-        simulator_broke,
-    )
+    *others: Any,
+) -> Attempt:
+    outcome, *numbers, departure = result
+    values = (Outcome(outcome), *numbers, departure and Departure(*departure))
+    return Attempt(candidate_id, Result(*values), pose and Pose(*pose), None, *others)

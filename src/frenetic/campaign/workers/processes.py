@@ -14,25 +14,25 @@ import time
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
+from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.messages import (
-    Finished,
-    Hopeless,
     Logged,
     Message,
     Ready,
+    WorkerFailed,
     decode_message,
-    encode_candidate,
+    encode_task,
 )
 from frenetic.campaign.workers.serving import kill_group, serve
-from frenetic.campaign.workers.workers import Attempt
 from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import user_files
 from frenetic.search.records import Candidate
@@ -56,6 +56,9 @@ NEEDED: Final = 3
 MOST_ON_WINDOWS: Final = 60
 """Workers: its kernel waits for so many objects at once."""
 
+Task: TypeAlias = "tuple[Candidate, Placement | None]"
+"""What is handed to a worker."""
+
 _LEAVING_LIMIT: Final = 1.0  # s that a process has to leave when its simulator has ended
 _PAUSE: Final = 0.2  # s between two tries to get a process
 _FORKED: Final = "forkserver"
@@ -73,14 +76,14 @@ class LocalWorkers:
         count: of processes.
         drive_limit: s of wall time after which a worker that tests one candidate is taken to hang,
             and killed.
-        log: is told what happens to the workers.
+        log: is told what happens to the workers, if there is one.
 
     Raises:
         CampaignError: driver or simulator cannot be copied into another process.
     """
 
     def __init__(
-        self, tester: RoadTester, count: int, *, drive_limit: float, log: CampaignLog
+        self, tester: RoadTester, count: int, *, drive_limit: float, log: CampaignLog | None = None
     ) -> None:
         try:
             self._tester = pickle.dumps(tester)
@@ -102,7 +105,7 @@ class LocalWorkers:
         self._context = _context()
         self._selector = _selector()
         self._workers = [_Worker(f"worker {number}") for number in range(1, count + 1)]
-        self._backlog: deque[Candidate] = deque()  # of workers that were lost before they began
+        self._backlog: deque[Task] = deque()  # of workers that were lost before they began
 
     @property
     def free(self) -> int:
@@ -123,15 +126,15 @@ class LocalWorkers:
             for worker in self._workers
         }
 
-    def submit(self, candidate: Candidate) -> None:
+    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
         """Hands a candidate to a free worker."""
         worker = min(
             (worker for worker in self._workers if worker.room), key=lambda one: len(one.queue)
         )
-        worker.queue.append(candidate)
+        worker.queue.append((candidate, placement))
         if worker.state == "idle":
             worker.turn("driving", self._drive_limit)
-        data = encode_candidate(candidate)
+        data = encode_task(candidate, placement)
         with suppress(OSError):  # it has died: `wait` will find out
             worker.connection.send_bytes(data)
 
@@ -142,7 +145,7 @@ class LocalWorkers:
             CampaignError: there are no workers left and none can be started.
         """
         while self._backlog and any(worker.room for worker in self._workers):
-            self.submit(self._backlog.popleft())
+            self.submit(*self._backlog.popleft())
         there = [worker for worker in self._workers if worker.state != "lost"]
         if not there:
             reasons = "; ".join(sorted({worker.loss for worker in self._workers}))
@@ -277,17 +280,19 @@ class LocalWorkers:
                 worker.failed_starts = 0
                 worker.has_started = True
                 self._turn_to_next(worker)
-                self._log.write(Event.WORKER_STARTED, f"{worker.name} started", worker=worker.name)
-            case Finished(candidate_id, seconds, tested):
-                worker.finish(seconds)
-                if tested.simulator_broke:
+                if self._log is not None:
+                    text = f"{worker.name} started"
+                    self._log.write(Event.WORKER_STARTED, text, worker=worker.name)
+            case Attempt():
+                worker.finish(message.seconds)
+                if message.simulator_broke:
                     worker.turn("starting", START_LIMIT)
                 else:
                     self._turn_to_next(worker)
-                return [Attempt(candidate_id, worker.name, seconds, tested)]
+                return [replace(message, worker=worker.name)]
             case Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", worker.name, text)
-            case Hopeless(reason):
+            case WorkerFailed(reason):
                 if not worker.has_started:
                     worker.failed_starts = STARTS  # that would not change
                 return self._lost(worker, reason)
@@ -304,9 +309,9 @@ class LocalWorkers:
         attempts = []
         if worker.state == "driving":
             seconds = time.monotonic() - worker.since
-            candidate_id = worker.queue.popleft().id
+            candidate_id = worker.queue.popleft()[0].id
             loss = self._note_loss(worker, reason, test=candidate_id)
-            attempts.append(Attempt(candidate_id, worker.name, seconds, None, loss))
+            attempts.append(Attempt.lost(candidate_id, worker.name, seconds, loss))
             worker.failed_starts = 0
         else:
             self._note_loss(worker, reason)
@@ -324,9 +329,9 @@ class LocalWorkers:
         """Remembers and logs why a worker was lost; returns it in a sentence."""
         worker.loss = reason
         loss = f"{worker.name} was lost: {reason}"
-        self._log.write(
-            Event.WORKER_LOST, loss, level="warning", worker=worker.name, reason=reason, **fields
-        )
+        if self._log is not None:
+            fields |= {"worker": worker.name, "reason": reason}
+            self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
         return loss
 
 
@@ -343,7 +348,7 @@ class _Worker:
         """When this state began."""
         self.limit = math.inf
         """When this state has lasted too long, on the monotonic clock."""
-        self.queue: deque[Candidate] = deque()
+        self.queue: deque[Task] = deque()
         """What it drives, and what it drives next."""
         self.tests = 0
         self.capacity = 1
@@ -383,7 +388,7 @@ class _Worker:
     def dismiss(self) -> None:
         """Lets it end its simulator when it has finished what it is at."""
         with suppress(OSError):  # it has died
-            self.connection.send_bytes(encode_candidate(None))
+            self.connection.send_bytes(encode_task(None))
 
     def await_end(self, deadline: float) -> None:
         """Waits until its simulator has ended; what it sends meanwhile comes too late."""

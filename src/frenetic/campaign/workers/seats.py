@@ -20,7 +20,8 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeVar
 
 from distributed import get_worker
 
-from frenetic.campaign.tester import RoadTester, Tested
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.messages import Logged
 from frenetic.campaign.workers.serving import reason_of
 from frenetic.errors import FreneticError
@@ -46,8 +47,7 @@ class SeatTakenError(SeatError):
 class Driven(NamedTuple):
     """A candidate was tested."""
 
-    seconds: float
-    tested: Tested
+    attempt: Attempt
     logged: list[Logged]
     """What the seat has logged since the last one."""
 
@@ -74,14 +74,14 @@ class Seat:
         self._end.atexit = False  # `_end_all` does that, and waits for it
         self._ask(occupant.start)
 
-    def test(self, candidate: Candidate) -> Driven:
-        """Tests a candidate.
+    def test(self, candidate: Candidate, placement: Placement | None = None) -> Driven:
+        """Tests a candidate, as by `RoadTester.test`.
 
         Raises:
             SeatError: that failed, and not as drives do; the seat is closed.
         """
         occupant = self._occupant
-        return self._ask(lambda: occupant.test(candidate))
+        return self._ask(lambda: occupant.test(candidate, placement))
 
     def restart(self) -> None:
         """Ends the simulator and starts it again.
@@ -177,14 +177,12 @@ class _Occupant:
         tester.simulator.__enter__()
         self._tester = tester
 
-    def test(self, candidate: Candidate) -> Driven:
+    def test(self, candidate: Candidate, placement: Placement | None) -> Driven:
         """Tests a candidate."""
         assert self._tester is not None
-        start = time.perf_counter()
-        tested = self._tester.test(candidate).pack()
-        seconds = time.perf_counter() - start
+        attempt = self._tester.attempt(candidate, placement)
         logged, self._logged[:] = self._logged[:], []
-        return Driven(seconds, tested, logged)
+        return Driven(attempt, logged)
 
     def _work(self) -> None:
         library = logging.getLogger("frenetic")

@@ -8,21 +8,19 @@ import pickle
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from typing import Final
 
-from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.messages import (
-    Finished,
-    Hopeless,
     Logged,
     Message,
     Ready,
-    decode_candidate,
+    WorkerFailed,
+    decode_task,
     encode_message,
 )
 from frenetic.errors import FreneticError, describe_error
@@ -62,7 +60,7 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
         pass
     except BaseException as error:  # also what a driver's sys.exit() raises
         with suppress(_GoneError):
-            campaign.send(Hopeless(reason_of(error)))
+            campaign.send(WorkerFailed(reason_of(error)))
     finally:
         connection.close()  # which says that the simulator has ended
 
@@ -72,13 +70,12 @@ def _serve_one_start(campaign: _Campaign, tester: RoadTester) -> bool:
     with tester.simulator:
         campaign.send(Ready())
         while True:
-            candidate = campaign.receive()
+            candidate, placement = campaign.receive()
             if candidate is None:
                 return False
-            start = time.perf_counter()
-            tested = tester.test(candidate).pack()
-            campaign.send(Finished(candidate.id, time.perf_counter() - start, tested))
-            if tested.simulator_broke:
+            attempt = tester.attempt(candidate, placement)
+            campaign.send(attempt)
+            if attempt.simulator_broke:
                 return True
 
 
@@ -111,12 +108,12 @@ class _Campaign:
             except OSError as error:
                 raise _GoneError from error
 
-    def receive(self) -> Candidate | None:
-        """The next candidate; None if none will come."""
+    def receive(self) -> tuple[Candidate | None, Placement | None]:
+        """The next candidate, None if none will come; and how it is to be driven."""
         try:
-            return decode_candidate(self._connection.recv_bytes())
+            return decode_task(self._connection.recv_bytes())
         except (EOFError, OSError):
-            return None
+            return None, None
 
 
 def stand_alone() -> None:

@@ -4,35 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
 from frenetic.campaign.log import WorkerState
-from frenetic.campaign.tester import Tested
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement
 from frenetic.search.records import Candidate
-
-
-@dataclass(frozen=True)
-class Attempt:
-    """What came of trying to test a candidate once."""
-
-    candidate_id: int
-    worker: str
-    """Name of who tried."""
-    seconds: float
-    """s of wall time that it took."""
-    tested: Tested | None
-    """None if the worker was lost on the way."""
-    loss: str = ""
-    """How the worker was lost."""
-
-    @property
-    def failure(self) -> str | None:
-        """Why another attempt may go better; None if this one stands."""
-        if self.tested is None:
-            return self.loss
-        return self.tested.result.reason if self.tested.simulator_broke else None
 
 
 class Workers(Protocol):
@@ -54,8 +32,8 @@ class Workers(Protocol):
     def states(self) -> Mapping[str, WorkerState]:
         """What each worker does at the moment, by its name."""
 
-    def submit(self, candidate: Candidate) -> None:
-        """Hands a candidate to a free worker."""
+    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+        """Hands a candidate to a free worker, to be tested as by `RoadTester.test`."""
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns what has come back.

@@ -11,7 +11,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment
-from frenetic.campaign.store import TestRecord
+from frenetic.campaign.record import TestRecord
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Departure, Side
 from frenetic.report.failures import FAILURES, file_stem

@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 from frenetic._support.durations import format_duration
 from frenetic._support.words import counted
 from frenetic.analysis.failures import Clusters
-from frenetic.campaign.store import Counts, JSONValue
+from frenetic.campaign.record import Counts
+from frenetic.campaign.store import JSONValue
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Fact, Role, percent
 

@@ -14,7 +14,6 @@ from frenetic._support.files import write_file
 from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.store import CampaignStore
-from frenetic.campaign.stored import stored_test
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
@@ -147,7 +146,7 @@ def _look(
         if room <= 0 and test_id not in is_mapped:
             continue
         record = store.test(test_id)
-        test = stored_test(store, record)
+        test = record
         if test.drive is None or not len(test.drive.trajectory):
             continue
         segment = segment_of(test.road, test.drive, record.departure)

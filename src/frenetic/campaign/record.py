@@ -1,0 +1,618 @@
+"""What becomes of a candidate: an `Attempt` to test it, and the `TestRecord` that is kept of it.
+
+The columns of a campaign's database are declared here, each with what its values have to be, and
+rows are read here: whatever comes from a disk is validated once, on its way into a record.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from datetime import datetime
+from enum import Enum, auto
+from functools import cached_property, lru_cache
+from types import MappingProxyType
+from typing import Any, ClassVar, Final, NamedTuple, Self, get_args
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.campaign.configuration import CONFIGURATION, faults_of, is_number, shown
+from frenetic.campaign.trajectory_codec import encode
+from frenetic.errors import CampaignError
+from frenetic.oracle import Departure, Result, Side
+from frenetic.outcome import Outcome
+from frenetic.road import Pose, Road
+from frenetic.search.records import Candidate, Origin
+from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """What came of trying to test a candidate once."""
+
+    candidate_id: int
+    result: Result
+    """Of a road that was not driven: only outcome and reason."""
+    pose: Pose | None = None
+    """Where on the map the road starts; None if it fits nowhere."""
+    trajectory: Trajectory | None = None
+    """None if nothing was driven, or if it is packed."""
+    packed: bytes | None = None
+    """The trajectory as `encode` gives it: small enough to travel between processes."""
+    simulator_broke: bool = False
+    """Whether it was the simulator that broke, so that another attempt may go better."""
+    worker_lost: bool = False
+    """Whether the worker was lost on the way; the result's reason says how."""
+    worker: str | None = None
+    """Name of who tried."""
+    seconds: float = 0.0
+    """s of wall time that it took."""
+
+    @classmethod
+    def undriven(
+        cls, candidate_id: int, outcome: Outcome, reason: str, pose: Pose | None = None
+    ) -> Self:
+        """A road that was refused, dropped, or lost with its worker."""
+        return cls(candidate_id, Result(outcome, reason, None, None, None, 0.0, None), pose)
+
+    @classmethod
+    def lost(cls, candidate_id: int, worker: str, seconds: float, reason: str) -> Self:
+        """The attempt of a worker that was lost after so many s."""
+        attempt = cls.undriven(candidate_id, Outcome.ERROR, reason)
+        return replace(attempt, worker_lost=True, worker=worker, seconds=seconds)
+
+    @property
+    def failure(self) -> str | None:
+        """Why another attempt may go better; None if this one stands."""
+        return self.result.reason if self.simulator_broke or self.worker_lost else None
+
+    def pack(self) -> Self:
+        """The same with a packed trajectory."""
+        if self.trajectory is None:
+            return self
+        return replace(self, trajectory=None, packed=encode(self.trajectory))
+
+    def record(
+        self,
+        candidate: Candidate,
+        *,
+        told: int,
+        budget_spent: float,
+        attempts: int = 1,
+        elapsed: float | None = None,
+    ) -> TestRecord:
+        """The test as a campaign keeps it."""
+        result, departure = self.result, self.result.departure
+        driven = self.trajectory is not None or self.packed is not None
+        return TestRecord(
+            candidate=candidate,
+            told=told,
+            outcome=result.outcome,
+            reason=result.reason,
+            budget_spent=budget_spent,
+            pose=self.pose,
+            moobd=result.moobd,
+            max_oob_share=result.max_oob_share,
+            duration=result.duration if driven else None,
+            moobd_distance=result.moobd_distance,
+            departure_time=departure.time if departure else None,
+            departure_distance=departure.distance if departure else None,
+            departure_x=departure.x if departure else None,
+            departure_y=departure.y if departure else None,
+            departure_side=departure.side if departure else None,
+            seconds=self.seconds,
+            attempts=attempts,
+            worker=self.worker,
+            elapsed=elapsed,
+            trajectory=self.trajectory,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TestRecord:
+    """What a campaign keeps of one road test: its candidate, what became of it, its trajectory."""
+
+    __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
+
+    candidate: Candidate
+    told: int
+    """Counts from 1 in the order in which results were told."""
+    outcome: Outcome
+    reason: str
+    """Why it ended so, for people."""
+    budget_spent: float
+    """Share of the campaign's budget spent when this was told, 0..1."""
+    pose: tuple[float, float, float] | None = None
+    """x (m), y (m), heading (rad) at which the fitted road starts; None if it fits nowhere."""
+    moobd: float | None = None
+    """Minimum oob distance in m; None unless PASS or FAIL."""
+    max_oob_share: float | None = None
+    """Largest oob share of the drive, 0..1."""
+    duration: float | None = None
+    """Simulated s."""
+    moobd_distance: float | None = None
+    """m along the road to where the oob distance was smallest."""
+    departure_time: float | None = None
+    """Simulated s at which the car left its lane; None if it did not, as for all of departure."""
+    departure_distance: float | None = None
+    """m along the road."""
+    departure_x: float | None = None
+    """m."""
+    departure_y: float | None = None
+    """m."""
+    departure_side: Side | None = None
+    """The side of the lane on which it left."""
+    seconds: float
+    """s of wall time that the test took."""
+    attempts: int = 1
+    """How often it was tried; 0 if it was dropped before."""
+    worker: str | None = None
+    """Who drove it, None where that is not known."""
+    elapsed: float | None = None
+    """s of the campaign's time when this was told; None in logs of old versions."""
+    trajectory: Trajectory | None = None
+    """None if nothing was driven, or if the record was read without it."""
+    setting: Setting | None = None
+    """What it was driven with; None if the campaign does not say it."""
+
+    @property
+    def id(self) -> int:
+        """The candidate's id."""
+        return self.candidate.id
+
+    @property
+    def departure(self) -> Departure | None:
+        """Where the car left its lane, None if it did not."""
+        place = (
+            self.departure_time,
+            self.departure_distance,
+            self.departure_x,
+            self.departure_y,
+        )
+        if self.departure_side is None or None in place:
+            return None
+        time, distance, x, y = (float(v) for v in place if v is not None)
+        return Departure(time, distance, x, y, self.departure_side)
+
+    @cached_property
+    def road(self) -> Road:
+        """Where it lay on the map; at its default place if it fitted nowhere.
+
+        Raises:
+            CampaignError: the campaign does not say how wide its lanes are.
+        """
+        return Road(
+            self.candidate.curvatures,
+            self.candidate.step,
+            **({} if self.pose is None else {"pose": Pose(*self.pose)}),
+            lane_width=self._setting.lane_width,
+        )
+
+    @cached_property
+    def drive(self) -> Drive | None:
+        """None if nothing was driven, or if the record was read without its trajectory.
+
+        Raises:
+            CampaignError: the campaign does not say which car it was.
+        """
+        if self.trajectory is None:
+            return None
+        trouble = self.reason if self.outcome is Outcome.ERROR else None
+        return Drive(self.trajectory, self._setting.car, self._setting.rules, trouble)
+
+    @property
+    def _setting(self) -> Setting:
+        if self.setting is None:
+            raise CampaignError(
+                f"the campaign does not say with what test {self.id} was driven: 'frenetic check'"
+                " says what is wrong with its configuration"
+            )
+        return self.setting
+
+
+@dataclass(frozen=True)
+class Counts:
+    """How far a campaign has come."""
+
+    asked: int
+    """Candidates that were asked and recorded."""
+    told: int
+    """Candidates whose result was told, dropped ones included."""
+    by_outcome: Mapping[Outcome, int]
+    """Tests per outcome, each outcome present."""
+    lowest_moobd: float | None
+    """Smallest minimum oob distance of all tests in m; None before the first drive."""
+
+    @property
+    def tests(self) -> int:
+        """Road tests, refused ones included, dropped ones not."""
+        return self.told - self.by_outcome[Outcome.DROPPED]
+
+    @property
+    def simulations(self) -> int:
+        """Drives, broken ones included."""
+        return self.tests - self.by_outcome[Outcome.INVALID]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a campaign's roads were driven with."""
+
+    lane_width: float
+    """m."""
+    map_size: float
+    """m."""
+    margin: float
+    """m."""
+    rules: Rules
+    car: CarBody
+
+    @classmethod
+    def of(cls, config: Mapping[str, Any]) -> Self:
+        """What a campaign's configuration says, see `setting_faults`."""
+        return cls(
+            lane_width=float(config["lane_width"]),
+            map_size=float(config["map_size"]),
+            margin=float(config["margin"]),
+            rules=Rules(**config["rules"]),
+            car=CarBody(**config["car"]),
+        )
+
+
+def setting_faults(config: Mapping[str, Any]) -> list[str]:
+    """What keeps a configuration from telling its `Setting`, each in one line."""
+    return faults_of({field.name: CONFIGURATION[field.name] for field in fields(Setting)}, config)
+
+
+# The columns of a database
+
+
+class Kind(Enum):
+    """What the values of a column are."""
+
+    WHOLE = auto()
+    """Whole numbers."""
+    REAL = auto()
+    """Numbers."""
+    TEXT = auto()
+    CHOICE = auto()
+    """One of few texts."""
+    MOMENT = auto()
+    """A date and time, UTC, to the millisecond."""
+    WHOLES = auto()
+    """A list of whole numbers."""
+    REALS = auto()
+    """A list of numbers."""
+    PAIRS = auto()
+    """A list of pairs of numbers."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table, and what its values have to be."""
+
+    name: str
+    kind: Kind
+    description: str
+    unit: str = ""
+    """Empty for a text, a share or a number."""
+    optional: bool = False
+    """Whether values may be missing."""
+    low: float = -math.inf
+    """Least value that a campaign writes."""
+    high: float = math.inf
+    """Largest value that a campaign writes."""
+    is_positive: bool = False
+    """Whether nothing can be done with another value."""
+    choices: tuple[str, ...] = ()
+    """The texts that are allowed; any if there are none."""
+
+    def read(self, value: object) -> Any:
+        """A value from the database as it is used.
+
+        Raises:
+            ValueError: it is none of this column; the message goes on after the column's name.
+        """
+        if value is None and self.optional:
+            return None
+        return _READERS[self.kind](self, value)
+
+    def check(self, value: Any) -> None:
+        """Looks whether a value that was read is one that a campaign writes.
+
+        Raises:
+            ValueError: it is not; the message goes on after the column's name.
+        """
+        if isinstance(value, float | int) and not self.low <= value <= self.high:
+            raise ValueError(f"is {value}: {self._needed} is needed")
+
+    @property
+    def _needed(self) -> str:
+        if self.is_positive:
+            return f"a positive number{' of metres' if self.unit == 'm' else ''}"
+        if self.kind is Kind.WHOLE:
+            return f"a whole number of at least {self.low:g}"
+        if self.high == 1.0:
+            return "a share from 0 to 1"
+        return "a finite number" if self.low == -math.inf else "a number of at least 0"
+
+
+def _whole(column: Column, value: object) -> int:
+    if type(value) is not int:
+        raise ValueError(f"is {shown(value)}: {column._needed} is needed")
+    return value
+
+
+def _real(column: Column, value: object) -> float:
+    if not is_number(value) or (column.is_positive and value <= 0.0):  # type: ignore[operator]
+        raise ValueError(f"is {shown(value)}: {column._needed} is needed")
+    return float(value)  # type: ignore[arg-type]
+
+
+def _text(column: Column, value: object) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"is {shown(value)}: a text is needed")
+    if column.choices and value not in column.choices:
+        raise ValueError(f"is {shown(value)}: one of {', '.join(column.choices)} is needed")
+    return value
+
+
+def _moment(_: Column, value: object) -> str:
+    try:
+        if isinstance(value, str) and datetime.fromisoformat(value).tzinfo is not None:
+            return value
+    except ValueError:
+        pass
+    raise ValueError(f"is {shown(value)}: a date and time is needed")
+
+
+def _ids(_: Column, value: object) -> tuple[int, ...]:
+    ids = _ids_in(value) if isinstance(value, str) else None
+    if ids is None:
+        raise ValueError(f"are {shown(value)}: a JSON list of ids is needed")
+    return ids
+
+
+@lru_cache(maxsize=10_000)  # most roads have no parents, or those of their siblings
+def _ids_in(text: str) -> tuple[int, ...] | None:
+    """The ids in a JSON list, None if there is something else."""
+    try:
+        ids = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    is_fine = isinstance(ids, list) and all(type(one) is int and abs(one) < 2**63 for one in ids)
+    return tuple(ids) if is_fine else None
+
+
+def _reals(_: Column, value: object) -> FloatArray:
+    if not isinstance(value, bytes) or len(value) % 8:
+        raise ValueError("are no whole number of float64")
+    return _finite(np.frombuffer(value, dtype="<f8").astype(np.float64, copy=False))
+
+
+def _pairs(_: Column, value: object) -> FloatArray:
+    if not isinstance(value, bytes) or len(value) % 16:
+        raise ValueError("are no whole pairs of float64")
+    return _finite(np.frombuffer(value, dtype="<f8").reshape(-1, 2))
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    if not np.isfinite(values).all():
+        raise ValueError("are not all finite")
+    return values
+
+
+_READERS: Final[Mapping[Kind, Callable[[Column, object], Any]]] = {
+    Kind.WHOLE: _whole,
+    Kind.REAL: _real,
+    Kind.TEXT: _text,
+    Kind.CHOICE: _text,
+    Kind.MOMENT: _moment,
+    Kind.WHOLES: _ids,
+    Kind.REALS: _reals,
+    Kind.PAIRS: _pairs,
+}
+
+_POSE: Final = "x", "y", "heading"
+
+_CANDIDATE_COLUMNS: Final = (
+    Column("id", Kind.WHOLE, "of the candidate: counts from 1 in the order of asking", low=1),
+    Column("operator", Kind.CHOICE, "what made the road: random, P1 .. P6, F1 .. F4, C1, C2"),
+    Column("parents", Kind.WHOLES, "ids of the candidates it was made from"),
+    Column("generation", Kind.WHOLE, "0 for a random road", low=0),
+    Column("step", Kind.REAL, "between two curvatures", "m", is_positive=True),
+    Column("curvatures", Kind.REALS, "positive to the left, linear in between", "1/m"),
+    Column("asked_after", Kind.WHOLE, "results that had been told when it was asked", low=0),
+    Column("points", Kind.PAIRS, "the road as points, if it was proposed so", "m", True),
+)
+
+_TEST_COLUMNS: Final = (
+    Column("candidate_id", Kind.WHOLE, "of the candidate", low=1),
+    Column("told", Kind.WHOLE, "counts from 1 in the order of telling", low=1),
+    Column("outcome", Kind.CHOICE, "PASS, FAIL, INVALID, ERROR or DROPPED", choices=tuple(Outcome)),
+    Column("reason", Kind.TEXT, "why it ended so"),
+    Column("budget_spent", Kind.REAL, "share of the budget when it was told", low=0.0, high=1.0),
+    Column("x", Kind.REAL, "of the pose in which the road starts on the map", "m", True),
+    Column("y", Kind.REAL, "likewise", "m", True),
+    Column("heading", Kind.REAL, "likewise, counter-clockwise from +x", "rad", True),
+    Column("moobd", Kind.REAL, "minimum oob distance", "m", True),
+    Column(
+        "max_oob_share", Kind.REAL, "largest share of the car outside its lane", "", True, 0.0, 1.0
+    ),
+    Column("duration", Kind.REAL, "simulated time of the drive", "s", True, 0.0),
+    Column("moobd_distance", Kind.REAL, "along the road to where that was", "m", True),
+    Column("departure_time", Kind.REAL, "when the car left its lane", "s", True, 0.0),
+    Column("departure_distance", Kind.REAL, "along the road to where it left", "m", True),
+    Column("departure_x", Kind.REAL, "where it left", "m", True),
+    Column("departure_y", Kind.REAL, "where it left", "m", True),
+    Column("departure_side", Kind.CHOICE, "left or right", "", True, choices=get_args(Side)),
+    Column("seconds", Kind.REAL, "wall time of the test", "s", low=0.0),
+    Column("finished_at", Kind.MOMENT, "when it was told"),
+    Column("attempts", Kind.WHOLE, "how often it was tried", low=0),
+    Column("worker", Kind.CHOICE, "who drove it", "", True),
+    Column("elapsed", Kind.REAL, "the campaign's time when it was told", "s", True, 0.0),
+)
+
+CANDIDATE_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
+    {column.name: column for column in _CANDIDATE_COLUMNS}
+)
+"""Name -> column of the table of candidates, in its order."""
+TEST_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
+    {column.name: column for column in _TEST_COLUMNS}
+)
+"""Name -> column of the table of tests, in its order."""
+RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
+    {name: column for name, column in TEST_COLUMNS.items() if name != "finished_at"}
+)
+"""Those of them that a `TestRecord` is made of."""
+
+
+# From rows to records
+
+
+class Fault(NamedTuple):
+    """What is wrong with a value of a row."""
+
+    column: str
+    text: str
+    """Goes on after the column's name, and after that of the row if need be."""
+
+
+class RowError(Exception):
+    """A row holds something else than its columns are for: all of its faults."""
+
+    def __init__(self, faults: Sequence[Fault]) -> None:
+        super().__init__("; ".join(f"{fault.column} {fault.text}" for fault in faults))
+        self.faults = tuple(faults)
+
+
+def read_row(
+    columns: Mapping[str, Column], row: Iterable[object], *, strict: bool = False
+) -> dict[str, Any]:
+    """The values of a row by their columns' names.
+
+    Raises:
+        RowError: some are none of their columns; if ``strict``, also if no campaign writes them.
+    """
+    values: dict[str, Any] = {}
+    faults = []
+    for column, value in zip(columns.values(), row, strict=True):
+        try:
+            values[column.name] = column.read(value)
+            if strict:
+                column.check(values[column.name])
+        except ValueError as error:
+            faults.append(Fault(column.name, str(error)))
+    if faults:
+        raise RowError(faults)
+    return values
+
+
+def read_candidate(row: Iterable[object]) -> tuple[Candidate, int]:
+    """The candidate of a row of `CANDIDATE_COLUMNS`, and how many results were told before it.
+
+    Raises:
+        RowError: the row is damaged.
+    """
+    values = read_row(CANDIDATE_COLUMNS, row)
+    origin = Origin(values["operator"], values["parents"], values["generation"])
+    candidate = Candidate(
+        values["id"], values["curvatures"], values["step"], origin, values["points"]
+    )
+    return candidate, values["asked_after"]
+
+
+def read_test(
+    row: Iterable[object],
+    candidate: Candidate,
+    trajectory: Trajectory | None = None,
+    setting: Setting | None = None,
+) -> TestRecord:
+    """The record of a row of `RECORD_COLUMNS`.
+
+    Raises:
+        RowError: the row is damaged.
+    """
+    values = read_row(RECORD_COLUMNS, row)
+    del values["candidate_id"]
+    pose = tuple(values.pop(name) for name in _POSE)
+    missing = [name for name, value in zip(_POSE, pose, strict=True) if value is None]
+    if missing and len(missing) < len(_POSE):
+        raise RowError([Fault(missing[0], "is None: only a part of its pose is there")])
+    values["outcome"] = Outcome(values["outcome"])
+    return TestRecord(
+        candidate=candidate,
+        pose=None if missing else pose,
+        trajectory=trajectory,
+        setting=setting,
+        **values,
+    )
+
+
+# From records to rows
+
+
+def row_of_candidate(candidate: Candidate, asked_after: int) -> tuple[object, ...]:
+    """A candidate as a row of `CANDIDATE_COLUMNS`; so many results were told before it.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    origin = candidate.origin
+    curvatures, points = candidate.curvatures, candidate.points
+    if curvatures.ndim != 1 or not np.isfinite(curvatures).all():
+        raise ValueError(f"the curvatures of candidate {candidate.id} are not all finite")
+    if points is not None and not (
+        points.ndim == 2 and points.shape[1] == 2 and np.isfinite(points).all()
+    ):
+        raise ValueError(f"the points of candidate {candidate.id} are not pairs of finite numbers")
+    if not (math.isfinite(candidate.step) and candidate.step > 0.0):
+        raise ValueError(f"step is {candidate.step}: a positive number is needed")
+    return (
+        int(candidate.id),
+        origin.operator,
+        json.dumps([int(parent) for parent in origin.parents]),
+        int(origin.generation),
+        float(candidate.step),
+        curvatures.astype("<f8", copy=False).tobytes(),
+        asked_after,
+        None if points is None else points.astype("<f8", copy=False).tobytes(),
+    )
+
+
+def row_of_test(record: TestRecord, finished_at: str) -> tuple[object, ...]:
+    """A record as a row of `TEST_COLUMNS`.
+
+    Raises:
+        ValueError: a number is not finite.
+    """
+    x, y, heading = record.pose or (None, None, None)
+    special: dict[str, Any] = {
+        "candidate_id": int(record.candidate.id),
+        "told": int(record.told),
+        "attempts": int(record.attempts),
+        "outcome": str(record.outcome),
+        "reason": as_text(record.reason),
+        "x": x,
+        "y": y,
+        "heading": heading,
+        "finished_at": finished_at,
+    }
+    row: list[object] = []
+    for column in TEST_COLUMNS.values():
+        name = column.name
+        value = special[name] if name in special else getattr(record, name)
+        if column.kind is Kind.REAL and value is not None:
+            if not math.isfinite(value):
+                raise ValueError(f"{name} is {value}: a finite number is needed")
+            value = float(value)  # numpy's numbers would be stored as blobs
+        row.append(value)
+    return tuple(row)
+
+
+def as_text(reason: str) -> str:
+    """A broken driver's message with what is no text, half characters, shown as Python does."""
+    return reason.encode("utf-8", "backslashreplace").decode("utf-8")
