@@ -19,7 +19,6 @@ from typing import Any, Final
 
 from frenetic.analysis.statistics import spearman
 from frenetic.campaign.campaign import prepare
-from frenetic.spec import describe
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.trajectory_codec import decode, encode
@@ -32,6 +31,7 @@ from frenetic.redrive.robustness import Repeat, drive_document, read_drive
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
+from frenetic.spec import describe
 
 CONFIRMATIONS: Final = "confirmations.json"
 """Name of the file in a campaign's folder that holds its failures' drives in other simulators."""

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 from frenetic._support.files import write_file
-from frenetic.spec import describe
 from frenetic.campaign.record import Attempt, TestRecord, as_text
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
@@ -19,6 +18,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import Task, campaign_tester, drive_again
 from frenetic.simulators.simulator import Simulator
+from frenetic.spec import describe
 
 SUITE: Final = "frenetic replay"
 """Name of the whole in a JUnit file."""

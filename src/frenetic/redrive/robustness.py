@@ -27,7 +27,6 @@ import numpy as np
 
 from frenetic.analysis.segments import REACH
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
-from frenetic.spec import describe
 from frenetic.campaign.record import Attempt, TestRecord, as_text
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
@@ -44,6 +43,7 @@ from frenetic.simulators.worlds import (
     check_can_vary,
     in_conditions,
 )
+from frenetic.spec import describe
 
 RERUNS: Final = "reruns.json"
 """Name of the file in a campaign's folder that holds how often its failures repeat."""
