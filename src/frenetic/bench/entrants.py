@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from frenetic.errors import FreneticError
 
 RESERVED = frozenset(
@@ -74,15 +76,8 @@ class Entrant:
 
     def as_json(self) -> dict[str, Any]:
         """The entrant as a JSON object."""
-        return {
-            "name": self.name,
-            "spec": self.spec,
-            "is_strategy": self.is_strategy,
-            "path": None if self.path is None else str(self.path),
-            "python": None if self.python is None else str(self.python),
-            "options": dict(self.options),
-            "source": self.source(),
-        }
+        recorded: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # a path as a text
+        return recorded | {"source": self.source()}
 
     def absolute(self) -> Entrant:
         """The same from any folder; a generator's modules are looked for in the current one."""
@@ -119,17 +114,14 @@ class Entrant:
             FreneticError: it is none.
         """
         try:
-            path, python = value["path"], value["python"]
-            return cls(
-                name=value["name"],
-                spec=value["spec"],
-                is_strategy=bool(value["is_strategy"]),
-                path=None if path is None else Path(path),
-                python=None if python is None else Path(python),
-                options=dict(value["options"]),
-            )
-        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            return msgspec.convert(value, cls, dec_hook=_path)
+        except msgspec.ValidationError as error:
             raise FreneticError(f"{value!r} is no entrant ({error})"[:300]) from None
+
+
+def _path(kind: type, value: str) -> Path:
+    """What msgspec makes of a text where an entrant has a path."""
+    return kind(value)  # type: ignore[no-any-return]
 
 
 def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:

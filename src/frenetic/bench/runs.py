@@ -10,6 +10,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final
 
+import msgspec
+
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.hosting.messages import Assignment
@@ -183,16 +185,9 @@ def ending_of(folder: Path) -> Ending | None:
         return None
     with CampaignStore.open(folder) as store:
         fact = store.facts.get(FACT)
-    if not isinstance(fact, Mapping):
-        return None
     try:
-        threads = fact.get("threads")
-        return Ending(
-            End(str(fact.get("end"))),
-            str(fact.get("detail", "")),
-            threads if isinstance(threads, int) else 0,
-        )
-    except ValueError:
+        return msgspec.convert(fact, Ending)
+    except msgspec.ValidationError:
         return None
 
 
