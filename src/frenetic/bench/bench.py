@@ -11,16 +11,18 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Self
 
+import msgspec
 import numpy as np
 
+from frenetic._support.durations import format_duration
 from frenetic._support.files import write_file
 from frenetic._support.words import counted
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
-from frenetic.bench.entrants import Entrant, folder_names
+from frenetic.bench.entrants import Entrant, folder_names, read_path
 from frenetic.bench.processes import run_all
 from frenetic.bench.runs import Run, RunEnd, Terms, ending_of, try_out
 from frenetic.bench.strategy import End, Ending
@@ -29,11 +31,12 @@ from frenetic.campaign.lock import FileLock
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import FreneticError
+from frenetic.export.tables import Which
 from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import describe
+from frenetic.spec import Spec, command_faults, describe
 
 BENCHES: Final = Path("benches")
 """Where benches go that are given no folder."""
@@ -42,6 +45,8 @@ BENCH: Final = "bench.json"
 LOCK: Final = "bench.lock"
 VERSION: Final = 1
 """Of the file's form."""
+TERMS: Final = ("budget", "seconds_per_test", "counts_computing", "patience", "records")
+"""Names of the terms in it that stand there as they are."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +62,17 @@ class BenchProgress:
     share: float
     """0..1 of all runs' budgets."""
 
+    def in_words(self, seconds: float) -> str:
+        """One line, for a bench that has gone on for so many s."""
+        left = "?"
+        if self.share > 0.0:
+            left = format_duration(seconds * (1.0 - self.share) / self.share)
+        return (
+            f"runs {self.runs} of {self.runs_in_all}, simulations {self.simulations}, failures"
+            f" {self.failures}, {self.simulations / max(seconds, 1e-3):.0f} simulations/s,"
+            f" {left} left"
+        )
+
 
 @dataclass(frozen=True)
 class RunState:
@@ -65,6 +81,16 @@ class RunState:
     run: Run
     ending: Ending | None
     """None if it is not complete."""
+
+    def as_json(self) -> dict[str, Any]:
+        """The run as a JSON object."""
+        return {
+            "generator": self.run.entrant.name,
+            "run": self.run.repeat,
+            "seed": self.run.seed,
+            "folder": str(self.run.folder),
+            "ending": None if self.ending is None else self.ending.as_json(),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +121,32 @@ class Bench:
             if entrant.is_strategy:
                 available = {"seed": self.seed, "map_size": self.terms.map_size}
                 STRATEGIES.make_from(entrant.spec, entrant.options, available)
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """The bench in a folder.
+
+        Raises:
+            FreneticError: there is none, it is damaged, or it was begun from Python.
+        """
+        document, path = read_bench(folder), folder / BENCH
+        if document.get("command") == {}:
+            raise FreneticError(
+                f"{folder} was begun from Python, so its driver and simulator have no names: go on"
+                " from Python"
+            )
+        recorded = _decoded(document, path)
+        faults = command_faults(recorded.command, without=("strategy", "strategy_options"))
+        if faults:
+            raise _damaged(path, "; ".join(faults))
+        spec = Spec.from_options({**recorded.command, "map_size": recorded.map_size})
+        return cls(
+            entrants=recorded.entrants,
+            terms=Terms.of(spec, **{name: getattr(recorded, name) for name in TERMS}),
+            repeats=recorded.repeats,
+            seed=recorded.seed,
+            folder=folder,
+        )
 
     @property
     def runs(self) -> list[Run]:
@@ -238,6 +290,17 @@ class Bench:
             comparison = compare(ordered)
         return replace(comparison, notes=(*comparison.notes, *unusual_endings(self.states())))
 
+    def words(self) -> list[str]:
+        """The command line that makes the bench again; its driver and simulator need names."""
+        terms = self.terms
+        words = ["frenetic", "bench", *(word for one in self.entrants for word in one.words())]
+        words += ["--time", f"{terms.budget!r}s"]
+        words += ["--seconds-per-test", f"{terms.seconds_per_test!r}"]
+        words += ["--count-computing"] if terms.counts_computing else []
+        words += ["--patience", f"{terms.patience!r}s", "--records", terms.records]
+        words += ["--repeats", str(self.repeats), "--seed", str(self.seed)]
+        return words if terms.spec is None else words + terms.spec.drive_words()
+
     def as_json(self) -> dict[str, Any]:
         """What is kept in the bench's folder."""
         terms = self.terms
@@ -246,16 +309,12 @@ class Bench:
             "entrants": [entrant.as_json() for entrant in self.entrants],
             "repeats": self.repeats,
             "seed": self.seed,
-            "budget": terms.budget,
-            "seconds_per_test": terms.seconds_per_test,
-            "counts_computing": terms.counts_computing,
-            "patience": terms.patience,
+            **{name: getattr(terms, name) for name in TERMS},
             "map_size": terms.map_size,
-            "records": terms.records,
             "simulator": describe(terms.simulator),
             "driver": describe(terms.driver),
             "rules": asdict(terms.simulator.rules),
-            "command": dict(terms.command),
+            "command": terms.spec.command() if terms.spec is not None else {},
         }
 
     def _require_new_folder(self) -> None:
@@ -269,11 +328,11 @@ class Bench:
 
     def _require_same(self) -> None:
         theirs, ours = read_bench(self.folder), json.loads(json.dumps(self.as_json()))
-        for recorded in entrants_of(theirs, self.folder / BENCH):
-            sources = [one["source"] for one in theirs["entrants"] if one["name"] == recorded.name]
-            if recorded.source() not in sources:
+        recorded = _decoded(theirs, self.folder / BENCH)
+        for entrant, begun in zip(recorded.entrants, theirs["entrants"], strict=True):
+            if entrant.source() != begun.get("source"):
                 raise FreneticError(
-                    f"the source of {recorded.name} is not what the bench in {self.folder} was"
+                    f"the source of {entrant.name} is not what the bench in {self.folder} was"
                     " begun with: restore it, or begin a new bench"
                 )
         for name, value in ours.items():
@@ -339,6 +398,22 @@ def new_folder() -> Path:
     return new_campaign_folder(BENCHES)
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Recorded:
+    """What a bench's file says of it, as far as it is needed to go on."""
+
+    entrants: tuple[Entrant, ...]
+    repeats: int
+    seed: int
+    budget: float
+    seconds_per_test: float
+    counts_computing: bool
+    patience: float
+    map_size: float
+    records: Which
+    command: dict[str, Any]
+
+
 def read_bench(folder: Path) -> Mapping[str, Any]:
     """What a bench's folder says of it.
 
@@ -355,22 +430,22 @@ def read_bench(folder: Path) -> Mapping[str, Any]:
     except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict) or not isinstance(document.get("version"), int):
-        raise FreneticError(f"{path} is damaged: restore it from a copy, or begin a new bench")
+        raise _damaged(path)
     if document["version"] > VERSION:
         raise FreneticError(f"{path} was written by a newer version of frenetic: upgrade frenetic")
     return document
 
 
-def entrants_of(document: Mapping[str, Any], path: object) -> tuple[Entrant, ...]:
-    """Who takes part, as a bench's folder says.
+def _decoded(document: Mapping[str, Any], path: Path) -> _Recorded:
+    try:
+        return msgspec.convert(document, _Recorded, dec_hook=read_path)
+    except msgspec.ValidationError as error:
+        raise _damaged(path, str(error)) from None
 
-    Raises:
-        FreneticError: it is damaged, or an entrant is not there any more.
-    """
-    found = document.get("entrants")
-    if not isinstance(found, Sequence) or isinstance(found, str):
-        raise FreneticError(f"{path} is damaged: it does not say who takes part")
-    return tuple(Entrant.from_json(one) for one in found)
+
+def _damaged(path: Path, why: str = "") -> FreneticError:
+    reason = f" ({why})" if why else ""
+    return FreneticError(f"{path} is damaged{reason}: restore it from a copy, or begin a new bench")
 
 
 def _locked(folder: Path) -> FileLock:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -79,6 +80,15 @@ class Entrant:
         recorded: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # a path as a text
         return recorded | {"source": self.source()}
 
+    def words(self) -> list[str]:
+        """The options of `frenetic bench` by which it takes part."""
+        words = ["--strategy" if self.is_strategy else "--generator", self.spec]
+        for option, path in (("--path", self.path), ("--python", self.python)):
+            words += [] if path is None else [option, str(path)]
+        for name, setting in self.options.items():
+            words += ["--option", f"{name}={json.dumps(setting)}"]
+        return [*words, "--name", self.name]
+
     def absolute(self) -> Entrant:
         """The same from any folder; a generator's modules are looked for in the current one."""
         if self.is_strategy:
@@ -114,12 +124,12 @@ class Entrant:
             FreneticError: it is none.
         """
         try:
-            return msgspec.convert(value, cls, dec_hook=_path)
+            return msgspec.convert(value, cls, dec_hook=read_path)
         except msgspec.ValidationError as error:
             raise FreneticError(f"{value!r} is no entrant ({error})"[:300]) from None
 
 
-def _path(kind: type, value: str) -> Path:
+def read_path(kind: type, value: str) -> Path:
     """What msgspec makes of a text where an entrant has a path."""
     return kind(value)  # type: ignore[no-any-return]
 

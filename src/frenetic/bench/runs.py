@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Final
+from typing import Any, Final, Self
 
 import msgspec
 
@@ -35,7 +35,7 @@ from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, SearchEnded, Strategy
 from frenetic.simulators.simulator import Simulator, check_pair
-from frenetic.spec import Budget, describe
+from frenetic.spec import Budget, Part, Spec, describe
 
 COMPETITION: Final = "competition"
 """Folder of a run that holds its tests as the competition's tools read them."""
@@ -71,8 +71,23 @@ class Terms:
     """m."""
     records: Which = "failures"
     """Which tests in the competition's results folders hold what was recorded of their drives."""
-    command: Mapping[str, JSONValue] = field(default_factory=dict)
-    """How simulator and driver are named on a command line, as far as they are."""
+    spec: Spec | None = None
+    """What simulator and driver are called on a command line; None if they came from Python."""
+
+    @classmethod
+    def of(cls, spec: Spec, **others: Any) -> Self:
+        """Terms of a simulator and a driver by their names; others are fields of the class.
+
+        Raises:
+            FreneticError: a part cannot be made, or a value is out of range.
+        """
+        return cls(
+            simulator=spec.make_simulator(),
+            driver=spec.make_driver(),
+            map_size=spec.map_size,
+            spec=spec,
+            **others,
+        )
 
     def __post_init__(self) -> None:
         check_pair(self.simulator, self.driver)
@@ -318,13 +333,7 @@ def _campaign(
             "budget": {"time": terms.budget, "seconds_per_test": terms.seconds_per_test},
         },
     }
-    if terms.command:
-        named: dict[str, JSONValue] = {
-            "strategy": entrant.spec,
-            "strategy_options": dict(entrant.options),
-        }
-        described["command"] = {**terms.command, **named}
-    return Campaign(
+    campaign = Campaign(
         strategy=strategy,
         simulator=terms.simulator,
         driver=terms.driver,
@@ -333,6 +342,10 @@ def _campaign(
         map_size=terms.map_size,
         description=described,
     )
+    if terms.spec is not None:
+        strategy_part = Part(entrant.spec, entrant.options)
+        campaign.named = replace(terms.spec, strategy=strategy_part, seed=seed)
+    return campaign
 
 
 def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:

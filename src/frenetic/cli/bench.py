@@ -16,7 +16,6 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from frenetic._support.durations import format_duration
 from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, Results, announced_compilation, live_line, shell
 from frenetic.cli.grouping import GroupedCommand, GroupedOption
@@ -28,8 +27,9 @@ from frenetic.cli.options import (
     driver_options,
     json_option,
 )
-from frenetic.cli.parts import LAYERS, LIMITS, make_driver, make_simulator
+from frenetic.cli.parts import LAYERS, LIMITS
 from frenetic.errors import FreneticError
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
@@ -239,6 +239,8 @@ def bench(
     process and a folder of its own, beside our own strategies. Every run is a campaign, and holds a
     results folder as the competition's tools read it.
     """
+    from frenetic.bench import Bench
+
     if as_list and out is None:
         _refuse_given(context, "--list without --out lists who can take part by name")
         _list_names(as_json)
@@ -248,7 +250,8 @@ def bench(
     if resume or as_list:
         assert out is not None
         _refuse_given(context, "the bench goes on as it was begun")
-        the_bench = _recorded(out)
+        with as_usage_error():
+            the_bench = Bench.open(out)
     else:
         the_bench = _begun(context, out, asked)
     if as_list:
@@ -259,8 +262,7 @@ def bench(
 
 def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -> Bench:
     """The bench that the command line asks for."""
-    from frenetic.bench import Bench, new_folder
-    from frenetic.bench.entrants import Entrant
+    from frenetic.bench import Bench, Entrant, Terms, new_folder
     from frenetic.registry import STRATEGIES
 
     if asked["simulations"] is not None and asked["seconds"] is not None:
@@ -272,24 +274,22 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
             for entry in STRATEGIES.entries()
         )
     cost = asked["seconds_per_test"]
-    budget = asked["seconds"] or (asked["simulations"] or SIMULATIONS) * cost
-    command = {k: asked[k] for k in ("driver", "simulator", *LAYERS, *LIMITS)}
-    command |= {k: dict(asked[k]) for k in ("driver_options", "simulator_options")}
-    return Bench(
-        entrants=entrants,
-        terms=_terms(
-            command,
-            budget=budget,
-            seconds_per_test=cost,
-            counts_computing=asked["count_computing"],
-            patience=asked["patience"],
-            map_size=asked["map_size"],
-            records=asked["records"],
-        ),
-        repeats=asked["repeats"],
-        seed=asked["seed"],
-        folder=new_folder() if out is None else out,
-    )
+    spec = Spec.from_options({k: v for k, v in asked.items() if k != "strategy"})
+    with as_usage_error():
+        return Bench(
+            entrants=entrants,
+            terms=Terms.of(
+                spec,
+                budget=asked["seconds"] or (asked["simulations"] or SIMULATIONS) * cost,
+                seconds_per_test=cost,
+                counts_computing=asked["count_computing"],
+                patience=asked["patience"],
+                records=asked["records"],
+            ),
+            repeats=asked["repeats"],
+            seed=asked["seed"],
+            folder=new_folder() if out is None else out,
+        )
 
 
 def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]:
@@ -312,51 +312,6 @@ def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]
             entrant.given[name] = value
     if entrant is not None:
         yield entrant
-
-
-def _recorded(folder: Path) -> Bench:
-    """The bench in a folder.
-
-    Raises:
-        FreneticError: there is none, it is damaged, or it was begun from Python.
-    """
-    from frenetic.bench import Bench, read_bench
-    from frenetic.bench.bench import BENCH, entrants_of
-    from frenetic.campaign.configuration import command_faults
-
-    document = read_bench(folder)
-    path = folder / BENCH
-    command = document.get("command")
-    if command == {}:
-        raise FreneticError(
-            f"{folder} was begun from Python, so its driver and simulator have no names: go on from"
-            " Python"
-        )
-    named = {"strategy": "", "strategy_options": {}}
-    if not isinstance(command, Mapping) or command_faults({"command": {**command, **named}}):
-        raise FreneticError(f"{path} is damaged: restore it from a copy, or begin a new bench")
-    names = ("budget", "seconds_per_test", "counts_computing", "patience", "map_size", "records")
-    try:
-        return Bench(
-            entrants=entrants_of(document, path),
-            terms=_terms(command, **{name: document[name] for name in names}),
-            repeats=document["repeats"],
-            seed=document["seed"],
-            folder=folder,
-        )
-    except (LookupError, TypeError, ValueError) as error:
-        raise FreneticError(
-            f"{path} is damaged ({error}): restore it from a copy, or begin a new bench"
-        ) from None
-
-
-def _terms(command: Mapping[str, Any], **terms: Any) -> Any:
-    from frenetic.bench import Terms
-
-    driver = make_driver(*(command[k] for k in ("driver", "driver_options", *LAYERS)))
-    simulator = make_simulator(*(command[k] for k in ("simulator", "simulator_options", *LIMITS)))
-    with as_usage_error():
-        return Terms(simulator=simulator, driver=driver, command=dict(command), **terms)
 
 
 def _refuse_given(context: click.Context, why: str) -> None:
@@ -411,18 +366,9 @@ def _bench_progress(log: Log) -> Iterator[Callable[[BenchProgress], None]]:
     with live_line(log) as show:
 
         def update(now: BenchProgress) -> None:
-            show(now.share, lambda: _progress_text(now, time.monotonic() - start))
+            show(now.share, lambda: now.in_words(time.monotonic() - start))
 
         yield update
-
-
-def _progress_text(now: BenchProgress, seconds: float) -> str:
-    left = seconds * (1.0 - now.share) / now.share if now.share > 0.0 else None
-    return (
-        f"runs {now.runs} of {now.runs_in_all}, simulations {now.simulations}, failures"
-        f" {now.failures}, {now.simulations / max(seconds, 1e-3):.0f} simulations/s,"
-        f" {'?' if left is None else format_duration(left)} left"
-    )
 
 
 @contextmanager
@@ -452,10 +398,10 @@ def _show_results(the_bench: Bench, ends: Sequence[RunEnd], log: Log, as_json: b
         for note in comparison.notes:
             log.print(f"Note: {note}", markup=False)
         with log.status("Writing the page"):
-            page = write_results(the_bench, comparison, command=_command_line(the_bench))
+            page = write_results(the_bench, comparison, command=shlex.join(the_bench.words()))
     if as_json:
         groups = {} if comparison is None else comparison_document(comparison)
-        click.echo(json.dumps({**groups, "runs": [_run_document(state) for state in states]}))
+        click.echo(json.dumps({**groups, "runs": [state.as_json() for state in states]}))
     else:
         if comparison is not None:
             print_comparison(comparison)
@@ -480,27 +426,6 @@ def _end(the_bench: Bench, ends: Sequence[RunEnd], states: Sequence[RunState]) -
         )
     click.echo(f"{missing} of {len(states)} runs are missing; go on: {again}", err=True)
     raise click.exceptions.Exit(130)
-
-
-def _command_line(the_bench: Bench) -> str:
-    """The command line that makes a bench again."""
-    from frenetic.report.html.repeating import drive_words
-
-    terms = the_bench.terms
-    words = ["frenetic", "bench"]
-    for entrant in the_bench.entrants:
-        words += ["--strategy" if entrant.is_strategy else "--generator", entrant.spec]
-        for option, value in (("--path", entrant.path), ("--python", entrant.python)):
-            words += [] if value is None else [option, str(value)]
-        for name, setting in entrant.options.items():
-            words += ["--option", f"{name}={json.dumps(setting)}"]
-        words += ["--name", entrant.name]
-    words += ["--time", f"{terms.budget!r}s", "--seconds-per-test", f"{terms.seconds_per_test!r}"]
-    words += ["--count-computing"] if terms.counts_computing else []
-    words += ["--patience", f"{terms.patience!r}s", "--records", terms.records]
-    words += ["--repeats", str(the_bench.repeats), "--seed", str(the_bench.seed)]
-    words += drive_words(terms.command, terms.map_size)
-    return shlex.join(words)
 
 
 def _print_runs(states: Sequence[RunState]) -> None:
@@ -537,7 +462,7 @@ def _list_names(as_json: bool) -> None:
 
 def _list_runs(states: Sequence[RunState], as_json: bool) -> None:
     if as_json:
-        click.echo(json.dumps([_run_document(state) for state in states]))
+        click.echo(json.dumps([state.as_json() for state in states]))
         return
     _print_runs(states)
     done = Counter(state.ending is not None for state in states)
@@ -545,13 +470,3 @@ def _list_runs(states: Sequence[RunState], as_json: bool) -> None:
     if done[False]:
         folder = states[0].run.folder.parent.parent
         click.echo(f"Go on: frenetic bench --resume --out {shell(folder)}")
-
-
-def _run_document(state: RunState) -> dict[str, Any]:
-    return {
-        "generator": state.run.entrant.name,
-        "run": state.run.repeat,
-        "seed": state.run.seed,
-        "folder": str(state.run.folder),
-        "ending": None if state.ending is None else state.ending.as_json(),
-    }
