@@ -8,7 +8,7 @@ from frenetic.analysis.features import Features
 from frenetic.outcome import Outcome
 from frenetic.report.html import feature_map
 from frenetic.report.html.feature_map import FeatureMap, Measured, choose_mapped, map_section
-from frenetic.report.html.told import Told
+from frenetic.report.html.tests import TestSummary
 from frenetic.search import Origin
 
 FEATURES = Features(
@@ -30,10 +30,10 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(feature_map, name, value)
 
 
-def made(failures: int, passes: int) -> list[Told]:
+def made(failures: int, passes: int) -> list[TestSummary]:
     """Tests, those that failed first, each more severe than the one before."""
     return [
-        Told(
+        TestSummary(
             i,
             Outcome.FAIL if i <= failures else Outcome.PASS,
             -i / 100.0 if i <= failures else 1.0,
@@ -44,13 +44,13 @@ def made(failures: int, passes: int) -> list[Told]:
     ]
 
 
-def numbers(tests: list[Told]) -> tuple[int, int]:
+def numbers(tests: list[TestSummary]) -> tuple[int, int]:
     """How many failed and how many passed."""
     failed = sum(test.outcome is Outcome.FAIL for test in tests)
     return failed, len(tests) - failed
 
 
-def section_of(tests: list[Told]) -> tuple[str, FeatureMap]:
+def section_of(tests: list[TestSummary]) -> tuple[str, FeatureMap]:
     """The lead and the block."""
     ids = [test.id for test in choose_mapped(tests)]
     section = map_section(ids, dict.fromkeys(ids, Measured(FEATURES, FEATURES)), tests)

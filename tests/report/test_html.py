@@ -43,12 +43,11 @@ from frenetic.report.html import (
     render,
     write_report,
 )
-from frenetic.report.html.drives import RoadData
 from frenetic.report.html.feature_map import NOT_MEASURED
 from frenetic.report.html.operators import operator_results, operators_section
 from frenetic.report.html.repeating import repeat_command, repeatability
+from frenetic.report.html.tests import RoadData, TestSummary, TestTable, ancestors
 from frenetic.report.html.timeline import POINTS, Timeline, timeline_section
-from frenetic.report.html.told import TestTable, Told, ancestors
 from frenetic.road import Road
 from frenetic.search import Origin
 from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
@@ -108,9 +107,9 @@ def block_of(data: Any, kind: str) -> Any:
     return found
 
 
-def told(number: int, outcome: Outcome, operator: str = "random", *parents: int) -> Told:
+def told(number: int, outcome: Outcome, operator: str = "random", *parents: int) -> TestSummary:
     moobd = {Outcome.PASS: 1.0, Outcome.FAIL: -number / 10.0}.get(outcome)
-    return Told(number, outcome, moobd, float(number), Origin(operator, parents))
+    return TestSummary(number, outcome, moobd, float(number), Origin(operator, parents))
 
 
 def alike(*ids: int) -> Cluster:
@@ -234,7 +233,7 @@ def test_every_cluster_and_its_ancestors_can_be_opened(searched: Path) -> None:
 def test_few_drives_are_shown_where_there_is_little_room(
     searched: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.report.html.writing.DRIVES_SIZE", 20_000)
+    monkeypatch.setattr("frenetic.report.html.campaign.DRIVES_SIZE", 20_000)
     with CampaignStore.open(searched) as store:
         report = campaign_report(store)
         worst = distinct_failures(store)[0].most_severe
@@ -288,7 +287,9 @@ def test_timeline_of_a_long_campaign_is_thinned_but_keeps_its_ends() -> None:
     ],
 )
 def test_wall_time_has_a_unit_that_suits_it(seconds: float, title: str, last: float) -> None:
-    tests = [Told(i, Outcome.PASS, 1.0, seconds * i / 10, Origin("random")) for i in range(1, 11)]
+    tests = [
+        TestSummary(i, Outcome.PASS, 1.0, seconds * i / 10, Origin("random")) for i in range(1, 11)
+    ]
     (block,) = timeline_section(tests, Clusters((), 2.0)).blocks
     assert isinstance(block, Timeline)
     assert block.axes[-1].title == title
@@ -296,7 +297,7 @@ def test_wall_time_has_a_unit_that_suits_it(seconds: float, title: str, last: fl
 
 
 def test_timeline_without_random_roads_or_times_says_so() -> None:
-    tests = [Told(1, Outcome.FAIL, -1.0, None, Origin("mine"))]
+    tests = [TestSummary(1, Outcome.FAIL, -1.0, None, Origin("mine"))]
     (block,) = timeline_section(tests, Clusters((alike(1),), 2.0)).blocks
     assert isinstance(block, Timeline)
     assert [axis.name for axis in block.axes] == ["simulations", "tests"]

@@ -487,7 +487,7 @@ def test_a_test_that_is_not_in_the_page_is_said_to_be_elsewhere(
 def test_failures_like_another_that_cannot_be_opened_say_why(
     show: Callable[..., Page], searched: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.report.html.writing.DRIVES_SIZE", 20_000)
+    monkeypatch.setattr("frenetic.report.html.campaign.DRIVES_SIZE", 20_000)
     page = show(write_report(searched, tmp_path / "r.html"))
     closed = page.locator("p.alike").first
     expect(closed).to_have_text(re.compile("(its drive is|their drives are) not in this"))

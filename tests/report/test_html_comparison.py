@@ -19,7 +19,8 @@ from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.errors import FreneticError
 from frenetic.report.html import Fact
-from frenetic.report.html.comparison import POINTS, comparison_report, write_comparison_page
+from frenetic.report.html.comparison import comparison_report, write_comparison_page
+from frenetic.report.html.groups import POINTS
 
 pytest_plugins = ["browsing"]
 

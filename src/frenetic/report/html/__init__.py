@@ -1,7 +1,7 @@
 """A campaign as one HTML file that opens anywhere, without a network: `write_report`.
 
 What the page says is put together here as *sections* of *blocks* (`frenetic.report.html.blocks`),
-which become JSON in the page; how it looks is up to ``report.css`` and the scripts beside it.
+which become JSON in the page; how it looks is up to ``static``.
 
 A section of one's own needs no JavaScript, as long as its blocks are of the kinds that are there::
 
@@ -18,53 +18,26 @@ A section of one's own needs no JavaScript, as long as its blocks are of the kin
     write_report("campaigns/night", sections=[errors])
 
 A new kind of block is a frozen dataclass with a ``kind``, and a function of that name in ``kinds``
-of ``blocks.js``, which is given the element to fill and the block as JSON.
+of ``static/blocks.js``, which is given the element to fill and the block as JSON.
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from frenetic.report.html.blocks import (
-        Bars,
-        Block,
-        Chart,
-        Column,
-        Command,
-        Fact,
-        Facts,
-        Paragraph,
-        Picture,
-        Section,
-        Series,
-        Table,
-    )
-    from frenetic.report.html.comparison import comparison_report, write_comparison_page
-    from frenetic.report.html.page import Report, render
-    from frenetic.report.html.writing import REPORT, campaign_report, write_page, write_report
-
-_HOMES = {
-    "blocks": (
-        "Bars",
-        "Block",
-        "Chart",
-        "Column",
-        "Command",
-        "Fact",
-        "Facts",
-        "Paragraph",
-        "Picture",
-        "Section",
-        "Series",
-        "Table",
-    ),
-    "comparison": ("comparison_report", "write_comparison_page"),
-    "page": ("Report", "render"),
-    "writing": ("REPORT", "campaign_report", "write_page", "write_report"),
-}
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
+from frenetic.report.html.blocks import (
+    Bars,
+    Block,
+    Chart,
+    Column,
+    Command,
+    Fact,
+    Facts,
+    Paragraph,
+    Picture,
+    Section,
+    Series,
+    Table,
+)
+from frenetic.report.html.campaign import REPORT, campaign_report, write_report
+from frenetic.report.html.comparison import comparison_report, write_comparison_page
+from frenetic.report.html.page import Report, render, write_page
 
 __all__ = [
     "REPORT",
@@ -88,9 +61,3 @@ __all__ = [
     "write_page",
     "write_report",
 ]
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 from frenetic._support.thinning import evenly
+from frenetic._support.words import capitalised
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import Segment
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Section
-from frenetic.report.html.told import Told
+from frenetic.report.html.tests import TestSummary
 
 MAPPED: Final = 3000
 """Tests that are measured: all that failed, and others up to this number."""
@@ -68,7 +69,7 @@ class Measured:
         return cls(features_of(segment), features_of(segment.whole()))
 
 
-def choose_mapped(tests: Sequence[Told]) -> list[Told]:
+def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
     """The tests that are measured: all failures, and others evenly over the campaign.
 
     Of more than `MAPPED_FAILURES` failures some are left out, evenly from the most severe on.
@@ -85,7 +86,7 @@ def choose_mapped(tests: Sequence[Told]) -> list[Told]:
 
 
 def map_section(
-    ids: Sequence[int], measured: Mapping[int, Measured], tests: Sequence[Told]
+    ids: Sequence[int], measured: Mapping[int, Measured], tests: Sequence[TestSummary]
 ) -> Section:
     """The feature map of the tests in a page's table.
 
@@ -144,7 +145,7 @@ def _mapped(failures: int, all_failures: int, passes: int, all_passes: int) -> s
         parts.append(_some(passes, all_passes, "test that passed", "tests that passed"))
     text = " and ".join(parts)
     spread = ", evenly over the campaign," if passes < all_passes else ""
-    return f"{text[0].upper()}{text[1:]}{spread} are mapped."
+    return f"{capitalised(text)}{spread} are mapped."
 
 
 def _some(number: int, of: int, one: str, many: str) -> str:

@@ -9,7 +9,7 @@ from frenetic.analysis.failures import Clusters
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Bars, Column, Section, Table
-from frenetic.report.html.told import Told
+from frenetic.report.html.tests import TestSummary
 from frenetic.search.operators import DOES
 
 
@@ -41,10 +41,10 @@ class OperatorResult:
         return proportion_interval(self.failures, self.driven) if self.driven else None
 
 
-def operator_results(tests: Sequence[Told], clusters: Clusters) -> list[OperatorResult]:
+def operator_results(tests: Sequence[TestSummary], clusters: Clusters) -> list[OperatorResult]:
     """The results of every operator, in the order of their names, ``random`` first."""
     by_id = {test.id: test for test in tests}
-    operators: dict[str, list[Told]] = {}
+    operators: dict[str, list[TestSummary]] = {}
     for test in tests:
         if test.outcome.is_test:
             operators.setdefault(test.origin.operator, []).append(test)
@@ -70,7 +70,7 @@ def operator_results(tests: Sequence[Told], clusters: Clusters) -> list[Operator
     ]
 
 
-def _change(tests: Sequence[Told], by_id: Mapping[int, Told]) -> float | None:
+def _change(tests: Sequence[TestSummary], by_id: Mapping[int, TestSummary]) -> float | None:
     changes = []
     for test in tests:
         parents = [by_id[i].moobd for i in test.origin.parents if i in by_id]
@@ -80,7 +80,7 @@ def _change(tests: Sequence[Told], by_id: Mapping[int, Told]) -> float | None:
     return sum(changes) / len(changes) if changes else None
 
 
-def operators_section(tests: Sequence[Told], clusters: Clusters) -> Section:
+def operators_section(tests: Sequence[TestSummary], clusters: Clusters) -> Section:
     """A table of the operators, and a bar chart of the share of failures of each."""
     results = operator_results(tests, clusters)
     title = "Operators"

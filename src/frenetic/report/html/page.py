@@ -11,14 +11,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.files import write_file
 from frenetic.errors import FreneticError
 from frenetic.report.html.blocks import Section, to_json
-from frenetic.report.html.drives import DriveData
-from frenetic.report.html.told import TestTable
+from frenetic.report.html.tests import DriveData, TestTable
 
 SCRIPTS: Final = (
     "base.js",
@@ -32,7 +33,7 @@ SCRIPTS: Final = (
     "blocks.js",
     "main.js",
 )
-"""Files of this package that become one script, in this order."""
+"""Files in ``static`` that become one script, in this order."""
 
 _MARK: Final = re.compile(r"\{\{(\w+)\}\}")
 _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
@@ -84,6 +85,25 @@ def render(report: Report) -> str:
     return _MARK.sub(lambda mark: parts[mark[1]], _text("template.html"))
 
 
+def write_page(report: Report, path: Path | str) -> Path:
+    """Writes a page beside its place, then renames it: no half page is ever seen.
+
+    Raises:
+        FreneticError: it cannot be written.
+    """
+    path = Path(path)
+    write_file(path, render(report), remedy="choose another place for the page")
+    return path
+
+
+def made_by() -> str:
+    """The program and its version, for the foot of a page."""
+    try:
+        return f"frenetic {version('frenetic-roads')}"
+    except PackageNotFoundError:
+        return "frenetic, version unknown"
+
+
 def _island(data: Any) -> str:
     """JSON that ends no script element, whatever its texts say."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))  # ASCII, so no U+2028 either
@@ -107,7 +127,7 @@ def _policy(scripts: Sequence[str]) -> str:
 
 @cache
 def _text(name: str) -> str:
-    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+    return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
 
 
 @cache

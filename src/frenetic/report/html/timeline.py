@@ -15,7 +15,7 @@ from frenetic.analysis.failures import Clusters
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Section, percent
-from frenetic.report.html.told import Told
+from frenetic.report.html.tests import TestSummary
 from frenetic.search.random_search import RANDOM
 
 POINTS: Final = 1200
@@ -58,7 +58,7 @@ class Timeline:
     caption: str
 
 
-def timeline_section(tests: Sequence[Told], clusters: Clusters) -> Section:
+def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Section:
     """Failures over time; a section without blocks if nothing was tested."""
     tested = [test for test in tests if test.outcome.is_test]
     if not tested:
@@ -109,7 +109,7 @@ def _expectation(failures: int, roads: int, counts: npt.NDArray[np.int64]) -> Ex
 
 
 def _distinct(
-    tested: Sequence[Told], clusters: Clusters, shown: npt.NDArray[np.int64]
+    tested: Sequence[TestSummary], clusters: Clusters, shown: npt.NDArray[np.int64]
 ) -> tuple[int, ...]:
     place = {test.id: i for i, test in enumerate(tested)}
     found = np.zeros(len(tested), dtype=np.int64)

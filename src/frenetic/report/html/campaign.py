@@ -6,11 +6,9 @@ import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic._support.files import write_file
 from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.store import CampaignStore
@@ -19,15 +17,22 @@ from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
 from frenetic.report.html.blocks import Section
 from frenetic.report.html.confirmed import confirmed_sections
-from frenetic.report.html.drives import DRIVES_SIZE, DriveData, drive_data
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
 from frenetic.report.html.gallery import family_section, gallery_section
 from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operators_section
-from frenetic.report.html.page import Report, render
+from frenetic.report.html.page import Report, made_by, write_page
 from frenetic.report.html.repeating import drive_options, repeat_section
+from frenetic.report.html.tests import (
+    DRIVES_SIZE,
+    DriveData,
+    TestSummary,
+    TestTable,
+    ancestors,
+    drive_data,
+    read_tests,
+)
 from frenetic.report.html.timeline import timeline_section
-from frenetic.report.html.told import TestTable, Told, ancestors, read_told
 
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
@@ -67,17 +72,6 @@ def write_report(
     return write_page(report, path)
 
 
-def write_page(report: Report, path: Path | str) -> Path:
-    """Writes a page beside its place, then renames it: no half page is ever seen.
-
-    Raises:
-        FreneticError: it cannot be written.
-    """
-    path = Path(path)
-    write_file(path, render(report), remedy="choose another place for the page")
-    return path
-
-
 def campaign_report(
     store: CampaignStore,
     *,
@@ -91,11 +85,11 @@ def campaign_report(
     """
     clusters = distinct_failures(store) if clusters is None else clusters
     counts, config, facts = store.counts(), store.config, store.facts
-    tests = read_told(store)
+    tests = read_tests(store)
     by_id = {test.id: test for test in tests}
     reruns, trouble = _reruns(store)
     drives, measured = _look(
-        store, _telling(tests, by_id, clusters), [test.id for test in choose_mapped(tests)]
+        store, _to_show(tests, by_id, clusters), [test.id for test in choose_mapped(tests)]
     )
     opened = {drive.id for drive in drives}
     spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
@@ -133,16 +127,16 @@ def campaign_report(
 
 
 def _look(
-    store: CampaignStore, telling: Sequence[int], mapped: Sequence[int]
+    store: CampaignStore, shown: Sequence[int], mapped: Sequence[int]
 ) -> tuple[list[DriveData], dict[int, Measured]]:
-    """The drives of as many telling tests as there is room for, and the features of the mapped.
+    """The drives of as many tests to show as there is room for, and the features of the mapped.
 
     Each trajectory is read once, and not kept.
     """
     drives: list[DriveData] = []
     measured: dict[int, Measured] = {}
-    room, is_mapped, is_telling = DRIVES_SIZE, set(mapped), set(telling)
-    for test_id in dict.fromkeys([*telling, *mapped]):
+    room, is_mapped, is_shown = DRIVES_SIZE, set(mapped), set(shown)
+    for test_id in dict.fromkeys([*shown, *mapped]):
         if room <= 0 and test_id not in is_mapped:
             continue
         record = store.test(test_id)
@@ -152,14 +146,16 @@ def _look(
         segment = segment_of(test.road, test.drive, record.departure)
         if test_id in is_mapped:
             measured[test_id] = Measured.of(segment)
-        if room > 0 and test_id in is_telling:
+        if room > 0 and test_id in is_shown:
             drives.append(drive_data(record, segment, store.folder))
             room -= drives[-1].size
     return drives, measured
 
 
-def _telling(tests: Sequence[Told], by_id: dict[int, Told], clusters: Clusters) -> list[int]:
-    """Ids of the tests to show, the most telling first.
+def _to_show(
+    tests: Sequence[TestSummary], by_id: dict[int, TestSummary], clusters: Clusters
+) -> list[int]:
+    """Ids of the tests to show, the most important first.
 
     Each cluster's most severe and typical failure, then those that they descend from, then the
     most severe failures.
@@ -192,11 +188,3 @@ def _shell(path: Path) -> str:
 
 def _lane_width(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else 4.0
-
-
-def made_by() -> str:
-    """The program and its version, for the foot of a page."""
-    try:
-        return f"frenetic {version('frenetic-roads')}"
-    except PackageNotFoundError:
-        return "frenetic, version unknown"
