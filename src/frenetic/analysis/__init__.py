@@ -1,6 +1,6 @@
-"""What a campaign's tests mean, each on its own and together.
+"""The meaning of a campaign's tests, one by one and together.
 
-The names are imported when they are used, so that asking for one takes no more than it needs.
+The names are imported on use, so asking for one imports no more than it needs.
 """
 
 from __future__ import annotations

@@ -13,9 +13,9 @@ from frenetic._support.arrays import FloatArray
 from frenetic.oracle import Side
 
 GENTLE: Final = 0.005
-"""1/m, curvature below which a road counts as straight: a radius of 200 m."""
+"""Curvature below which a road counts as straight, in 1/m: a radius of 200 m."""
 LEAST_TURN: Final = math.radians(10.0)
-"""rad that a bend turns at least."""
+"""Least turn of a bend, in rad."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Bend:
     end: float
     """m."""
     turn: float
-    """rad, positive to the left."""
+    """Turn in rad, positive to the left."""
     sharpest: float
-    """1/m, largest curvature without its sign."""
+    """Largest curvature without its sign, in 1/m."""
 
     @property
     def side(self) -> Side:
-        """Which way it turns."""
+        """Direction of the turn."""
         return "left" if self.turn > 0.0 else "right"
 
 
@@ -53,7 +53,7 @@ def find_bends(distances: FloatArray, curvatures: FloatArray) -> tuple[Bend, ...
     found = []
     for first, last in pairwise(edges):
         turn = float(turns[first:last].sum())
-        # A rounding error may not decide whether a bend of just this size is one.
+        # A rounding error must not decide on a bend of exactly this size.
         if way[first] and abs(turn) >= LEAST_TURN - 1e-9:
             sharpest = float(np.abs(kappa[first : last + 1]).max())
             found.append(Bend(float(s[first]), float(s[last]), turn, sharpest))

@@ -1,8 +1,8 @@
-"""Comparing groups of campaigns, such as one per strategy, each with its repeats.
+"""Comparison of groups of campaigns, such as one per strategy, each with its repeats.
 
-`measure_campaign` says what a campaign came to, `compare` holds groups of them against each other:
-medians and quartiles, mean ranks, the effect size A12 of Vargha and Delaney, and the Mann-Whitney
-test for each pair of groups, corrected by Holm where there are several pairs.
+`measure_campaign` measures a campaign, `compare` compares groups of them: medians and quartiles,
+mean ranks, the effect size A12 of Vargha and Delaney, and the Mann-Whitney test for each pair of
+groups, corrected by Holm where there are several pairs.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ from frenetic.analysis.statistics import (
 from frenetic.errors import FreneticError
 
 _SAY_THE_SAME: Final = frozenset({"failures_per_100", "distinct_failures"})
-"""Measures that say what another says if all campaigns have as many simulations."""
+"""Measures that repeat another one if all campaigns have as many simulations."""
 
 
 class Verdict(StrEnum):
-    """What can be said of two groups."""
+    """Verdict on two groups."""
 
     FIRST_IS_BETTER = "the first is better"
     SECOND_IS_BETTER = "the second is better"
     NOT_SHOWN = "no difference shown"
-    """It may be there, but chance explains what was seen."""
+    """A difference may exist, but chance explains the values."""
     TOO_FEW = "too few repeats to tell"
 
 
@@ -70,22 +70,22 @@ class PairComparison:
     a12: float
     """Chance 0..1 that a campaign of the first group does better than one of the second.
 
-    Vargha and Delaney's A12; where less is better, of the negated values. Ties count half."""
+    It is Vargha and Delaney's A12, of the negated values where less is better. Ties count half."""
     p: float
-    """Of the two-sided Mann-Whitney test."""
+    """The p of the two-sided Mann-Whitney test."""
     p_corrected: float
-    """Corrected by Holm for the number of pairs."""
+    """The same p, corrected by Holm for the number of pairs."""
     repeats: tuple[int, int]
     """Campaigns in each group."""
 
     @property
     def magnitude(self) -> Magnitude:
-        """How large the effect is."""
+        """Size of the effect."""
         return magnitude(self.a12)
 
     @property
     def verdict(self) -> Verdict:
-        """What can be said."""
+        """Verdict on the two groups."""
         if min(self.repeats) < LEAST_REPEATS:
             return Verdict.TOO_FEW
         if self.p_corrected >= SIGNIFICANT:
@@ -101,7 +101,7 @@ class PairComparison:
 
     @property
     def better(self) -> str | None:
-        """The group that is shown to be better; None if neither is."""
+        """The better group; None if no difference is shown."""
         match self.verdict:
             case Verdict.FIRST_IS_BETTER:
                 return self.first
@@ -127,14 +127,14 @@ class MeasureComparison:
     pairs: tuple[PairComparison, ...]
     """Each two groups; none if neither more nor less of the measure is better."""
     p_overall: float | None
-    """Of the Kruskal-Wallis test over all groups; None for two, or without pairs."""
+    """The p of the Kruskal-Wallis test over all groups; None for two, or without pairs."""
 
     def quartiles(self, group: str) -> Quartiles:
-        """How the values of a group are distributed."""
+        """Quartiles of a group's values."""
         return quartiles(self.values[group])
 
     def between(self, group: str) -> str:
-        """The quartiles of a group for people; empty if there are none that are numbers."""
+        """The quartiles of a group for people; empty if they are no numbers."""
         found = self.quartiles(group)
         if found.n == 1 or (math.isinf(found.low) and math.isinf(found.high)):
             return ""
@@ -149,8 +149,8 @@ class MeasureComparison:
     def mean_ranks(self) -> Mapping[str, float]:
         """Name of a group -> mean rank of its campaigns among all campaigns; 1 is the best.
 
-        Equal campaigns share the mean of their ranks. These are the ranks of which the
-        Kruskal-Wallis test is made. Empty if neither more nor less is better.
+        Equal campaigns share the mean of their ranks, as in the Kruskal-Wallis test. Empty if
+        neither more nor less is better.
         """
         if self.measure.more_is_better is None:
             return MappingProxyType({})
@@ -174,7 +174,7 @@ class MeasureComparison:
         return tuple(pair for pair in self.pairs if group in (pair.first, pair.second))
 
     def worse_than(self, group: str) -> tuple[str, ...]:
-        """The groups that are shown to be worse than another."""
+        """The groups that are worse than another."""
         return tuple(
             pair.second if pair.first == group else pair.first
             for pair in self.pairs_of(group)
@@ -184,31 +184,31 @@ class MeasureComparison:
 
 @dataclass(frozen=True)
 class MapCoverage:
-    """What of a feature map a group of campaigns filled with failures."""
+    """The part of a feature map that a group of campaigns filled with failures."""
 
     cells: int
     """Cells that its campaigns filled together."""
     share: float
     """Mean of its campaigns' shares 0..1 of the cells that all campaigns of all groups filled: the
-    relative map coverage of the competition of 2023. 0 if nobody filled any."""
+    relative map coverage of the competition of 2023. 0 without any cell."""
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Groups of campaigns, held against each other."""
+    """Groups of campaigns, compared with each other."""
 
     groups: Mapping[str, tuple[CampaignMeasures, ...]]
     """Name -> campaigns, which are repeats of each other."""
     measures: tuple[MeasureComparison, ...]
     """One per measure that all campaigns have, in the order of `MEASURES`."""
     notes: tuple[str, ...]
-    """What limits what the comparison can say, each in a sentence."""
+    """Limits of the comparison, each in a sentence."""
     shared: Mapping[str, str] = field(default_factory=dict)
-    """Part of a configuration -> what it is in all campaigns, in words."""
+    """Part of a configuration -> its common value in all campaigns, in words."""
 
     @property
     def headline(self) -> MeasureComparison:
-        """By distinct failures per 100 simulations, the measure that puts groups in order."""
+        """The comparison by distinct failures per 100 simulations, which orders the groups."""
         return self.by(HEADLINE)
 
     @property
@@ -219,10 +219,10 @@ class Comparison:
 
     @property
     def telling(self) -> tuple[MeasureComparison, ...]:
-        """The measures of which more or less is better, without those that say the same.
+        """The measures of which more or less is better, without repetitions.
 
         If all campaigns have as many simulations, a number of failures and that per 100 simulations
-        do.
+        repeat each other.
         """
         left_out = frozenset() if self.simulations is None else _SAY_THE_SAME
         return tuple(
@@ -244,7 +244,7 @@ class Comparison:
         raise KeyError(f"no measure is called {name!r}: choose from {known}")
 
     def map_coverage(self, *, as_competition: bool = False) -> dict[str, MapCoverage]:
-        """What each group filled of the feature map, or of the competition's."""
+        """The part of the feature map, or of the competition's, that each group filled."""
 
         def filled(campaign: CampaignMeasures) -> frozenset[Cell]:
             return campaign.competition_filled if as_competition else campaign.filled
@@ -265,7 +265,7 @@ def compare(groups: Mapping[str, Sequence[Path]]) -> Comparison:
     """Compares groups of campaigns.
 
     Args:
-        groups: name -> folders of the campaigns that are repeats of each other; two groups or more.
+        groups: name -> folders of campaigns that repeat each other; two groups or more.
 
     Raises:
         CampaignError: a campaign is not there or damaged.
@@ -303,7 +303,7 @@ def compare_measured(
     notes: Iterable[str] = (),
     shared: Mapping[str, str] = MappingProxyType({}),
 ) -> Comparison:
-    """Compares groups of campaigns that were measured already; otherwise as `compare`."""
+    """Compares groups of measured campaigns, as `compare` does."""
     compared = (_compare_by(measure, groups) for measure in MEASURES.values())
     return Comparison(
         groups=MappingProxyType(dict(groups)),
@@ -345,11 +345,11 @@ def _compare_by(
 
 
 def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
-    """That no difference can be shown, however large, if so."""
+    """A note if no difference can be shown, however large."""
     pairs = list(combinations(map(len, groups.values()), 2))
     if not pairs:
         return
-    # The two-sided p if all of the one group do better than all of the other, and ties are none.
+    # The two-sided p if all of one group do better than all of the other, without ties.
     least = len(pairs) * min(2.0 / math.comb(n + m, n) for n, m in pairs)
     if least >= SIGNIFICANT and min(map(len, groups.values())) >= LEAST_REPEATS:
         yield (
@@ -362,7 +362,7 @@ def _notes(
     parts: Mapping[str, Sequence[Mapping[str, Any]]],
     measured: Mapping[str, tuple[CampaignMeasures, ...]],
 ) -> list[str]:
-    """What limits what a comparison can say."""
+    """Limits of a comparison."""
     notes = []
     for name, configurations in parts.items():
         mixed = differing_parts(configurations)

@@ -1,7 +1,7 @@
 """The competition's own features of a failure, mistakes included, for comparison with its tables.
 
-They are computed as the published pipeline does it, whatever one may think of it; what the mistakes
-are, and what to use instead, is in docs/measures.md. `Features` are the corrected form.
+They are computed as the published pipeline does it. docs/measures.md lists the mistakes and what to
+use instead. `Features` are the corrected form.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from frenetic.road.validity import as_points, min_radius
 _DIRECTION_EDGES: Final = 26
 """Edges of the competition's bins of direction, from 0 to 360 degrees."""
 _NEAR: Final = 0.55
-"""m from a place to the road's node that stands for it: half of 1 m, and a tolerance."""
+"""Distance from a place to the road's node for it, in m: half of 1 m, and a tolerance."""
 _AT_NODE: Final = 0.01
-"""m between two nodes that are the same."""
+"""Largest distance between two equal nodes, in m."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class CompetitionFeatures:
     max_lp: float
     """MAX_LP, m: largest oob distance, so the record closest to the lane's centre."""
     std_speed: float
-    """m/s, standard deviation of speed: announced in 2024, in no published code."""
+    """Standard deviation of speed, in m/s: announced in 2024, in no published code."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +50,9 @@ class CompetitionSegment:
     """A failure's segment as the competition cuts it out of a road."""
 
     line: FloatArray
-    """(m, 2) m, the whole road interpolated at about 1 m."""
+    """The whole road interpolated at about 1 m, (m, 2) in m."""
     points: FloatArray
-    """(n, 2) m, the segment: nodes before, the place on the road, nodes after.
+    """The segment, (n, 2) in m: nodes before, the place on the road, nodes after.
 
     The first node after the place may lie half a metre *before* it, where the line then turns back
     and forth; the competition's measures are computed on that.
@@ -140,8 +140,7 @@ def direction_coverage(points: npt.ArrayLike) -> float:
 
 def first_record(segment: CompetitionSegment, positions: FloatArray) -> int:
     """Index of the first of (n, 2) positions in m at a segment's start; 0 if none is."""
-    # A position whose nearest point of the line is near the start is hardly further from the start
-    # than from any node: only such positions have to be looked at.
+    # Only positions near the start matter: they are hardly further from it than from any node.
     x, y = positions[:, :1] - segment.line[:, 0], positions[:, 1:] - segment.line[:, 1]
     nearest = np.sqrt((x * x + y * y).min(axis=1))
     to_start = np.hypot(*(positions - segment.points[0]).T)
@@ -182,7 +181,7 @@ def _foot(line: FloatArray, positions: FloatArray) -> FloatArray:
 def _within(points: FloatArray, reach: float) -> FloatArray:
     """The points up to, not including, the one that is ``reach`` m or more along the line.
 
-    A single point is no line: nothing is left of it.
+    A single point is no line and gives nothing.
     """
     if len(points) < 2:
         return np.empty((0, 2))

@@ -1,4 +1,4 @@
-"""Distinct failures: failures that are the same problem, put together.
+"""Distinct failures: clusters of failures that are the same problem.
 
 Two failures are laid over each other so that the places and directions of the road where the car
 left its lane coincide. Their *difference*, in metres, is
@@ -6,13 +6,13 @@ left its lane coincide. Their *difference*, in metres, is
     sqrt(mean |p - p'|^2 + mean (d - d')^2 + mean ((v - v') * 1 s)^2)
 
 with p the road's points from 30 m before to 15 m after that place, d the car's lateral offset and v
-its speed over the 30 m before. The road further ahead is left out: the car never got there, and
+its speed over the 30 m before. The road further ahead does not count: the car never got there, and
 with it the clusters of a campaign and of its half were less alike.
 
-Failures are put together by average linkage (UPGMA on the square of the difference), for each side
-of the lane on its own, as long as the root mean square difference of what is put together is at
-most 2 m, half a lane. Equal failures count once, so it does not matter how often a search found the
-same one, nor in which order; how many clusters there are follows from the failures.
+Average linkage (UPGMA on the square of the difference) clusters the failures of each side of the
+lane as long as the root mean square difference within a cluster is at most 2 m, half a lane. Equal
+failures count once, so the order of the failures and their repetitions do not matter; the number of
+clusters follows from the failures.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ from frenetic.road.geometry import frame_at, sample_line
 IntArray = npt.NDArray[np.int64]
 
 THRESHOLD: Final = 2.0
-"""m, root mean square difference up to which failures are put together: half a lane."""
+"""Largest root mean square difference within a cluster, in m: half a lane."""
 BATCH: Final = 3000
 """Failures that are linked at a time; memory and time grow with the square."""
 COMPARED: Final = 10_000
-"""Failures of a campaign that are compared with each other, the most severe first."""
+"""Most failures of a campaign that are compared with each other, the most severe first."""
 LISTED: Final = 10
-"""Representative failures that are listed and drawn where no number is asked for."""
+"""Default number of representative failures that are listed and drawn."""
 
 _AHEAD: Final = 15.0  # [m] of road after the place that counts
 _SPACING: Final = 2.5  # [m]
@@ -60,23 +60,23 @@ _AROUND: Final = np.arange(-REACH, _AHEAD + 0.5 * _SPACING, _SPACING)
 
 @dataclass(frozen=True, eq=False)
 class Failure:
-    """What of a failure is compared: the road and the drive, seen from where the car left."""
+    """The compared part of a failure: road and drive, seen from the place of departure."""
 
     id: int
     """Of the test."""
     moobd: float
-    """m, minimum oob distance."""
+    """Minimum oob distance, in m."""
     side: Side | None
     """The side of the lane on which the car left, None if it failed without leaving."""
     curvatures: FloatArray
-    """(31,) 1/m, see `segment_profile`."""
+    """See `segment_profile`, (31,) in 1/m."""
     road: FloatArray
-    """(19, 2) m, the centre line every 2.5 m from 30 m before the place to 15 m after it: x ahead,
+    """Centre line, (19, 2) in m, every 2.5 m from 30 m before the place to 15 m after it: x ahead,
     y to the left of the road at the place."""
     offsets: FloatArray
-    """(13,) m left of the ego lane's centre line, every 2.5 m over the 30 m before the place."""
+    """Lateral offset to the left, (13,) in m, every 2.5 m over the 30 m before the place."""
     speeds: FloatArray
-    """(13,) m/s, likewise."""
+    """Speeds, (13,) in m/s, likewise."""
 
     @classmethod
     def of(cls, segment: Segment, *, id: int, moobd: float) -> Failure:  # noqa: A002
@@ -85,7 +85,7 @@ class Failure:
         x, y, cosine, sine, _ = frame_at(road.table, road.sub_step, place)
         points = sample_line(road.table, road.sub_step, place + _AROUND, 0.0) - (x, y)
         ahead = points @ np.array([[cosine, -sine], [sine, cosine]])
-        # A car that slides may fall back along the road; the furthest place counts.
+        # A sliding car may fall back along the road; the furthest place counts.
         along = np.maximum.accumulate(seen.distance)
         speed = segment.drive.trajectory.speed[: len(along)]
         return cls(
@@ -99,29 +99,29 @@ class Failure:
         )
 
     def vector(self) -> FloatArray:
-        """(64,) m, such that the distance of two vectors is the difference of two failures."""
+        """Vector of a failure, (64,) in m; the distance of two is the failures' difference."""
         parts = (self.road, self.offsets, self.speeds)
         return np.concatenate([part.ravel() / np.sqrt(len(part)) for part in parts])
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """Failures that are the same problem."""
+    """A cluster of failures that are the same problem."""
 
     ids: tuple[int, ...]
-    """Of the tests, ascending."""
+    """Ids of the tests, ascending."""
     most_severe: int
     """Id of the failure with the lowest MOOBD."""
     typical: int
     """Id of the failure that differs least from all: the medoid."""
     moobd: float
-    """m, the lowest."""
+    """Lowest MOOBD, in m."""
     side: Side | None
     """The side of the lane on which the car left; None if it failed without leaving."""
     spread: float
-    """m, root mean square difference of the failures from their mean."""
+    """Root mean square difference of the failures from their mean, in m."""
     description: str
-    """What happens in the most severe failure, in one phrase."""
+    """Description of the most severe failure, in one phrase."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -136,7 +136,7 @@ class Clusters:
 
     clusters: tuple[Cluster, ...]
     threshold: float
-    """m, root mean square difference up to which failures were put together."""
+    """Largest root mean square difference within a cluster, in m."""
 
     def __len__(self) -> int:
         return len(self.clusters)
@@ -149,7 +149,7 @@ class Clusters:
 
     @property
     def failures(self) -> int:
-        """How many failures there are in all clusters."""
+        """Number of failures in all clusters."""
         return sum(map(len, self.clusters))
 
     def of(self, id: int) -> Cluster:  # noqa: A002
@@ -177,11 +177,11 @@ def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]
 
 
 def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:
-    """The failures of a campaign, those that are the same problem put together.
+    """The distinct failures of a campaign.
 
     Args:
         store: the campaign.
-        limit: how many failures are compared, the most severe first; None for all.
+        limit: number of failures to compare, the most severe first; None for all.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -198,8 +198,8 @@ def representative_failures(
 
     Args:
         store: the campaign.
-        number: how many at most.
-        clusters: its distinct failures where they are known already.
+        number: most failures to return.
+        clusters: its distinct failures, if known.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -214,9 +214,9 @@ def representative_failures(
 def cluster_failures(failures: Iterable[Failure], *, threshold: float = THRESHOLD) -> Clusters:
     """The distinct failures, by the rule in this module's text.
 
-    Above `BATCH` different failures on one side, the most severe are linked first; each of the
-    others joins the cluster from whose members its root mean square difference is least, if that is
-    at most the threshold, and those that fit nowhere are linked in turn.
+    Above `BATCH` different failures on one side, the most severe are linked first. Each of the
+    others joins the cluster to whose members its root mean square difference is least, if that is
+    at most the threshold. The rest are linked in turn.
 
     Args:
         failures: in any order, each id once.

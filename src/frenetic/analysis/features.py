@@ -28,9 +28,9 @@ class Features:
     """
 
     length: float
-    """m of road."""
+    """Length of road, in m."""
     max_curvature: float
-    """1/m, largest curvature of the centre line, without its sign."""
+    """Largest curvature of the centre line in 1/m, without its sign."""
     direction_coverage: float
     """Share 0..1 of the ten directions, 36 degrees each, in which the road leads somewhere.
 
@@ -39,15 +39,15 @@ class Features:
     bends: int
     """Bends, see `frenetic.analysis.Bend`."""
     mean_speed: float
-    """m/s, over the drive's time."""
+    """Mean speed over the drive's time, in m/s."""
     std_speed: float
-    """m/s, standard deviation over the drive's time."""
+    """Standard deviation of the speed over the drive's time, in m/s."""
     std_steering: float
-    """rad, standard deviation of the front wheels' angle over the drive's time."""
+    """Standard deviation of the front wheels' angle over the drive's time, in rad."""
     mean_offset: float
-    """m left of the ego lane's centre line, over the drive's time."""
+    """Distance left of the ego lane's centre line in m, over the drive's time."""
     extreme_offset: float
-    """m left of the ego lane's centre line where the car was furthest from it."""
+    """Distance left of the ego lane's centre line where the car was furthest from it, in m."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +75,12 @@ class Feature:
         return float(getattr(features, self.name))
 
     def bin(self, value: float) -> int:
-        """The bin, from 0, into which a value falls."""
+        """The bin of a value, from 0."""
         found = int(np.searchsorted(self.edges, value, side="right")) - 1
         return min(max(found, 0), self.bins - 1)
 
     def bin_of(self, features: Features) -> int:
-        """The bin, from 0, into which a stretch's value falls."""
+        """The bin of a stretch's value, from 0."""
         return self.bin(self.of(features))
 
 
@@ -132,10 +132,10 @@ def features_of(segment: Segment) -> Features:
 
 
 def _directions(distances: FloatArray, curvatures: FloatArray) -> int:
-    """How many bins of heading a line passes through: without a gap, as its heading is steady."""
+    """Number of a line's bins of heading, which have no gap since heading is continuous."""
     width = 2.0 * math.pi / HEADING_BINS
     least, most = heading_range(distances, curvatures)
-    # A rounding error at the edge of a bin may not open another one.
+    # A rounding error at the edge of a bin must not open another one.
     first = math.ceil((least + 1e-9) / width - 0.5)
     last = math.floor((most - 1e-9) / width + 0.5)
     return min(last - first + 1, HEADING_BINS)

@@ -1,4 +1,4 @@
-"""What a comparison shows, in words."""
+"""Findings of a comparison, in words."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from frenetic.analysis.statistics import LEAST_REPEATS, SIGNIFICANT
 
 
 def findings(comparison: Comparison) -> str:
-    """What a comparison shows by its headline measure, in a sentence or two."""
+    """Findings of a comparison by its headline measure, in a sentence or two."""
     by = comparison.headline
     order = by.order
     values = [f"{name} {by.text(name)}" for name in _few(order)]
@@ -19,7 +19,7 @@ def findings(comparison: Comparison) -> str:
 
 
 def verdict(comparison: Comparison) -> str:
-    """What can be said of the group that comes first by the headline measure, in a sentence."""
+    """Verdict on the first group by the headline measure, in a sentence."""
     by = comparison.headline
     if len(by.values) == 1:
         return "There is nobody to compare with."
@@ -47,7 +47,7 @@ def verdict(comparison: Comparison) -> str:
 
 
 def _evidence(by: MeasureComparison) -> str:
-    """The effect and p where there is one pair."""
+    """Effect and p of a single pair."""
     if len(by.pairs) > 1:
         return ", which is shown for each of them"
     (pair,) = by.pairs
@@ -60,7 +60,7 @@ def _few(order: Sequence[str]) -> list[str]:
 
 
 def in_short(names: Sequence[str], most: int = 3) -> str:
-    """Names in a row, of many the first and how many others there are."""
+    """Names in a row; of many, the first and the number of others."""
     named = (
         list(names)
         if len(names) <= most
@@ -70,7 +70,7 @@ def in_short(names: Sequence[str], most: int = 3) -> str:
 
 
 def p_text(value: float) -> str:
-    """A p value with as many digits as mean something."""
+    """A p value with its meaningful digits."""
     if value < 0.001:
         return "< 0.001"
     return f"{value:.2g}" if value < 0.1 else f"{value:.2f}"

@@ -1,4 +1,4 @@
-"""Which campaigns are repeats of each other, and names for the groups that they make."""
+"""Groups of campaigns that repeat each other, and names for them."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ PARTS: Final = (
     "lane_width",
     "lookahead",
 )
-"""What repeats have in common, of a campaign's configuration; the strategy's seed differs."""
+"""Parts of a configuration that repeats share; the strategy's seed differs."""
 
 
 def find_campaigns(place: Path) -> list[Path]:
-    """The campaigns in a place: the folder of one, or a folder that holds those of several.
+    """The campaigns in a place: the folder of one campaign, or a folder that holds several.
 
     Raises:
         CampaignError: there is none.
@@ -46,9 +46,9 @@ def find_campaigns(place: Path) -> list[Path]:
 
 
 def group_campaigns(folders: Iterable[Path]) -> dict[str, list[Path]]:
-    """Campaigns put together that differ in nothing but the seed, under names that tell them apart.
+    """Campaigns grouped that differ only in the seed, under names that tell the groups apart.
 
-    A name is made of what the groups differ in: the strategy, most often.
+    A name is made of the groups' differences, most often the strategy.
 
     Raises:
         CampaignError: a campaign is not there or damaged.
@@ -65,7 +65,7 @@ def group_campaigns(folders: Iterable[Path]) -> dict[str, list[Path]]:
 
 
 def parts_of(folder: Path) -> dict[str, Any]:
-    """What a campaign has in common with its repeats: the value of each of `PARTS`.
+    """The values of `PARTS`, which a campaign shares with its repeats.
 
     Raises:
         CampaignError: it is not there or damaged.
@@ -82,7 +82,7 @@ def parts_of(folder: Path) -> dict[str, Any]:
 
 
 def _names(configurations: list[dict[str, Any]]) -> list[str]:
-    """A name for each of several different configurations: what they differ in, in short."""
+    """A name for each of several configurations: their differences, in short."""
     names = [""] * len(configurations)
     for part in PARTS:
         values = [configuration[part] for configuration in configurations]
@@ -91,7 +91,7 @@ def _names(configurations: list[dict[str, Any]]) -> list[str]:
                 f"{name} {_word(part, value, values)}".strip()
                 for name, value in zip(names, values, strict=True)
             ]
-    # Whatever cannot be told in short is numbered.
+    # Differences that have no short form are numbered.
     return [
         f"{name} {names[: i + 1].count(name)}".strip() if names.count(name) > 1 else name or "all"
         for i, name in enumerate(names)
@@ -99,7 +99,7 @@ def _names(configurations: list[dict[str, Any]]) -> list[str]:
 
 
 def _word(part: str, value: Any, others: Sequence[Any]) -> str:
-    """What a part is, as opposed to what it is in other configurations."""
+    """Value of a part, as opposed to other configurations."""
     if not isinstance(value, dict):
         return f"{part}={value}"
     if "class" not in value:
@@ -114,7 +114,7 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
 
 
 def _settings(value: Mapping[str, Any], others: Sequence[Any]) -> str:
-    """Those of several settings that differ from others'."""
+    """The settings that differ from those of others."""
     told = []
     for name, setting in value.items():
         theirs = [other.get(name) if isinstance(other, dict) else None for other in others]

@@ -1,7 +1,7 @@
-"""Metrics of a campaign, by which campaigns are compared: what they mean and how they are measured.
+"""Metrics of a campaign for comparisons: their meaning and measurement.
 
 The competition's measures are computed as its published code does it, mistakes included, and named
-so; beside them stand forms with published bounds. Why each is there is in docs/measures.md.
+so; beside them stand forms with published bounds. docs/measures.md gives the reasons.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
 
 Cell: TypeAlias = tuple[int, ...]
-"""Of a feature map: a bin of each of its features."""
+"""Cell of a feature map: a bin of each of its features."""
 Counts: TypeAlias = npt.NDArray[np.int64]
 Curve: TypeAlias = Literal["distinct_after", "failures_after", "cells_after"]
 """Name of a curve of `CampaignMeasures`."""
 
 MAP_AXES: Final = ("direction_coverage", "max_curvature", "std_steering", "mean_offset")
-"""Features that span the map of which cells are counted: those of the competition of 2023."""
+"""Features that span the map with the counted cells: those of the competition of 2023."""
 COMPETITION_AXES: Final = (
     Feature("dir_cov", "DIR_COV", "", 0.0, 0.5, 10),
     Feature("std_sa", "STD_SA", "degrees of the front wheels", 0.0, 20.0, 10),
@@ -48,25 +48,25 @@ COMPETITION_AXES: Final = (
 )
 """The competition's own form of these features, see `CompetitionFeatures`.
 
-Its code has no ranges, and its tables none that were published: these are ours.
+Neither its code nor its tables publish ranges; these are ours.
 """
 MOST_PAIRED: Final = 200
-"""Failures of which the pairwise diversity is computed; of more, so many, evenly spaced."""
+"""Most failures for the pairwise diversity; of more, this many are chosen, evenly spaced."""
 MOST_COMPARED: Final = 2000
-"""Failures up to which the competition's sparseness is computed of all; time grows with the
-square. Of more, so many, evenly spaced."""
+"""Most failures for the competition's sparseness, whose time grows with the square; of more, this
+many are chosen, evenly spaced."""
 
 
 @dataclass(frozen=True, eq=False)
 class CampaignMeasures:
-    """What a campaign came to.
+    """Measured results of a campaign.
 
     Curves have a value for each number of simulations, from 0 on.
     """
 
     folder: Path
     seed: object
-    """Of its strategy."""
+    """Seed of its strategy."""
     invalid: int
     """Roads that were refused."""
     failures_after: Counts
@@ -76,7 +76,7 @@ class CampaignMeasures:
     cells_after: Counts
     """(simulations + 1,) cells of the feature map over `MAP_AXES` that hold a failure."""
     seconds_to_failure: float
-    """s of the campaign's time up to the first failure; infinite if there is none."""
+    """Campaign time up to the first failure, in s; infinite if there is none."""
     is_finished: bool
     """Whether its budget was spent."""
     errors: int = 0
@@ -86,17 +86,17 @@ class CampaignMeasures:
     competition_filled: frozenset[Cell] = frozenset()
     """Likewise over `COMPETITION_AXES`; without the failures that the competition leaves out."""
     pairwise_diversity: float = -math.inf
-    """0..1, see `Diversity.pairwise`; minus infinity for fewer than two failures."""
+    """Diversity 0..1, see `Diversity.pairwise`; minus infinity for fewer than two failures."""
     competition_sparseness: float = -math.inf
-    """Edits, see `CompetitionSparseness.mean`; minus infinity for fewer than two failures."""
+    """Sparseness in edits, see `CompetitionSparseness.mean`; minus infinity below two failures."""
     generator_seconds: float | None = None
-    """s of wall time that the strategy itself took; None if the campaign does not say."""
+    """Wall time that the strategy itself took, in s; None if the campaign does not say."""
     seconds_per_test: float | None = None
-    """Virtual s that a simulation costs on a bench; None elsewhere."""
+    """Virtual time that a simulation costs on a bench, in s; None elsewhere."""
     unused: int = 0
     """Simulations that a run of a bench had left when it ended by itself; 0 elsewhere.
 
-    They count where something is told per simulation: who crashes after a failure gains nothing.
+    They count in figures per simulation: crashing after a failure gains nothing.
     """
 
     @property
@@ -146,7 +146,7 @@ class CampaignMeasures:
 
     @property
     def virtual_seconds_to_failure(self) -> float | None:
-        """Virtual s of the simulations up to and with the first failure; infinite without one.
+        """Virtual time up to and with the first failure, in s; infinite without one.
 
         None where simulations have no virtual cost.
         """
@@ -165,12 +165,12 @@ class CampaignMeasures:
 
 
 class Topic(StrEnum):
-    """What a measure tells of a search."""
+    """Kind of a measure."""
 
     FOUND = "found"
     DIFFERENT = "diversity"
     COMPETITION = "as the competition"
-    """Computed as the published code of the SBST/SBFT competition does it."""
+    """A measure computed as the published code of the SBST/SBFT competition does it."""
     SOON = "first failure"
     COST = "cost"
     SPENT = "spent"
@@ -181,27 +181,27 @@ class Measure:
     """A number by which campaigns are compared."""
 
     name: str
-    """Of the attribute of `CampaignMeasures`."""
+    """Name of the attribute of `CampaignMeasures`."""
     title: str
     definition: str
-    """What it is, in a sentence or two."""
+    """Definition, in a sentence or two."""
     bounds: str
-    """Between what it lies, as a text."""
+    """Range, as a text."""
     short: str
     """A title for a narrow column."""
     topic: Topic
     unit: str = ""
-    """Empty if it has none."""
+    """Unit, empty if it has none."""
     more_is_better: bool | None = None
-    """For a search; None if neither is, so that nobody is better by it."""
+    """Whether more is better for a search; None if neither is."""
     decimals: int = 0
     is_main: bool = True
-    """Whether it is shown where there is little room."""
+    """Whether it is shown where space is short."""
 
     def of(self, campaign: CampaignMeasures) -> float | None:
         """This measure's value; None if the campaign has none.
 
-        What never happened is infinitely late or infinitely little: worse than any number.
+        An event that never happened is infinitely late or infinitely little: worse than any number.
         """
         value = getattr(campaign, self.name)
         return None if value is None else float(value)
@@ -217,14 +217,14 @@ class Measure:
 
     @property
     def better(self) -> str:
-        """Which value is better: more, less or neither."""
+        """The better direction: more, less or neither."""
         if self.more_is_better is None:
             return "neither"
         return "more" if self.more_is_better else "less"
 
 
 HEADLINE: Final = "distinct_per_100"
-"""The measure by which groups are put in order."""
+"""The measure that orders groups."""
 
 MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
     {
@@ -423,7 +423,7 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
 
 
 def measure_campaign(folder: Path) -> CampaignMeasures:
-    """What a campaign came to.
+    """Measures a campaign.
 
     Raises:
         CampaignError: there is none, or it is damaged.
@@ -435,7 +435,7 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         invalid = errors = 0
         spent = 0.0
         for record in store.tests():
-            # Logs of old versions know only what each test took.
+            # Logs of old versions hold only the time of each test.
             spent = spent + record.seconds if record.elapsed is None else record.elapsed
             outcome = record.outcome
             if outcome is Outcome.INVALID:
@@ -451,7 +451,7 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         facts, seed = store.facts, store.config.get("seed")
     unused = _unused(facts, len(found) - 1)
     clusters = cluster_failures(failure.compared for failure in failures)
-    # The first failure in a cell, or in a cluster, makes the curve rise.
+    # A curve rises at the first failure in a cell or cluster.
     cells = {failure.cell: found_at[failure.id] for failure in reversed(failures)}
     return CampaignMeasures(
         folder=Path(folder),
@@ -480,7 +480,7 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
 
 
 def curves(campaigns: Sequence[CampaignMeasures], what: Curve) -> Counts:
-    """(campaigns, n) what was found by each number of simulations that all campaigns reached.
+    """Curves, (campaigns, n), up to the number of simulations that all campaigns reached.
 
     Args:
         campaigns: one or more.
@@ -493,7 +493,7 @@ def curves(campaigns: Sequence[CampaignMeasures], what: Curve) -> Counts:
 
 @dataclass(frozen=True, eq=False)
 class _Failure:
-    """What is measured of a failure."""
+    """Measurements of a failure."""
 
     id: int
     compared: Failure
@@ -501,13 +501,13 @@ class _Failure:
     competition_cell: Cell | None
     """None if the competition leaves the failure out."""
     points: FloatArray
-    """(n, 2) m, the segment."""
+    """The segment, (n, 2) in m."""
     cut: FloatArray | None
-    """(n, 2) m, the segment as the competition cuts it; None if it leaves the failure out."""
+    """The segment as the competition cuts it, (n, 2) in m; None if it leaves the failure out."""
 
 
 def _read_failures(store: CampaignStore, ids: Container[int]) -> list[_Failure]:
-    """The failures with these ids that were kept with their drive, in the order of the tests."""
+    """The failures with these ids and stored drives, in the order of the tests."""
     return [
         _measure_failure(record, segment)
         for record, segment in segments_of(store, Outcome.FAIL)
@@ -538,7 +538,7 @@ def _competition_cell(features: CompetitionFeatures | None) -> Cell | None:
 
 
 def _curve(rises: Iterable[int], length: int) -> Counts:
-    """(length,) how many of some numbers of simulations were reached by each."""
+    """Curve, (length,): how many of the given numbers of simulations each number reached."""
     counts = np.bincount(np.fromiter(rises, dtype=np.int64), minlength=length)
     return np.cumsum(counts, dtype=np.int64)
 
@@ -554,12 +554,12 @@ def _sparseness(cuts: Sequence[FloatArray]) -> float:
 
 
 def _thinned(segments: Sequence[FloatArray], most: int) -> Sequence[FloatArray]:
-    """As many segments, evenly spaced, the first and the last among them."""
+    """Evenly spaced segments, the first and the last among them."""
     return [segments[i] for i in evenly(len(segments), most)]
 
 
 def _unused(facts: Mapping[str, Any], simulations: int) -> int:
-    """What a run of a bench that ended by itself has left of its budget in simulations."""
+    """Simulations left of the budget of a bench's run that ended by itself."""
     ending, budget = facts.get("bench"), facts.get("budget")
     if not isinstance(ending, Mapping) or ending.get("end") == "over":
         return 0
@@ -568,7 +568,7 @@ def _unused(facts: Mapping[str, Any], simulations: int) -> int:
 
 
 def _seconds(value: object) -> float | None:
-    """A fact that is a time; None if it is none."""
+    """A fact as a time; None if it is none."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if math.isfinite(value) and value >= 0.0 else None

@@ -1,4 +1,4 @@
-"""The interesting segment of a test: where the car left its lane, and the road around it."""
+"""The segment of a test around the place where the car left its lane."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from frenetic.road.geometry import sample_line
 from frenetic.simulators.drive import Drive
 
 REACH: Final = 30.0
-"""m of road before and after the place of a failure that belong to its segment."""
+"""Length of a failure's segment before and after its place, in m."""
 PROFILE_SPACING: Final = 2.0
-"""m between two values of a `segment_profile`."""
+"""Distance between two values of a `segment_profile`, in m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +32,13 @@ class Segment:
     road: Road
     drive: Drive
     place: float
-    """m along the road: where the car left its lane or, if it did not, was furthest off."""
+    """Place where the car left its lane, or else was furthest off, in m along the road."""
     side: Side | None
     """The side of the lane on which it left, None if it did not."""
     start: float
-    """m along the road."""
+    """Distance along the road, in m."""
     end: float
-    """m along the road."""
+    """Distance along the road, in m."""
     assessment: Assessment
     """The whole drive, record by record."""
     first: int
@@ -48,32 +48,32 @@ class Segment:
 
     @property
     def length(self) -> float:
-        """M of road."""
+        """Length of road, in m."""
         return self.end - self.start
 
     @property
     def lateral_offset(self) -> FloatArray:
-        """(n,) m left of the ego lane's centre line, record by record."""
+        """Distance left of the ego lane's centre line, (n,) in m, record by record."""
         return self.assessment.lateral_offset[self.first : self.last]
 
     @property
     def oob_distance(self) -> FloatArray:
-        """(n,) m, record by record."""
+        """Oob distance record by record, (n,) in m."""
         return self.assessment.oob_distance[self.first : self.last]
 
     @property
     def speed(self) -> FloatArray:
-        """(n,) m/s, record by record."""
+        """Speed record by record, (n,) in m/s."""
         return self.drive.trajectory.speed[self.first : self.last]
 
     @property
     def steering(self) -> FloatArray:
-        """(n,) rad, angle of the front wheels, record by record."""
+        """Angle of the front wheels, (n,) in rad, record by record."""
         return self.drive.trajectory.steering[self.first : self.last]
 
     @cached_property
     def curvature_samples(self) -> tuple[FloatArray, FloatArray]:
-        """(k,) m along the road and (k,) 1/m: both ends of the segment, the samples between."""
+        """Distances, (k,) in m, and curvatures, (k,) in 1/m: both ends and the samples between."""
         places = np.arange(len(self.road.curvatures)) * self.road.step
         inside = places[(places > self.start) & (places < self.end)]
         distances = np.concatenate([[self.start], inside, [self.end]])
@@ -81,11 +81,11 @@ class Segment:
 
     @property
     def bends(self) -> tuple[Bend, ...]:
-        """The bends, or what of them lies in the segment, in order."""
+        """The bends within the segment, cut at its ends, in order."""
         return find_bends(*self.curvature_samples)
 
     def points(self, spacing: float = 1.0) -> FloatArray:
-        """(n, 2) m, the centre line in equal steps of ``spacing`` m or a little less."""
+        """The centre line in equal steps of ``spacing`` m or a little less, (n, 2) in m."""
         steps = max(1, int(np.ceil(self.length / spacing - 1e-9)))
         distances = np.linspace(self.start, self.end, steps + 1)
         points: FloatArray = sample_line(self.road.table, self.road.sub_step, distances, 0.0)
@@ -107,13 +107,13 @@ def segment_of(
 ) -> Segment:
     """The segment of a drive around the place where the car left its lane.
 
-    If it did not leave, the place is that of the minimum oob distance. The segment ends where the
-    road ends, and it holds no record of the time before the car came in or after it went out.
+    If it did not leave, the place is that of the minimum oob distance. The segment ends with the
+    road, and holds only records between the car's entry and exit.
 
     Args:
         road: the road where it was driven.
         drive: a drive that was judged PASS or FAIL.
-        departure: as the oracle or the campaign says.
+        departure: from the oracle or the campaign.
         before: m of road before the place.
         after: m of road after it.
 
@@ -132,7 +132,7 @@ def segment_of(
         place = float(seen.distance[centre])
     place = min(max(place, 0.0), road.length)
     start, end = max(place - before, 0.0), min(place + after, road.length)
-    # A record beyond the road's ends belongs to the segment that reaches there.
+    # A record beyond the road's end belongs to the segment that reaches that end.
     along = np.clip(seen.distance, 0.0, road.length)
     too_early = np.flatnonzero(along[:centre] < start)
     too_late = np.flatnonzero(along[centre + 1 :] > end)
@@ -162,7 +162,7 @@ def segments_of(
         store: the campaign.
         outcome: PASS or FAIL to get only these.
         order_by: as for `CampaignStore.tests`.
-        limit: look at no more than so many tests.
+        limit: most tests to read.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -175,6 +175,6 @@ def segments_of(
 
 
 def segment_profile(road: Road, place: float) -> FloatArray:
-    """(31,) 1/m, curvature every 2 m from 30 m before to 30 m after ``place`` m along the road."""
+    """Curvature, (31,) in 1/m, every 2 m from 30 m before to 30 m after ``place`` m of road."""
     offsets = np.arange(-REACH, REACH + 0.5 * PROFILE_SPACING, PROFILE_SPACING)
     return road.curvature_at(place + offsets)

@@ -1,9 +1,9 @@
-"""How different failing roads are from each other: edit distances, and figures made of them.
+"""Differences between failing roads: edit distances, and figures made of them.
 
-A line of points about a metre apart is read as a word, a letter for every step: the angle by which
-it turns and its length. The distance between two lines is Levenshtein's: the least cost of making
-one word the other, where inserting or deleting a letter costs 1, and replacing one costs nothing
-if both letters are nearly the same and otherwise up to 1, the more the more they differ.
+A line of points about a metre apart is a word, with a letter for every step: its turn and its
+length. The distance between two lines is Levenshtein's: the least cost of turning one word into the
+other. Inserting or deleting a letter costs 1. Replacing one costs nothing if both letters are
+nearly the same, and otherwise up to 1, growing with their difference.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 
 SAME_ANGLE: Final = 0.3
-"""Degrees by which the turns of two equal steps differ less."""
+"""Bound of the difference of two equal turns, in degrees."""
 SAME_LENGTH: Final = 0.2
-"""m by which the lengths of two equal steps differ less."""
+"""Bound of the difference of two equal lengths, in m."""
 
 
 @dataclass(frozen=True)
@@ -29,24 +29,24 @@ class CompetitionSparseness:
     """Sparseness as the competition of 2021 and 2022 computed it; see `competition_sparseness`."""
 
     mean: float | None
-    """Edits; None for fewer than two failures."""
+    """Mean in edits; None for fewer than two failures."""
     stdev: float | None
-    """Edits, of the population; None for fewer than two failures."""
+    """Standard deviation of the population in edits; None for fewer than two failures."""
     maxima: tuple[float, ...]
-    """Edits, one for each failure but the last."""
+    """Largest distance of each failure but the last, in edits."""
 
 
 @dataclass(frozen=True)
 class Diversity:
-    """How different failures are, in terms that do not depend on their order; see `diversity`."""
+    """Diversity of failures, independent of their order; see `diversity`."""
 
     nearest: float | None
-    """0..1, mean share of its steps that have to be changed to make a failure its nearest other.
+    """Mean share 0..1 of a failure's steps that must change to give its nearest other.
 
     0 if every failure has an exact double; None for fewer than two failures.
     """
     pairwise: float | None
-    """0..1, the same share, the mean over all pairs; None for fewer than two failures."""
+    """The same share 0..1, mean over all pairs; None for fewer than two failures."""
 
 
 def edit_distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
@@ -66,8 +66,8 @@ def edit_distance(one: npt.ArrayLike, other: npt.ArrayLike) -> float:
 def competition_sparseness(segments: Sequence[npt.ArrayLike]) -> CompetitionSparseness:
     """Sparseness of failures as the competition's published code computes it.
 
-    For each failure the largest distance to any of those *after* it in the sequence, so that the
-    last one counts nothing and the order matters; then mean and standard deviation.
+    It takes for each failure the largest distance to those *after* it in the sequence, so the last
+    one counts nothing and the order matters; then mean and standard deviation.
 
     Args:
         segments: (n, 2) points each, see `frenetic.analysis.competition_segment`, in the order of
@@ -85,7 +85,7 @@ def competition_sparseness(segments: Sequence[npt.ArrayLike]) -> CompetitionSpar
 
 
 def diversity(segments: Sequence[npt.ArrayLike]) -> Diversity:
-    """How different failures are from each other, whatever their order and number.
+    """Diversity of failures, independent of their order and number.
 
     A distance is divided by the number of steps of the longer segment, which it cannot exceed.
 
@@ -117,7 +117,7 @@ def _words(
             raise ValueError(f"a segment has shape {points.shape}: two or more points x, y needed")
         steps = np.diff(points, axis=0)
         headings = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
-        # In -180 .. 180, so that two of them differ by 360 at most.
+        # In -180 .. 180, so two of them differ by at most 360.
         angles.append((np.diff(headings, prepend=headings[0]) + 180.0) % 360.0 - 180.0)
         lengths.append(np.hypot(steps[:, 0], steps[:, 1]))
         counts.append(len(steps))
@@ -142,7 +142,7 @@ def _replacement(angles: FloatArray, lengths: FloatArray, p: int, q: int) -> flo
 def _at_most(
     angles: FloatArray, lengths: FloatArray, i: int, i_end: int, j: int, j_end: int
 ) -> float:
-    """What the edits cost letter by letter, without a shift: never less than `_distance`."""
+    """Cost of the edits letter by letter, without a shift: never less than `_distance`."""
     both = min(i_end - i, j_end - j)
     cost = 0.0
     for p in range(both):
@@ -173,10 +173,10 @@ def _distance(
 def _largest_later(
     angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
 ) -> FloatArray:
-    """(k - 1,) the largest distance of each segment but the last to a later one.
+    """Largest distances, (k - 1,), of each segment but the last to a later one.
 
-    Those that may be furthest are looked at first, until no other can be further: some tenth of
-    all pairs.
+    It compares the likeliest candidates first, until no other can be further: about a tenth of all
+    pairs.
     """
     k = len(starts) - 1
     largest = np.zeros(k - 1)
@@ -199,7 +199,7 @@ def _largest_later(
 def _summaries(
     angles: FloatArray, lengths: FloatArray, starts: npt.NDArray[np.int64]
 ) -> FloatArray:
-    """(k, 2) per segment: the nearest share, and the sum of the shares."""
+    """Nearest share and sum of the shares per segment, (k, 2)."""
     k = len(starts) - 1
     rows = np.zeros((k, 2))
     rows[:, _NEAREST] = np.inf

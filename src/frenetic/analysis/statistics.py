@@ -15,18 +15,18 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 
 LEAST_REPEATS: Final = 5
-"""Values per group below which a difference is not judged; 5 and 5 can give a p of 0.008."""
+"""Fewest values per group for a verdict; 5 and 5 can give a p of 0.008."""
 SIGNIFICANT: Final = 0.05
-"""p below which a difference is taken to be more than chance."""
+"""Largest p of a difference that counts as more than chance."""
 MOST_EXACT: Final = 80
-"""Values in both groups together up to which the Mann-Whitney test is exact."""
+"""Most values in both groups together for an exact Mann-Whitney test."""
 MOST_PERMUTED: Final = 8
-"""Pairs up to which the p of Spearman's rank correlation is exact."""
+"""Most pairs for an exact p of Spearman's rank correlation."""
 
 
 @dataclass(frozen=True)
 class Quartiles:
-    """How values are distributed; infinite ones may be among them."""
+    """Distribution of values, which may be infinite."""
 
     n: int
     least: float
@@ -39,7 +39,7 @@ class Quartiles:
 
 
 class Magnitude(StrEnum):
-    """How large an effect is, by the thresholds of Vargha and Delaney (2000)."""
+    """Size of an effect, by the thresholds of Vargha and Delaney (2000)."""
 
     NEGLIGIBLE = "negligible"
     SMALL = "small"
@@ -53,8 +53,7 @@ class Magnitude(StrEnum):
 def quartiles(values: npt.ArrayLike) -> Quartiles:
     """The quartiles of one or more values.
 
-    Interpolated between values; next to an infinite value there is nothing between, and the
-    quartile is infinite, too.
+    They are interpolated between values; next to an infinite value the quartile is infinite, too.
 
     Raises:
         ValueError: no values, or one that is not a number.
@@ -77,7 +76,7 @@ def _quantile(ordered: FloatArray, share: float) -> float:
 def proportion_interval(
     successes: int, trials: int, confidence: float = 0.95
 ) -> tuple[float, float]:
-    """Wilson's score interval of a share: the shares 0..1 that agree with what was counted.
+    """Wilson's score interval of a share: the shares 0..1 that agree with the counts.
 
     Raises:
         ValueError: no trials, or fewer than successes.
@@ -108,7 +107,7 @@ def a12(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
 
 
 def magnitude(effect: float) -> Magnitude:
-    """How large an A12 is, in either direction."""
+    """Size of an A12, in either direction."""
     distance = abs(effect - 0.5) + 1e-12  # 0.56 is small, however it was rounded
     if distance < 0.06:
         return Magnitude.NEGLIGIBLE
@@ -234,7 +233,7 @@ def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """The p values of several tests, corrected by Holm for being several; in the same order."""
+    """The p values of several tests, corrected by Holm, in the same order."""
     order = sorted(range(len(p_values)), key=lambda i: p_values[i])
     corrected = [0.0] * len(p_values)
     largest = 0.0

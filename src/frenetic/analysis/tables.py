@@ -20,7 +20,7 @@ def comparison_table_csv(comparison: Comparison) -> str:
 
     Columns: ``group``, ``campaigns``, then for each measure its name (the median), the same with
     ``_low`` and ``_high`` (the quartiles) and with ``_mean_rank``, which is left out where neither
-    more nor less is better. A cell is empty where something never happened.
+    more nor less is better. A cell is empty for an event that never happened.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -58,14 +58,14 @@ def comparison_table_markdown(comparison: Comparison) -> str:
 FORMS: Final[Mapping[str, Callable[[Comparison], str]]] = MappingProxyType(
     {".csv": comparison_table_csv, ".md": comparison_table_markdown}
 )
-"""Suffix of a file -> what is written there."""
+"""Suffix of a file -> its writer."""
 
 
 def write_table(comparison: Comparison, path: Path | str) -> Path:
     """Writes a comparison as a table: CSV or Markdown by the file's suffix.
 
     Returns:
-        The file. What was there is replaced.
+        The file, which replaces an older one.
 
     Raises:
         FreneticError: another suffix, or a file that cannot be written.
@@ -77,7 +77,7 @@ def write_table(comparison: Comparison, path: Path | str) -> Path:
 
 
 def table_form(path: Path) -> Callable[[Comparison], str]:
-    """What makes the text of a table, by the suffix of its file.
+    """The writer of a table, by the suffix of its file.
 
     Raises:
         FreneticError: another suffix.
@@ -93,6 +93,6 @@ def _number(value: float) -> str:
 
 
 def _escaped(text: str) -> str:
-    """A text that ends no cell, whatever it says."""
+    """A text escaped so that it cannot end a cell."""
     plain = " ".join(text.split())
     return "".join(f"\\{sign}" if sign in "\\|`*_[]<>" else sign for sign in plain)

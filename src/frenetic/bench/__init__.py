@@ -1,7 +1,7 @@
-"""Road generators held against each other: others' and our own, with repeats, on the same terms.
+"""Comparison of road generators, others' and our own, with repeats, on the same terms.
 
-The names are imported when they are used: `frenetic.bench.hosting` runs on Python 3.9 with numpy
-and scipy only, where the rest of this package is not to be had.
+The names are imported on use: `frenetic.bench.hosting` runs on Python 3.9 with numpy and scipy
+only, where the rest of this package cannot be imported.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Generators and strategies held against each other, with repeats, on the same terms."""
+"""Comparison of generators and strategies, with repeats, on the same terms."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ from frenetic.simulators.embedded import compile_kernels
 from frenetic.spec import Spec, command_faults, describe
 
 BENCHES: Final = Path("benches")
-"""Where benches go that are given no folder."""
+"""Default parent of benches' folders."""
 BENCH: Final = "bench.json"
-"""Name of the file in a bench's folder that says what it consists of."""
+"""Name of the file in a bench's folder that describes it."""
 LOCK: Final = "bench.lock"
 VERSION: Final = 1
 """Of the file's form."""
@@ -51,7 +51,7 @@ TERMS: Final = ("budget", "seconds_per_test", "counts_computing", "patience", "r
 
 @dataclass(frozen=True)
 class BenchProgress:
-    """How far a bench has come."""
+    """Progress of a bench."""
 
     runs: int
     """Complete ones."""
@@ -76,7 +76,7 @@ class BenchProgress:
 
 @dataclass(frozen=True)
 class RunState:
-    """A run and what has become of it."""
+    """A run and its result."""
 
     run: Run
     ending: Ending | None
@@ -95,7 +95,7 @@ class RunState:
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """A bench: who takes part, on which terms, how often, and where it is kept.
+    """A bench: its entrants, terms, repeats and folder.
 
     Run k of an entrant has the seed ``seed + k - 1``; so the runs with one number share it.
     """
@@ -150,7 +150,7 @@ class Bench:
 
     @property
     def runs(self) -> list[Run]:
-        """All runs; the first of every entrant come first, so that there is soon much to see."""
+        """All runs; the first of every entrant come first, for early results of all."""
         names = folder_names(self.entrants)
         return [
             Run(
@@ -165,12 +165,12 @@ class Bench:
 
     @property
     def runs_in_words(self) -> str:
-        """How many runs of how many simulations an entrant has."""
+        """Numbers of runs and of simulations of an entrant."""
         most = "at most " if self.terms.counts_computing else ""
         return f"{counted(self.repeats, 'run')} of {most}{self.terms.simulations} simulations"
 
     def states(self) -> list[RunState]:
-        """All runs, and what has become of each.
+        """All runs with their results.
 
         Raises:
             CampaignError: one is damaged.
@@ -187,9 +187,9 @@ class Bench:
         on_end: Callable[[RunEnd], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
     ) -> list[RunEnd]:
-        """Runs all that is not complete yet; returns what came of it.
+        """Completes all runs; returns their results.
 
-        Each generator is built once beforehand, so that one that cannot be is noticed at once.
+        Each generator is built once beforehand, so an unbuildable one is noticed at once.
 
         Args:
             resume: whether the folder holds this bench already, to be completed.
@@ -197,7 +197,7 @@ class Bench:
             on_start: called before the first run.
             on_progress: called now and then.
             on_end: called after each run.
-            on_interrupt: called at the first Ctrl-C, after which no run is begun any more.
+            on_interrupt: called at the first Ctrl-C, after which no run begins.
 
         Raises:
             FreneticError: the folder holds something else, another process uses it, a generator
@@ -273,7 +273,7 @@ class Bench:
         return ends
 
     def comparison(self) -> Comparison:
-        """The entrants held against each other by their complete runs.
+        """The comparison of the entrants by their complete runs.
 
         Raises:
             FreneticError: no entrant has a complete run.
@@ -302,7 +302,7 @@ class Bench:
         return words if terms.spec is None else words + terms.spec.drive_words()
 
     def as_json(self) -> dict[str, Any]:
-        """What is kept in the bench's folder."""
+        """The description for the bench's folder."""
         terms = self.terms
         return {
             "version": VERSION,
@@ -357,7 +357,7 @@ class Bench:
 
 
 def unusual_endings(states: Sequence[RunState]) -> list[str]:
-    """What is to be said of runs that did not end by their budget, a sentence per entrant."""
+    """Notes on runs that did not end by their budget, a sentence per entrant."""
     found: list[str] = []
     for name in dict.fromkeys(state.run.entrant.name for state in states):
         runs = [state for state in states if state.run.entrant.name == name]
@@ -378,7 +378,7 @@ def unusual_endings(states: Sequence[RunState]) -> list[str]:
 
 @cache
 def _compile_measures() -> None:
-    """Compiles what runs need beside driving, so that not each of those that start at once does."""
+    """Compiles what runs need beside driving once, before several of them start."""
     points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
     for some in (points, points[::10]):
         Road.from_points(some)
@@ -392,7 +392,7 @@ def _compile_measures() -> None:
 
 
 def new_folder() -> Path:
-    """A folder for a bench that does not exist yet, named after the date and time."""
+    """A new folder for a bench, named after the date and time."""
     from frenetic.campaign.campaign import new_folder as new_campaign_folder
 
     return new_campaign_folder(BENCHES)
@@ -415,7 +415,7 @@ class _Recorded:
 
 
 def read_bench(folder: Path) -> Mapping[str, Any]:
-    """What a bench's folder says of it.
+    """The description in a bench's folder.
 
     Raises:
         FreneticError: there is none, or it is damaged or of a newer version.

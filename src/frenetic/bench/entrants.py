@@ -1,4 +1,4 @@
-"""Who takes part in a bench: generators of the official pipeline, and strategies of ours."""
+"""Entrants of a bench: generators of the official pipeline, and our strategies."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ LONGEST_NAME = 60
 
 @dataclass(frozen=True, kw_only=True)
 class Entrant:
-    """One that takes part in a bench."""
+    """A participant of a bench."""
 
     name: str
-    """Its own, by which tables and folders call it."""
+    """Name in tables and folders."""
     spec: str
     """``package.module:Class`` or ``file.py:Class`` of a generator; a strategy also by its name."""
     is_strategy: bool = False
@@ -36,7 +36,7 @@ class Entrant:
     path: Path | None = None
     """Folder of a generator that is put on its module path, as with ``--module-path``."""
     python: Path | None = None
-    """The interpreter that runs a generator; by default the one that runs this."""
+    """The interpreter of a generator; by default the current one."""
     options: Mapping[str, Any] = field(default_factory=dict)
     """Of a strategy."""
 
@@ -90,7 +90,7 @@ class Entrant:
         return [*words, "--name", self.name]
 
     def absolute(self) -> Entrant:
-        """The same from any folder; a generator's modules are looked for in the current one."""
+        """The same entrant for any folder; a generator's modules may lie in the current one."""
         if self.is_strategy:
             return self
         is_file = self.module.endswith(".py")
@@ -99,7 +99,7 @@ class Entrant:
             self,
             spec=f"{self.module}:{self.class_name}" if is_file else self.spec,
             path=None if path is None else path.resolve(),
-            # Not resolved: that of a virtual environment is a link that must stay one.
+            # Not resolved: the interpreter of a virtual environment must stay a link.
             python=None if self.python is None else self.python.absolute(),
         )
 
@@ -135,7 +135,7 @@ def read_path(kind: type, value: str) -> Path:
 
 
 def folder_names(entrants: Sequence[Entrant]) -> dict[str, str]:
-    """Name of each entrant -> that of its folder, which any file system takes.
+    """Name of each entrant -> name of its folder, valid on every file system.
 
     Raises:
         FreneticError: two have the same name.

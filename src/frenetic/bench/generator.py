@@ -21,9 +21,9 @@ from frenetic.bench.hosting.messages import Assignment
 from frenetic.competition.settings import SEED
 
 HOST: Final = Path(frenetic.__file__).parent / "bench" / "hosting" / "main.py"
-"""What the process runs."""
+"""The script of the process."""
 MOST_LOGGED: Final = 10 * 1024 * 1024
-"""Bytes of what a generator prints that are kept."""
+"""Most bytes kept of a generator's output."""
 LONGEST_MESSAGE: Final = 32 * 1024 * 1024
 """Bytes of a message."""
 
@@ -33,16 +33,16 @@ _LEFT_OUT: Final = b"\n[the rest is left out]\n"
 
 
 class GeneratorLostError(Exception):
-    """The process has ended without a word, or talks nonsense."""
+    """The process has ended without a message, or sent nonsense."""
 
 
 class GeneratorProcess:
     """A process that runs a generator; a context manager that ends it and all that it started.
 
-    It is sent and sends JSON objects, a line each. What the generator prints goes into a file.
+    Both sides send JSON objects, a line each. The generator's output goes into a file.
 
     Args:
-        assignment: what to run; the first that the process is sent.
+        assignment: the generator and its terms; the first message to the process.
         folder: the working directory of the generator, made if need be.
         log: file for what it prints.
         python: the interpreter; by default the one that runs this.
@@ -70,7 +70,7 @@ class GeneratorProcess:
         """
         self._folder.mkdir(parents=True, exist_ok=True)
         seed = str(self._assignment.seed)
-        # Not resolved: that of a virtual environment is a link that must stay one.
+        # Not resolved: the interpreter of a virtual environment must stay a link.
         python = sys.executable if self._python is None else str(self._python.absolute())
         own_group: dict[str, Any] = {"start_new_session": True}
         if sys.platform == "win32":
@@ -105,7 +105,7 @@ class GeneratorProcess:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends the process and what is left of its group."""
+        """Ends the process and the rest of its group."""
         self._kill_group()
         self._process.wait()
         assert self._process.stdin is not None
@@ -113,7 +113,7 @@ class GeneratorProcess:
             self._process.stdin.close()
         for thread, stream in self._threads.items():
             thread.join(_LEAVING_LIMIT)
-            # One that a process outside the group keeps open would be waited for without end.
+            # A stream that a process outside the group keeps open would block for ever.
             if not thread.is_alive():
                 stream.close()
 
@@ -121,7 +121,7 @@ class GeneratorProcess:
         """Sends an object.
 
         Raises:
-            GeneratorLostError: nobody is there.
+            GeneratorLostError: the process has gone.
         """
         assert self._process.stdin is not None
         try:
@@ -134,7 +134,7 @@ class GeneratorProcess:
         """The next object; None if none comes within so many s.
 
         Raises:
-            GeneratorLostError: none will come, or what came is none.
+            GeneratorLostError: the process has gone or sent something else.
         """
         line = self._received_line(timeout)
         if line is None:
@@ -154,7 +154,7 @@ class GeneratorProcess:
         """The next line, empty if there are no more; None if none comes in time."""
         deadline = time.monotonic() + timeout
         while True:
-            # A process that it has forked may keep the connection open after its end.
+            # A forked child may keep the connection open after the process has ended.
             has_ended = self._process.poll() is not None
             left = deadline - time.monotonic()
             try:
@@ -166,14 +166,14 @@ class GeneratorProcess:
                     return None
 
     def _read(self, stream: IO[bytes]) -> None:
-        """Passes lines on; an empty one says that there are no more."""
+        """Passes lines on; an empty one marks the end."""
         with suppress(OSError, ValueError):
             while line := stream.readline(LONGEST_MESSAGE):
                 self._received.put(line)
         self._received.put(b"")
 
     def _keep(self, stream: IO[bytes]) -> None:
-        """Writes what the generator prints into its file, up to a limit."""
+        """Writes the generator's output into its file, up to a limit."""
         room = MOST_LOGGED
         file: IO[bytes] | None = None
         with suppress(OSError):
@@ -209,6 +209,6 @@ class GeneratorProcess:
                 )
             self._process.kill()
         else:
-            # Its number stays taken until it is waited for, so the group is its own.
+            # The process id stays taken until it is waited for, so the group is surely its own.
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(number, signal.SIGKILL)

@@ -41,10 +41,10 @@ def run_all(
     on_end: Callable[[RunEnd], None],
     on_interrupt: Callable[[], None] | None = None,
 ) -> bool:
-    """Runs all, so many at once; returns whether that was interrupted.
+    """Runs all, several at once; returns whether that was interrupted.
 
-    At the first Ctrl-C no run is begun any more and those at work are finished; the second ends
-    them at once.
+    After the first Ctrl-C no run begins and running ones are finished; the second ends them at
+    once.
 
     Raises:
         FreneticError: driver or simulator cannot be copied into another process.
@@ -88,7 +88,7 @@ def run_all(
 
 
 def _context() -> ForkServerContext | SpawnContext:
-    """How processes are made: where that is safe, from a server that has loaded everything."""
+    """The way to make processes: where that is safe, from a server that has loaded everything."""
     if platform.system() == "Linux":
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(list(_PRELOADED))
@@ -102,7 +102,7 @@ def _heard(
     process: BaseProcess,
     on_progress: Callable[[Run, Progress], None],
 ) -> RunEnd | None:
-    """Takes what a run says; returns its end if that is it."""
+    """Takes a message of a run; returns its end if that is it."""
     try:
         message = connection.recv()
     except Exception:  # its end without a word
@@ -118,7 +118,7 @@ def _heard(
 
 
 def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, run: Run) -> None:
-    """What a run's process does."""
+    """The work of a run's process."""
     stand_alone()
     said = 0.0
 
@@ -133,7 +133,7 @@ def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, ru
     try:
         for file in files:
             load_user_file(file)
-        # Made by our own parent a moment ago and given to us alone, so it may be unpickled.
+        # Made by our own parent for us alone, so it may be unpickled.
         terms: Terms = pickle.loads(packed_terms)  # noqa: S301
         with threadpool_limits(1):  # the cores are busy with other runs
             ending = run_entrant(

@@ -1,4 +1,4 @@
-"""What a bench leaves beside its runs: the page and the tables."""
+"""Results of a bench beside its runs: the page and the tables."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def write_results(bench: Bench, comparison: Comparison, *, command: str | None =
     Args:
         bench: whose folder it is.
         comparison: of its entrants.
-        command: the command line that makes the bench again.
+        command: the command line that repeats the bench.
 
     Raises:
         FreneticError: a file cannot be written.

@@ -38,39 +38,39 @@ from frenetic.simulators.simulator import Simulator, check_pair
 from frenetic.spec import Budget, Part, Spec, describe
 
 COMPETITION: Final = "competition"
-"""Folder of a run that holds its tests as the competition's tools read them."""
+"""Folder in a run's with its tests for the competition's tools."""
 WORK: Final = "work"
-"""Folder of a run that is its generator's working directory."""
+"""Folder in a run's that is its generator's working directory."""
 RESULTS: Final = "results"
-"""Folder in it that a generator is told to be the pipeline's results folder."""
+"""Folder in that one that a generator sees as the pipeline's results folder."""
 GENERATOR_LOG: Final = "generator.log"
-"""What a run's generator has printed."""
+"""File with the output of a run's generator."""
 MOST_SIMULATIONS: Final = 10_000_000
 """Simulations of a run."""
 FACT: Final = "bench"
-"""Name of the fact of a campaign that says how its run in a bench ended."""
+"""Name of the campaign's fact with the end of its run in a bench."""
 
 OnProgress = Callable[[Progress], None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Terms:
-    """What is the same in all runs of a bench."""
+    """Terms of all runs of a bench."""
 
     simulator: Simulator
     driver: Driver
     budget: float = 7200.0
-    """Virtual s."""
+    """Budget in virtual s."""
     seconds_per_test: float = 36.0
     """Virtual s that each executed test costs."""
     counts_computing: bool = False
-    """Whether the time that an entrant itself takes counts against the budget."""
+    """Whether an entrant's own time counts against the budget."""
     patience: float = 600.0
-    """s of wall time that a generator may take from one test to the next."""
+    """Wall time that a generator may take between two tests, in s."""
     map_size: float = MAP_SIZE
     """m."""
     records: Which = "failures"
-    """Which tests in the competition's results folders hold what was recorded of their drives."""
+    """Tests in the competition's results folders that hold records of their drives."""
     spec: Spec | None = None
     """What simulator and driver are called on a command line; None if they came from Python."""
 
@@ -104,7 +104,7 @@ class Terms:
 
     @property
     def simulations(self) -> int:
-        """How many tests the budget allows."""
+        """Number of tests that the budget allows."""
         return most_simulations(self.budget, self.seconds_per_test)
 
     def tester(self) -> RecordingTester:
@@ -125,13 +125,13 @@ class Run:
 
 @dataclass(frozen=True)
 class RunEnd:
-    """What came of a run."""
+    """Result of a run."""
 
     run: Run
     ending: Ending | None
     """None if the run could not be completed."""
     trouble: str = ""
-    """Why it could not, in one line."""
+    """The reason why not, in one line."""
 
 
 def run_entrant(
@@ -144,8 +144,8 @@ def run_entrant(
 ) -> Ending:
     """Runs an entrant until its budget is spent, or until it ends otherwise.
 
-    The folder becomes a campaign's, with the competition's results folder in it. A run that was
-    broken off is begun again.
+    The folder becomes a campaign's, with the competition's results folder in it. An interrupted run
+    begins again.
 
     Args:
         entrant: a generator or strategy.
@@ -185,13 +185,13 @@ def run_entrant(
         )
     export_campaign(folder, "competition", folder / COMPETITION, trajectories=terms.records)
     with CampaignStore.open(folder, readonly=False) as store:
-        # Last, as it says that the run is complete.
+        # Last, since it marks the run as complete.
         store.finish(finished_at=store.facts["finished_at"], **{FACT: ending.as_json()})
     return ending
 
 
 def ending_of(folder: Path) -> Ending | None:
-    """How the run in a folder ended; None if it is not complete.
+    """End of the run in a folder; None if it is not complete.
 
     Raises:
         CampaignError: its campaign is damaged.
@@ -207,7 +207,7 @@ def ending_of(folder: Path) -> Ending | None:
 
 
 def _clear(folder: Path) -> None:
-    """Removes what a run that was broken off has left."""
+    """Removes the remains of an interrupted run."""
     if not folder.is_dir():
         return
     try:
@@ -301,7 +301,7 @@ def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:
 
 
 def assignment(entrant: Entrant, terms: Terms, seed: int, result_folder: Path) -> Assignment:
-    """What a generator's process is told to run."""
+    """The assignment of a generator's process."""
     rules = terms.simulator.rules
     size = terms.map_size
     return Assignment(
@@ -349,7 +349,7 @@ def _campaign(
 
 
 def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:
-    """Runs a campaign; returns how it ended, None if its budget was spent."""
+    """Runs a campaign; returns its end, None if its budget was spent."""
     try:
         summary = campaign.run(on_progress)
     except StrategyError as error:
@@ -359,7 +359,7 @@ def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None
 
 
 def _finish(campaign: Campaign, reason: str) -> None:
-    """Marks a campaign that gave up as finished: nobody will go on with it."""
+    """Marks a campaign that gave up as finished: it is never resumed."""
     with CampaignStore.open(campaign.folder, readonly=False) as store:
         store.finish(seconds=round(store.elapsed(), 3), interrupted=False, ended=reason)
 

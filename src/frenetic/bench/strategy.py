@@ -26,19 +26,19 @@ from frenetic.search.strategy import Ledger
 from frenetic.simulators.drive import Drive
 
 OPERATOR: Final = "generator"
-"""What the origin of a generator's roads says."""
+"""Operator in the origin of a generator's roads."""
 
 CLOSING_LIMIT: Final = 60.0
-"""s that a generator has to end when its budget is spent."""
+"""Time that a generator has to end after its budget is spent, in s."""
 MOST_DISMISSALS: Final = 100
-"""Tests that a generator may ask for when its budget is spent, before it is ended."""
+"""Tests that a generator may ask for after its budget is spent, before it is ended."""
 
 
 class End(StrEnum):
-    """How a generator ended."""
+    """End of a generator."""
 
     OVER = "over"
-    """The budget was spent, as it should be."""
+    """The budget was spent."""
     RETURNED = "returned"
     """Its ``start`` returned before that."""
     EXIT = "exit"
@@ -48,18 +48,18 @@ class End(StrEnum):
     HUNG = "hung"
     """It asked for no test for too long and was ended."""
     GAVE_UP = "gave up"
-    """The bench ended it, as its roads or their drives were none for too long."""
+    """The bench ended it because its roads or drives were bad for too long."""
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How a generator ended, and why."""
+    """End of a generator, and its reason."""
 
     end: End
     detail: str = ""
     """One line."""
     threads: int = 0
-    """That it left running."""
+    """Number of threads that it left running."""
 
     def __str__(self) -> str:
         return f"{self.end}: {self.detail}" if self.detail else str(self.end)
@@ -70,12 +70,12 @@ class Ending:
 
 
 class VirtualTime:
-    """What of a bench's budget is spent: every executed test costs a fixed time.
+    """The spent part of a bench's budget: every executed test costs a fixed time.
 
     Args:
         budget: virtual s.
         seconds_per_test: virtual s that each executed test costs.
-        counts_computing: whether the time that a generator itself takes counts.
+        counts_computing: whether a generator's own time counts.
     """
 
     def __init__(self, budget: float, seconds_per_test: float, *, counts_computing: bool) -> None:
@@ -84,23 +84,23 @@ class VirtualTime:
         self.counts_computing = counts_computing
         self.executed = 0
         self.computing = 0.0
-        """s of wall time that the generator took."""
+        """Wall time that the generator took, in s."""
 
     @property
     def spent(self) -> float:
-        """Virtual s."""
+        """Budget in virtual s."""
         computing = self.computing if self.counts_computing else 0.0
         return self.executed * self.seconds_per_test + computing
 
     @property
     def is_over(self) -> bool:
-        """Whether another test would run over the budget, so that it does not count."""
+        """Whether another test would exceed the budget, so that it does not count."""
         return self.spent + self.seconds_per_test > self.budget * (1.0 + 1e-12)
 
 
 @dataclass(frozen=True)
 class RecordingTester(RoadTester):
-    """A tester that remembers what it tested last."""
+    """A tester that remembers its last test."""
 
     last: list[Attempt] = field(default_factory=list, compare=False)
     """One at most."""
@@ -114,16 +114,16 @@ class RecordingTester(RoadTester):
 
 
 class GeneratorStrategy:
-    """Passes on what a generator proposes, and to it what became of that.
+    """Passes on a generator's roads, and their results to the generator.
 
-    The generator sees the pipeline's interface; it has no seam for being asked twice, so it is for
-    one worker, and its campaign cannot be resumed.
+    The generator uses the pipeline's interface and cannot be asked twice, so it serves one worker,
+    and its campaign cannot be resumed.
 
     Args:
         process: runs the generator; entered already.
         tester: tests its roads.
         clock: of the budget.
-        patience: s of wall time that the generator may take from one test to the next.
+        patience: s of wall time that the generator may take between two tests.
         seed: of the generator, for the campaign's record.
     """
 
@@ -138,7 +138,7 @@ class GeneratorStrategy:
     ) -> None:
         self.options = {"seed": seed}
         self.ending: Ending | None = None
-        """How the generator ended; None while it runs."""
+        """End of the generator; None while it runs."""
         self._process = process
         self.tester = tester
         self._clock = clock
@@ -163,7 +163,7 @@ class GeneratorStrategy:
             message = self._receive()
             if message is not None:
                 points = _points(message.get("road_points"))
-                # A road that is refused costs nothing, even if nothing is left.
+                # A refused road costs nothing, even if nothing is left.
                 if not self._clock.is_over or not self._is_valid(points):
                     return self._candidate(points)
                 self.dismiss()
@@ -187,21 +187,21 @@ class GeneratorStrategy:
             self._process.send(vars(answer))
 
     def dismiss(self) -> Ending:
-        """Says that the budget is spent, and waits until the generator has ended."""
+        """Reports that the budget is spent, and waits until the generator has ended."""
         deadline = time.monotonic() + min(self._patience, CLOSING_LIMIT)
         for _ in range(MOST_DISMISSALS):
             if self.ending is not None:
                 return self.ending
             with suppress(GeneratorLostError):
                 self._process.send({"over": True})
-            # A test that does not count any more, or its end.
+            # A test that no longer counts, or its end.
             self._receive(max(0.0, deadline - time.monotonic()))
         if self.ending is None or self.ending.end is End.HUNG:
             self.ending = Ending(End.HUNG, "it went on when the budget was spent")
         return self.ending
 
     def _receive(self, patience: float | None = None) -> dict[str, Any] | None:
-        """The generator's next message, None if it has ended; the time it says it took counts."""
+        """The generator's next message, None if it has ended; its reported time counts."""
         limit = self._patience if patience is None else patience
         try:
             message = self._process.receive(limit)
@@ -218,7 +218,7 @@ class GeneratorStrategy:
         return message
 
     def _ending_of(self, message: Mapping[str, Any]) -> Ending:
-        """How the generator says that it has ended."""
+        """The end that the generator reports."""
         try:
             end = End(str(message.get("how")))
         except ValueError:
@@ -247,7 +247,7 @@ class GeneratorStrategy:
         return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
     def _records(self, evaluation: Evaluation, tested: Attempt | None) -> list[Any]:
-        """What the simulator recorded, as the pipeline's records."""
+        """The simulator's record as the pipeline's records."""
         candidate = evaluation.candidate
         if tested is None or tested.trajectory is None or tested.pose is None:
             return []
@@ -257,7 +257,7 @@ class GeneratorStrategy:
 
 
 def _seconds(message: Mapping[str, Any], most: float) -> float:
-    """S that a generator says it took, which are not more than passed here."""
+    """Time that a generator reports for itself, in s, at most the time that passed here."""
     told = message.get("seconds")
     return min(max(float(told), 0.0), most) if isinstance(told, (int, float)) else 0.0
 
@@ -276,5 +276,5 @@ def _points(value: object) -> FloatArray | None:
 
 
 def most_simulations(budget: float, seconds_per_test: float) -> int:
-    """How many tests fit into a virtual budget."""
+    """Number of tests that fit into a virtual budget."""
     return math.floor(budget / seconds_per_test * (1.0 + 1e-12))

@@ -28,7 +28,7 @@ from frenetic.outcome import Outcome
 
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
 EXPORTS: Final = "exports"
-"""Folder in a campaign's folder for what is exported of it."""
+"""Folder for exports in a campaign's folder."""
 
 
 def export_campaign(
@@ -49,23 +49,23 @@ def export_campaign(
     | json | ``tests.jsonl``: one object per line and test | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
-    The tables' columns are in `frenetic.export.columns`. Memory does not grow with the campaign,
-    which may be running: what is told after the export began is left out.
+    `frenetic.export.columns` lists the tables' columns. Memory does not grow with the campaign,
+    which may be running: later results are left out.
 
     Args:
         campaign: its folder, or the opened campaign.
         format: what to write.
-        out: a folder that is empty or not there; by default ``exports/FORMAT`` in the campaign's.
+        out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's.
         outcomes: only tests of these, such as ``["FAIL"]``; all without any.
-        trajectories: of which of them the trajectories are written.
-        on_progress: called now and then with how much is done, and how much there is to do.
+        trajectories: which of their trajectories are written.
+        on_progress: called now and then with the work done, and the whole work.
 
     Returns:
         The folder.
 
     Raises:
-        FreneticError: there is something in the folder or it cannot be written, the campaign is
-            damaged, or Parquet is asked for and pyarrow is not installed.
+        FreneticError: the folder is not empty or cannot be written, the campaign is damaged, or
+            Parquet is asked for and pyarrow is not installed.
         ValueError: there is no such format, outcome or choice of trajectories.
     """
     for name, value, allowed in (
@@ -141,13 +141,12 @@ def _write(
 
 @contextmanager
 def _whole_folder(target: Path) -> Iterator[Path]:
-    """Gives a new folder beside ``target`` to write into, which takes its name in the end.
+    """Gives a new folder beside ``target`` to write into, which is renamed to it at the end.
 
-    If anything is raised meanwhile, nothing is left of it.
+    If anything is raised meanwhile, the new folder is removed.
 
     Raises:
-        FreneticError: there is something at ``target`` but an empty folder, or the disk is full or
-            cannot be written.
+        FreneticError: ``target`` is not empty, or the disk is full or cannot be written.
     """
     target = target.absolute()
     try:

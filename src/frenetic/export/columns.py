@@ -12,7 +12,7 @@ from frenetic.campaign.trajectory_codec import RESOLUTIONS
 
 
 class Kind(Enum):
-    """What the values of a column are."""
+    """Type of a column's values."""
 
     WHOLE = auto()
     """Whole numbers."""
@@ -37,7 +37,7 @@ class Column:
     kind: Kind
     description: str
     unit: str = ""
-    """Empty for a text, a share or a number."""
+    """Unit, empty for a text, a share or a number."""
     optional: bool = False
     """Whether values may be missing."""
 

@@ -1,7 +1,7 @@
 """A test as the SBST/SBFT cyber-physical systems competition stores it: one JSON document.
 
-Its positions and its road are in metres on the map. What a car in BeamNG.tech would report and ours
-does not have is given as near as can be, see `SimulationRecord`.
+Positions and road are in metres on the map. Values that only a car in BeamNG.tech reports are given
+as closely as possible, see `SimulationRecord`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from frenetic.road.validity import interpolate
 from frenetic.simulators.drive import Drive
 
 GROUND: Final = -28.0
-"""m, height of the competition's flat map."""
+"""Height of the competition's flat map, in m."""
 
 _DIGITS: Final = 6  # decimals: micrometres
 
@@ -30,13 +30,13 @@ class SimulationRecord:
     """One record of a drive; the fields have the competition's names and order."""
 
     timer: float
-    """s of simulated time."""
+    """Simulated time, in s."""
     pos: tuple[float, float, float]
-    """m, centre of mass; z is the map's ground."""
+    """Centre of mass, in m; z is the map's ground."""
     dir: tuple[float, float, float]
     """Unit vector along the car."""
     vel: tuple[float, float, float]
-    """m/s, on the map."""
+    """Vel on the map, in m/s."""
     steering: float
     """Degrees of the front wheels, positive to the left; BeamNG reports the steering wheel's."""
     steering_input: float
@@ -50,17 +50,17 @@ class SimulationRecord:
     throttle_input: float
     """0..1, the same."""
     wheelspeed: float
-    """m/s, along the car: wheels do not slip lengthwise."""
+    """Wheelspeed along the car, in m/s: wheels do not slip lengthwise."""
     vel_kmh: int
-    """km/h, rounded."""
+    """Vel kmh in km/h, rounded."""
     is_oob: bool
     """Whether more of the car is outside its lane than the tolerance."""
     oob_counter: int
-    """How often it has gone out so far."""
+    """Number of times it has gone out so far."""
     max_oob_percentage: float
     """Largest share 0..1 outside since it last went out; 0 before it ever did."""
     oob_distance: float
-    """m, lane half-width minus the distance to the lane's centre line."""
+    """Lane half-width minus the distance to the lane's centre line, in m."""
     oob_percentage: float
     """Share 0..1 of the car's box outside its lane."""
 
@@ -136,11 +136,11 @@ def competition_document(
     Args:
         road: where it lies on the map.
         test_id: the test's number.
-        verdict: whether the road is valid; None if nobody has looked.
-        outcome: what became of the test; None, or dropped, if nothing did: then the object has
-            neither an outcome nor what belongs to it.
-        description: why it ended so.
-        drive: what was driven, None if nothing was.
+        verdict: whether the road is valid; None if unknown.
+        outcome: of the test; without one, or dropped, the object has neither an outcome nor what
+            belongs to it.
+        description: reason of the outcome.
+        drive: None without one.
         points: (N, 2) m through which the road was laid, if it was given by points.
     """
     road_points = road.road_points.round(_DIGITS) if points is None else points

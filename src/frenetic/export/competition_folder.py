@@ -19,7 +19,7 @@ from frenetic.export.competition import stored_test_document
 from frenetic.outcome import Outcome
 
 MOST_COMPARED: Final = 2000
-"""Failures up to which sparseness is computed; the time it takes grows with their square."""
+"""Most failures for sparseness, whose time grows with their square."""
 
 
 def write_competition_folder(
@@ -32,17 +32,17 @@ def write_competition_folder(
 ) -> None:
     """Writes a file per road test, and three tables about the whole campaign.
 
-    DROPPED candidates are no road tests and have no file. The tables are about all tests, whether
-    or not they have one. A cell whose value is not known is empty: ``time_budget`` without one,
+    DROPPED candidates are no road tests and have no file. The tables cover all tests, with or
+    without a file. A cell of unknown value is empty: ``time_budget`` without one,
     ``real_time_generation`` where several tests were driven at once, and sparseness for fewer than
     two failures or more than `MOST_COMPARED`.
 
     Args:
-        folder: is there and empty.
+        folder: exists and is empty.
         store: the campaign.
         outcomes: only tests of these get a file.
         driven: only files of tests of these hold execution data.
-        on_test: called with the number of tests that were looked at, after each.
+        on_test: called after each test with their number so far.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -92,7 +92,7 @@ def _write_test(folder: Path, record: TestRecord) -> None:
 
 
 class _Statistics:
-    """What the competition's tables say of the tests together."""
+    """Totals of the tests for the competition's tables."""
 
     def __init__(self, *, with_sparseness: bool) -> None:
         self._with_sparseness = with_sparseness

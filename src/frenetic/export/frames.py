@@ -1,7 +1,7 @@
 """Tables by pyarrow: Parquet files and pandas data frames, with the extra ``tables``.
 
-CSV and JSON lines are written without it, see `frenetic.export.text`, so that a light installation
-can write them; pyarrow's own CSV puts numbers into other words.
+`frenetic.export.text` writes CSV and JSON lines without it, for light installations; pyarrow's own
+CSV formats numbers differently.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ Table: TypeAlias = Literal["tests", "trajectories"]
 
 _COMPRESSION: Final = "zstd"
 _KNOWN: Final = {"outcome": [str(outcome) for outcome in Outcome], "departure_side": get_args(Side)}
-"""Column -> all that its values may be; the categories of others are what there is."""
+"""Column -> all its possible values; the categories of others are the values present."""
 
 
 @contextmanager
 def _needing_extra(what: str) -> Iterator[None]:
-    """Says how to install the extra ``tables`` if an import fails for the lack of it."""
+    """Turns a failed import into an error that says how to install the extra ``tables``."""
     try:
         yield
     except ImportError as error:
@@ -163,5 +163,5 @@ def _array(column: Column, values: Values) -> Any:
         return pa.ListArray.from_arrays(values.offsets.astype(np.int32), values.values)
     if column.kind is Kind.CHOICE:
         return pa.array(values, pa.string()).dictionary_encode()
-    # NaN is a missing number, and there is no other one.
+    # NaN is the only missing number.
     return pa.array(values, _field(column).type, from_pandas=column.optional)

@@ -41,17 +41,17 @@ and right edge of the road. The ego lane lies between the centre line and the ri
 
 @dataclass(frozen=True)
 class ExportedRoad:
-    """A road and what else a file may say about it."""
+    """A road with the other contents of a file."""
 
     road: Road
     name: str
-    """Of the road, for a file that has a place for it."""
+    """Name of the road, for a file with a place for it."""
     speed_limit: float = 70.0
     """km/h."""
     shoulder: float = 0.0
     """Ground beyond each lane, in m; only OpenDRIVE knows it."""
     test: TestRecord | None = None
-    """The campaign's test whose road it is, if it is one's."""
+    """The campaign's test with this road, if any."""
     origin: tuple[float, float] = ORIGIN
     """Latitude and longitude of (0, 0), in degrees; only OpenDRIVE knows them."""
 
@@ -62,9 +62,9 @@ class RoadFormat:
 
     name: str
     suffix: str
-    """Of the file's name, different for each format."""
+    """Suffix of the file's name, different for each format."""
     summary: str
-    """What it is, in one line."""
+    """Description in one line."""
     render: Callable[[ExportedRoad], str]
     """The file's text."""
 
@@ -83,7 +83,7 @@ def _competition(exported: ExportedRoad) -> str:
     if exported.test is not None:
         document = stored_test_document(exported.test)
     else:
-        # Where it lies, or else where 'frenetic drive' would move it.
+        # In place, or else where 'frenetic drive' would move it.
         fitted, verdict = exported.road.placed(MAP_SIZE)
         document = competition_document(fitted or exported.road, 1, verdict)
     return json.dumps(document) + "\n"
@@ -172,7 +172,7 @@ def format_of(path: Path) -> RoadFormat:
 
 
 def write_road(exported: ExportedRoad, name: str, path: Path) -> None:
-    """Writes a road to a file, in the format with this name; the file is there whole or not at all.
+    """Writes a road to a file in the format with this name, whole or not at all.
 
     Raises:
         UnknownNameError: there is no such format.

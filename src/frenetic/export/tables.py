@@ -1,7 +1,7 @@
 """A campaign's tests and trajectories as tables, read many rows at a time.
 
-Whatever the campaign's size, one batch is in memory at a time. Nothing that comes from the disk is
-believed: a value of the wrong type is a `CampaignError` that names the test.
+One batch is in memory at a time, however large the campaign. A value of the wrong type is a
+`CampaignError` that names the test.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from frenetic.outcome import Outcome
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 Which: TypeAlias = Literal["all", "failures", "none"]
-"""Of which tests the trajectories are wanted."""
+"""Choice of tests whose trajectories are exported."""
 
 ALL: Final = tuple(Outcome)
 TESTS_AT_ONCE: Final = 5_000
 """Rows of the table of tests in a batch."""
 RECORDS_AT_ONCE: Final = 250_000
-"""Rows of the table of trajectories in a batch, or as many more as the last trajectory has."""
+"""Rows of the table of trajectories in a batch, extended to whole trajectories."""
 _TRAJECTORIES_AT_ONCE: Final = 200  # fetched from the database
 
 
@@ -68,7 +68,7 @@ class Batch:
     """Name of a column -> its values, all of one length."""
 
     tests: int
-    """How many tests they are about."""
+    """Number of their tests."""
 
     def __len__(self) -> int:
         return len(self.values["id"])
@@ -88,13 +88,13 @@ _SELECT_TRAJECTORIES: Final = f"""
 
 
 def number_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> int:
-    """How many tests have these outcomes."""
+    """Number of tests with these outcomes."""
     by_outcome = store.counts().by_outcome
     return sum(by_outcome[outcome] for outcome in outcomes)
 
 
 def number_of_trajectories(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> int:
-    """How many tests with these outcomes have a trajectory."""
+    """Number of tests with these outcomes and a trajectory."""
     select = "SELECT count(*) FROM test JOIN trajectory USING (candidate_id) WHERE outcome IN ({})"
     ((number,),) = store.rows(
         select.format(", ".join("?" * len(outcomes))), list(map(str, outcomes))
@@ -106,7 +106,7 @@ def batches_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) 
     """The table of tests in the order of telling, a batch at a time.
 
     Args:
-        store: the campaign. What is told meanwhile does not show up.
+        store: the campaign. Later results are left out.
         outcomes: of the tests.
 
     Raises:
@@ -186,7 +186,7 @@ def _last_told(store: CampaignStore) -> int:
 
 
 class _NoSuchValue(Exception):  # noqa: N818  # it becomes a CampaignError
-    """The value in this row is none of its column's."""
+    """The value in this row does not fit its column."""
 
     def __init__(self, row: int) -> None:
         self.row = row
@@ -291,7 +291,7 @@ def _lists_of_wholes(values: list[Any], column: Column) -> Lists:
 
 @lru_cache(maxsize=10_000)  # most roads have no parents, or those of their siblings
 def _ids(text: str) -> tuple[int, ...] | None:
-    """The ids in a JSON list, None if there is something else."""
+    """The ids in a JSON list, None for anything else."""
     try:
         numbers = json.loads(text)
     except (ValueError, RecursionError):

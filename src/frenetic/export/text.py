@@ -26,9 +26,9 @@ _LINES_AT_ONCE: Final = 10_000
 
 
 def write_csv(path: Path, columns: tuple[Column, ...], batches: Iterable[Batch]) -> None:
-    """Writes a table as CSV (UTF-8): nothing where a value is missing, lists as JSON.
+    """Writes a table as CSV (UTF-8): missing values empty, lists as JSON.
 
-    Trajectories get the decimals to which they are stored.
+    Trajectories have the decimals to which they are stored.
 
     Raises:
         OSError: the file cannot be written.
@@ -49,7 +49,7 @@ def _rows_of_trajectories(file: TextIO, batch: Batch) -> None:
     line = ",".join(["%d", *(f"%.{digits}f" for digits in _DECIMALS)]) + "\n"
     columns: Any = [batch.values[column.name] for column in TRAJECTORIES]
     table = np.column_stack(columns)
-    # To format many lines by one template takes a fraction of the time of one by one.
+    # One template for many lines takes a fraction of the time of formatting each line.
     for start in range(0, len(table), _LINES_AT_ONCE):
         lines = table[start : start + _LINES_AT_ONCE]
         file.write(line * len(lines) % tuple(lines.ravel().tolist()))
@@ -93,7 +93,7 @@ def write_json_lines(
 
 
 def _cells(column: Column, values: Values) -> Iterable[object]:
-    """The values as a CSV file holds them: a missing one as None, which is written as nothing."""
+    """The values for a CSV file: a missing one as None, which is written as nothing."""
     plain = _plain(column, values)
     if isinstance(values, Lists):
         return (json.dumps(value) for value in plain)
@@ -101,7 +101,7 @@ def _cells(column: Column, values: Values) -> Iterable[object]:
 
 
 def _plain(column: Column, values: Values) -> list[Any]:
-    """The values as JSON knows them."""
+    """The values for JSON."""
     if isinstance(values, list):
         return values
     if isinstance(values, Lists):
@@ -122,7 +122,7 @@ def _objects(batch: Batch) -> Iterator[dict[str, Any]]:
 
 
 def _road_points(test: dict[str, Any]) -> list[list[float]] | None:
-    """Points of the road where it lay on the map, or from (0, 0) on; None if it is no road."""
+    """Points of the road in its place on the map, or else from (0, 0) on; None if it is no road."""
     pose = START if test["x"] is None else Pose(test["x"], test["y"], test["heading"])
     try:
         road = Road(test["curvatures"], test["step"], pose)

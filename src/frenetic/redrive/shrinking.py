@@ -1,10 +1,9 @@
 """Shrinking: from a road with a property to the shortest and plainest that still has it.
 
-What the property is, and what it takes to find out, is the caller's affair: nothing here knows a
-simulator. Given are a road's `Shape` and a function that answers whether a shape has the property.
-`shrink` offers it ever smaller shapes, smaller in the order of `Shape.rank`, and keeps each one
-that has it. A pass offers one kind of change, the boldest first; the passes take turns until none
-of them finds anything smaller.
+The property is the caller's; nothing here knows a simulator. `shrink` takes a road's `Shape` and a
+function that answers whether a shape has the property. It offers the function ever smaller shapes,
+in the order of `Shape.rank`, and keeps each one that has the property. A pass offers one kind of
+change, the boldest first; the passes take turns until none of them finds anything smaller.
 """
 
 from __future__ import annotations
@@ -24,13 +23,13 @@ Values: TypeAlias = tuple[float, ...]
 MOST_DECIMALS: Final = 16
 """Of a value that is not round."""
 _STEPS: Final = (10.0, 5.0, 2.0, 1.0)
-"""m, steps that a road of more samples is given, if they will do."""
+"""Steps that a road of more samples is given in m, if they will do."""
 _DECIMALS: Final = (2, 3, 4)
-"""To which curvatures are rounded, in 1/m: 0.01 is a plain number there, a radius of 100 m."""
+"""Grid of rounded curvatures, in 1/m: 0.01 is a plain number there, a radius of 100 m."""
 _SHARPER: Final = 1.25
 """Factor on all curvatures when a sample is dropped."""
 _BEND: Final = 0.03
-"""1/m, on one curvature when the first sample is dropped."""
+"""Bend on one curvature when the first sample is dropped, in 1/m."""
 
 
 class Answer(StrEnum):
@@ -39,18 +38,18 @@ class Answer(StrEnum):
     YES = "yes"
     NO = "no"
     REFUSED = "refused"
-    """It is none that can be tried. Finding that out is no trial."""
+    """The shape cannot be tried. Finding that out is no trial."""
 
 
 class Ending(StrEnum):
-    """Why the shrinking came to its end."""
+    """Reason for the end of shrinking."""
 
     MINIMAL = "minimal"
     """No pass finds anything smaller."""
     SPENT = "spent"
-    """So many trials were not allowed."""
+    """The allowed trials are spent."""
     STOPPED = "stopped"
-    """The caller wanted it to stop."""
+    """The caller stopped it."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +57,9 @@ class Shape:
     """A road without a place: curvature samples and their step."""
 
     values: Values
-    """(N,) 1/m, positive turns left."""
+    """Values, (N,) in 1/m, positive turns left."""
     step: float
-    """m between two samples."""
+    """Distance between two samples, in m."""
 
     def __post_init__(self) -> None:
         # Plain floats without a negative zero, so that equal shapes look and hash alike.
@@ -71,7 +70,7 @@ class Shape:
 
     @property
     def length(self) -> float:
-        """M along the centre line."""
+        """Length of the centre line, in m."""
         return (len(self.values) - 1) * self.step
 
     @property
@@ -96,7 +95,7 @@ class Shape:
             sum(change > 0.0 for change in changes),
             sum(value != 0.0 for value in self.values),
             sum(decimals(value) for value in self.values),
-            # Rounded, lest a rounding error decide.
+            # Rounded, so that no rounding error decides.
             round(math.fsum(changes), 12),
             round(math.fsum(map(abs, self.values)), 12),
             self.values,
@@ -119,17 +118,17 @@ class Improvement:
     by: str
     """The pass that found it."""
     trials: int
-    """Spent until then."""
+    """Trials spent until then."""
 
 
 @dataclass(frozen=True)
 class Shrunk:
-    """What a shape was shrunk to."""
+    """The result of shrinking a shape."""
 
     shape: Shape
-    """The smallest that was found to have the property; the first one if there was none."""
+    """The smallest shape found with the property; the first one if there was none."""
     improvements: tuple[Improvement, ...]
-    """How it came about, in order; the last one's shape is `shape`."""
+    """Its improvements, in order; the last one's shape is `shape`."""
     trials: int
     ending: Ending
 
@@ -145,15 +144,15 @@ def shrink(
 ) -> Shrunk:
     """The smallest shape with the property that the passes lead to.
 
-    No shape is asked about twice, and the same answers give the same result.
+    No shape is tried twice, and the same answers give the same result.
 
     Args:
         start: has the property.
         ask: whether a shape has it; YES and NO count as a trial each.
-        max_trials: the most that may be spent.
-        neighbours: shapes close to a given one which must have the property as well for it to be
+        max_trials: most trials to spend.
+        neighbours: shapes close to a given one, which must have the property as well for it to be
             kept, unless they are REFUSED.
-        on_trial: told after every trial which pass is at work, the trials spent and the smallest
+        on_trial: called after every trial with the current pass, the trials spent and the smallest
             shape so far.
         should_stop: asked before every trial.
 
@@ -177,7 +176,7 @@ class _End(Exception):  # noqa: N818  # nothing went wrong
 
 
 class _Shrinker:
-    """The smallest shape so far, and what is known of others."""
+    """The smallest shape so far, and the answers on others."""
 
     def __init__(
         self,
@@ -200,7 +199,7 @@ class _Shrinker:
         self._pass = ""
 
     def run(self) -> None:
-        """Lets the passes take turns until none of them improves anything."""
+        """Runs the passes in turn until none of them improves anything."""
         before = None
         while self.best != before:
             before = self.best
@@ -209,7 +208,7 @@ class _Shrinker:
                 work(self)
 
     def offer(self, shape: Shape) -> bool:
-        """Whether a shape was smaller than the best, and had the property: now it is the best."""
+        """Whether a shape is smaller than the best and has the property; it becomes the best."""
         if len(shape) < 2 or not shape.rank < self.best.rank:
             return False
         if self._answer(shape) is not Answer.YES:
@@ -236,7 +235,7 @@ class _Shrinker:
 
 # --- Passes ------------------------------------------------------------------------------------
 #
-# `offer` refuses what is not smaller before it costs anything, so a pass may offer freely.
+# `offer` refuses a shape that is not smaller at no cost, so a pass may offer freely.
 
 
 def _coarsen(shrinker: _Shrinker) -> None:
@@ -245,7 +244,7 @@ def _coarsen(shrinker: _Shrinker) -> None:
     places = shape.step * np.arange(len(shape))
     for step in _STEPS:
         if step > shape.step:
-            # A length that is a whole number of steps but for rounding keeps its last one.
+            # A length of a whole number of steps, up to rounding, keeps its last one.
             at = step * np.arange(math.floor(shape.length / step + 1e-9) + 1)
             if shrinker.offer(Shape(tuple(np.interp(at, places, shape.values)), step)):
                 return
@@ -292,7 +291,7 @@ def _level(shrinker: _Shrinker) -> None:
 
 
 def _round(shrinker: _Shrinker) -> None:
-    """Rounds to the nearest, or else away from 0: what failed by being sharp should stay sharp."""
+    """Rounds to the nearest, or else away from 0: a road that failed by sharpness stays sharp."""
     for digits in _DECIMALS:
         _over_windows(shrinker, partial(_all_rounded, rounded, digits))
         _over_windows(shrinker, partial(_all_rounded, rounded_away, digits))
@@ -303,7 +302,7 @@ def _all_rounded(how: Callable[[float, int], float], digits: int, values: Values
 
 
 def _lower(shrinker: _Shrinker) -> None:
-    """Moves equal neighbours together towards 0, then single samples, as far as it goes."""
+    """Moves equal neighbours together towards 0, then single samples, as far as possible."""
     begin = 0
     while begin < len(shrinker.best):
         values = shrinker.best.values
@@ -376,7 +375,7 @@ def _halvings(size: int) -> Iterator[int]:
 
 
 def decimals(value: float) -> int:
-    """How many decimals it takes to write a value: 0 for 0.0, 2 for 0.05; at most 16."""
+    """Number of decimals of a value: 0 for 0.0, 2 for 0.05; at most 16."""
     return next((n for n in range(MOST_DECIMALS) if round(value, n) == value), MOST_DECIMALS)
 
 

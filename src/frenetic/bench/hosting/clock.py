@@ -7,18 +7,18 @@ from collections.abc import Callable
 from typing import Final
 
 _ROUNDING: Final = 1e-12
-"""Share of the budget that rounding may leave of it."""
+"""Share of the budget that rounding may leave."""
 
 
 class VirtualClock:
-    """What is spent of a budget: what the bench says, which also decides whether a test still fits.
+    """The spent part of a budget, as the bench counts it, which decides whether a test fits.
 
-    Where computing counts, the time since the bench's last answer comes on top. The bench is told
-    that time with the next test and adds it up, too, so that what is spent does not jump.
+    Where computing counts, the time since the bench's last answer is added. The bench gets that
+    time with the next test and adds it, too, so the spent part does not jump.
 
     Args:
         budget: virtual s.
-        counts_computing: whether the time that the generator itself takes counts.
+        counts_computing: whether the generator's own time counts.
         timer: tells s of wall time.
 
     """
@@ -39,7 +39,7 @@ class VirtualClock:
 
     @property
     def spent(self) -> float:
-        """Virtual s."""
+        """Budget in virtual s."""
         return self._settled + (self._own_time() if self._counts_computing else 0.0)
 
     @property
@@ -51,16 +51,16 @@ class VirtualClock:
     def is_over(self) -> bool:
         """Whether nothing remains.
 
-        A remainder in which no test fits is something: the next test then ends the run.
+        A remainder too small for a test does not count as spent: the next test then ends the run.
         """
         return self.remaining <= _ROUNDING * self.budget
 
     def start(self) -> None:
-        """Let the generator's time count from now on."""
+        """Count the generator's time from now on."""
         self._since = self._timer()
 
     def stop(self) -> float:
-        """Let the time stand still while a test is executed.
+        """Stop the time while a test is executed.
 
         Returns:
             s of wall time since it was let go on; 0 if it never was.
@@ -73,7 +73,7 @@ class VirtualClock:
         return seconds
 
     def settle(self, spent: float) -> None:
-        """Take what the bench says is spent, and start."""
+        """Take over the bench's count, and start."""
         self._settled = spent
         self.start()
 

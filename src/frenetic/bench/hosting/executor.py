@@ -1,4 +1,4 @@
-"""The executor that a generator is given: the pipeline's interface, with the bench behind it."""
+"""The executor of a hosted generator: the pipeline's interface, with the bench behind it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from frenetic.bench.hosting.parent import Parent
 OVER: Final = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
 MOST_POINTS: Final = 10_000
-"""Road points that the bench is sent; a road of more than 500 is invalid anyway."""
+"""Most road points sent to the bench; a road of more than 500 is invalid anyway."""
 
 _COUNTERS: Final = {"PASS": "test_passed", "FAIL": "test_failed", "ERROR": "test_in_error"}
 _TIME_BUDGET: Final = "time-budget"
 
 
 class RemainingTime(float):
-    """Seconds, a number as in 2021, that also answer ``["time-budget"]`` as later dictionaries."""
+    """Seconds as a number, as in 2021, that also answer ``["time-budget"]`` as later ones do."""
 
     __slots__ = ()
 
@@ -45,7 +45,7 @@ class RemainingTime(float):
 
 
 class TimeBudget:
-    """What the executor knows of the budget.
+    """The executor's view of the budget.
 
     Args:
         clock: of the budget.
@@ -61,14 +61,14 @@ class TimeBudget:
         self._clock = clock
         self._as_number = as_number
         self.time_budget = clock.budget
-        """Virtual s."""
+        """Budget in virtual s."""
 
     def is_over(self) -> bool:
         """Return whether nothing remains."""
         return self._clock.is_over
 
     def can_run_a_test(self) -> bool:
-        """Return whether anything remains; a test for which it is too little ends the run."""
+        """Return whether anything remains; a test that needs more ends the run."""
         return not self._clock.is_over
 
     def get_remaining_real_time(self) -> float:
@@ -124,12 +124,12 @@ class HostedExecutor(AbstractTestExecutor):
         self.start_generation_time = self._timer()
 
     def stop(self) -> float:
-        """Let the time stand still for good; return s since the bench was last told of any."""
+        """Stop the time for good; return s since the bench last got any."""
         return self._clock.stop()
 
     @property
     def has_spent_the_budget(self) -> bool:
-        """Whether nothing remains, or a test was refused because it did not fit any more."""
+        """Whether nothing remains, or a test was refused because it no longer fitted."""
         return self._was_ended or self._clock.is_over
 
     def execute_test(self, the_test: Any) -> tuple[str, str, list[SimulationDataRecord]]:
@@ -192,8 +192,7 @@ class HostedExecutor(AbstractTestExecutor):
     def _count(self, answer: Answer, generation_time: float) -> None:
         """Adds a test to `stats`.
 
-        They are the generator's as well, which may have put anything in their place: what cannot be
-        counted is left alone.
+        The generator shares and may replace them: a value that cannot be counted stays as it is.
         """
         names = ["test_generated", "test_valid" if answer.is_executed else "test_invalid"]
         if answer.outcome in _COUNTERS:

@@ -1,4 +1,4 @@
-"""Finding a generator's class and building the generator."""
+"""Import of a generator's class, and building of the generator."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FRENETIC: Final = str(Path(frenetic.__file__).parent)
 
 
 class GeneratorError(FreneticError):
-    """A generator that cannot be imported or built; its cause is what it raised, if it did."""
+    """A generator that cannot be imported or built; its cause is the generator's error, if any."""
 
 
 def prepare_path(assignment: Assignment) -> None:
@@ -94,7 +94,7 @@ def build(kind: Callable[..., Any], executor: Any, assignment: Assignment) -> An
 def _make_way(folders: list[str]) -> None:
     """Leave the name `frenetic` to a generator that brings a module of that name.
 
-    All that this process needs of ours is imported by then, and works without being found by name.
+    By then this process has imported all that it needs of ours.
     """
     spec = importlib.machinery.PathFinder.find_spec("frenetic", folders)
     # A folder without __init__.py, as that of a clone, is found only where there is no module.
@@ -135,7 +135,7 @@ def _load(name: str) -> ModuleType:
 
 
 def _searched() -> str:
-    """The folders of the module path that are not of the interpreter."""
+    """The folders of the module path outside the interpreter."""
     installed = tuple(f"{Path(prefix)}{os.sep}" for prefix in (sys.prefix, sys.base_prefix))
     return ", ".join(
         entry or "the run's working directory"
@@ -173,7 +173,7 @@ def _no_such_class(module: ModuleType, assignment: Assignment) -> str:
 
 
 def _reason(error: BaseException, assignment: Assignment) -> str:
-    """One line on what a generator raised when it was imported or built."""
+    """One line about a generator's error while it was imported or built."""
     if isinstance(error, SystemExit):
         return f"it ends its process with exit code {error.code}"
     reason = describe_error(error)

@@ -1,7 +1,7 @@
 """The process in which `frenetic bench` runs a generator, started as a script.
 
-It talks with the bench through the streams that were its stdin and stdout. The first thing it does
-is to put those aside, so that nothing that a generator prints or reads gets in between.
+It talks with the bench through its original stdin and stdout. It puts those aside first, so nothing
+that a generator prints or reads gets in between.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ HERE = Path(__file__).resolve().parent
 
 
 def main() -> None:
-    """Take the streams, then do what the bench says."""
+    """Take the streams, then follow the bench."""
     incoming, outgoing = take_streams()
     import_frenetic()
     from frenetic.bench.hosting.session import serve
@@ -25,7 +25,7 @@ def main() -> None:
 
 
 def take_streams() -> tuple[BinaryIO, BinaryIO]:
-    """Return what were stdin and stdout; these become an empty file and stderr."""
+    """Return the original stdin and stdout; they become an empty file and stderr."""
     incoming = os.fdopen(os.dup(0), "rb")  # a duplicate is not passed on to other programs
     outgoing = os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDONLY)
@@ -33,7 +33,7 @@ def take_streams() -> tuple[BinaryIO, BinaryIO]:
     os.close(nothing)
     os.dup2(2, 1)
     for stream in (sys.stdout, sys.stderr):
-        # Whatever the locale: a generator does not fail at what it prints.
+        # In every locale: a generator must not fail at its output.
         stream.reconfigure(  # type: ignore[union-attr]
             encoding="utf-8", errors="backslashreplace", line_buffering=True
         )
@@ -41,7 +41,7 @@ def take_streams() -> tuple[BinaryIO, BinaryIO]:
 
 
 def import_frenetic() -> None:
-    """Make `frenetic` importable, the one that this file belongs to, and nothing else beside it."""
+    """Make the `frenetic` of this file importable, and nothing else beside it."""
     # Python puts a script's folder first: its modules would shadow the generator's.
     sys.path[:] = [entry for entry in sys.path if not entry or Path(entry).resolve() != HERE]
     package = HERE.parents[1]

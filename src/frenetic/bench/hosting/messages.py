@@ -1,4 +1,4 @@
-"""What the bench and the process of a generator say to each other: JSON objects, a line each."""
+"""Messages between the bench and a generator's process: JSON objects, a line each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Message = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Assignment:
-    """A generator, and the terms on which it runs: the first that the bench sends."""
+    """A generator and its terms: the bench's first message."""
 
     module: str
     """``package.module``, or a file whose name ends with ``.py``."""
@@ -21,13 +21,13 @@ class Assignment:
     seed: int
     """Of `random` and of numpy's global generator."""
     map_size: float
-    """m, as an integer if it is a whole number."""
+    """Map size in m, as an integer if it is a whole number."""
     time_budget: float
-    """Virtual s."""
+    """Budget in virtual s."""
     seconds_per_test: float
     """Virtual s that every executed test costs."""
     counts_computing: bool
-    """Whether the time that the generator itself takes counts, too."""
+    """Whether the generator's own time counts, too."""
     oob_tolerance: float
     """Share 0..1 of the car that may be outside the lane."""
     speed_limit: float
@@ -42,17 +42,17 @@ class Assignment:
 
 @dataclass(frozen=True)
 class Answer:
-    """What became of a test that the generator asked for."""
+    """Result of a test that the generator asked for."""
 
     outcome: str
     """PASS, FAIL, ERROR or INVALID."""
     description: str
     records: list[Any]
-    """What was recorded of the drive: rows with the values of `SimulationDataRecord`."""
+    """Record of the drive: rows with the values of `SimulationDataRecord`."""
     spent: float
     """Virtual s of the budget so far."""
     simulated: float
-    """s of simulated time."""
+    """Simulated time, in s."""
 
     @property
     def is_executed(self) -> bool:
@@ -62,7 +62,7 @@ class Answer:
 
 @dataclass(frozen=True)
 class End:
-    """How a generator ended: the last that its process sends."""
+    """End of a generator: its process's last message."""
 
     how: str
     """``over``: the budget was spent; ``returned`` or ``exit``, of its process: by itself before
@@ -72,8 +72,8 @@ class End:
     traceback: str = ""
     """Its last lines."""
     seconds: float = 0.0
-    """Of wall time since ``start`` was called or the bench was last told of any."""
+    """Wall time since ``start`` was called or the bench last got any, in s."""
     threads: int = 0
-    """That it left running."""
+    """Number of threads that it left running."""
     kind: str = "end"
     """Which message this is."""

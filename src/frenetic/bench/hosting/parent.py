@@ -1,4 +1,4 @@
-"""The process that has started this one, and how to talk with it."""
+"""The connection with the parent process."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _PR_SET_PDEATHSIG: Final = 1  # of linux/prctl.h
 class Parent:
     """Sends and receives JSON objects, a line each.
 
-    When the parent is gone this process ends at once: there is nobody to run a generator for.
+    This process ends as soon as its parent has gone.
 
     Args:
-        incoming: what the parent sends.
-        outgoing: what it is sent.
+        incoming: the stream from the parent.
+        outgoing: the stream to the parent.
 
     """
 
@@ -42,7 +42,7 @@ class Parent:
         """Send an object."""
         try:
             self._outgoing.write(json.dumps(message).encode() + b"\n")
-            # Nothing stays in the buffer, which a process that the generator forks would have, too.
+            # The buffer stays empty, since a process that the generator forks would inherit it.
             self._outgoing.flush()
         except OSError:
             leave()
@@ -58,7 +58,7 @@ class Parent:
 
     @property
     def has_spoken(self) -> bool:
-        """Whether it has said something that was not received yet."""
+        """Whether a message waits."""
         return not self._received.empty()
 
     def _read(self) -> None:
@@ -70,18 +70,18 @@ class Parent:
 
 
 def leave() -> NoReturn:
-    """End this process and, if it leads its group, what the generator has started in that."""
+    """End this process and, if it leads its group, all that the generator started there."""
     if sys.platform != "win32" and os.getpgrp() == os.getpid():
         os.killpg(os.getpgrp(), signal.SIGKILL)
     os._exit(ORPHANED)
 
 
 def leave_with_parent() -> None:
-    """Leave when the parent has ended, even while the generator lets no other thread run.
+    """End with the parent, even while the generator lets no other thread run.
 
-    To be called by the main thread. It is for a generator that keeps the lock of the interpreter,
-    as a regular expression does that goes back and forth without end: that looks for signals,
-    while the thread that reads what the parent sends waits. It does nothing but on Linux.
+    Call it in the main thread. It helps against a generator that keeps the interpreter's lock, such
+    as an endless regular expression: that handles signals, while the reading thread waits. It only
+    works on Linux.
     """
     if sys.platform != "linux":
         return
@@ -94,6 +94,6 @@ def leave_with_parent() -> None:
     with suppress(Exception):  # the reading thread will notice
         import ctypes  # which not every Python has
 
-        # Not SIGKILL, which would come before anybody could end the group.
+        # Not SIGKILL, which would leave the group running.
         signal.signal(signal.SIGRTMIN, leave_if_orphaned)
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, ctypes.c_ulong(signal.SIGRTMIN))

@@ -1,4 +1,4 @@
-"""What the process does, from the first line that it is sent to the last that it sends."""
+"""The work of the process, from its first message to its last."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from frenetic.bench.hosting.parent import Parent, leave_with_parent
 from frenetic.errors import describe_error
 
 MOST_LINES: Final = 20
-"""Of a traceback that the bench is sent."""
+"""Most lines of a traceback sent to the bench."""
 
 
 def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
@@ -45,13 +45,13 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
 
 
 def run(assignment: Assignment, parent: Parent) -> End:
-    """Import, build and start a generator; return how it ended."""
+    """Import, build and start a generator; return its end."""
     logging.basicConfig(
         level=logging.INFO, format="%(asctime)s %(levelname)s %(message)s", stream=sys.stderr
     )
     prepare_path(assignment)
     offered.install()
-    # Generators draw from the global generators; so a seed repeats what they do.
+    # Generators draw from the global random generators, so a seed repeats them.
     random.seed(assignment.seed)
     np.random.seed(assignment.seed % 2**32)  # noqa: NPY002
     try:
@@ -79,7 +79,7 @@ def _started(generator: Any, executor: HostedExecutor) -> End:
 
 
 def _printed(error: BaseException | None) -> str:
-    """The last lines of an error's traceback, which is printed, too."""
+    """The last lines of an error's traceback, which is also printed."""
     if error is None:
         return ""
     lines = traceback.format_exception(type(error), error, error.__traceback__)

@@ -1,7 +1,7 @@
 """The pipeline's modules, under the pipeline's names.
 
-They come before a copy of the pipeline that lies on the module path; of such a copy only those are
-found that are not among ours.
+They take precedence over a copy of the pipeline on the module path; modules that only the copy has
+are found there.
 """
 
 from __future__ import annotations

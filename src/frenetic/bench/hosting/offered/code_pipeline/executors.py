@@ -1,4 +1,4 @@
-"""What executes tests."""
+"""Executors of tests."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from frenetic.bench.hosting.offered.placeholder import Placeholder
 
 
 class AbstractTestExecutor(ABC):
-    """What the executor of a generator is an instance of."""
+    """Base class of a generator's executor."""
 
     @abstractmethod
     def execute_test(self, the_test: Any) -> tuple[str, str, Any]:

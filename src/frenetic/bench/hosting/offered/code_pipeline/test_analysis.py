@@ -1,6 +1,6 @@
 """The competition's features of a test, mistakes included.
 
-They are of the whole road and the whole drive, as in the pipeline. The tables of its reports are of
+They cover the whole road and the whole drive, as in the pipeline. The tables of its reports cover
 the failure's segment only.
 """
 
@@ -119,7 +119,7 @@ def max_lateral_position(execution_data: Sequence[Any]) -> Feature:
 
 
 def _points(the_test: Any) -> FloatArray:
-    """(N, 2) m, the interpolated points."""
+    """The interpolated points, (N, 2) in m."""
     points = the_test if isinstance(the_test, (list, np.ndarray)) else the_test.interpolated_points
     return np.array([(point[0], point[1]) for point in points], dtype=np.float64).reshape(-1, 2)
 

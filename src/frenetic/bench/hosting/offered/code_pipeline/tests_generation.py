@@ -1,4 +1,4 @@
-"""Road tests, and the counts of what became of them."""
+"""Road tests, and counts of their results."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from frenetic.errors import RoadError
 from frenetic.road.validity import interpolate
 
 GROUND: Final = -28.0
-"""m, height of the flat map."""
+"""Height of the flat map, in m."""
 WIDTH: Final = 8.0
-"""m, of the road."""
+"""Width of the road, in m."""
 
 Point = Sequence[float]
 Node = tuple[float, float, float, float]
 
 
 class RoadTest:
-    """A road to be driven.
+    """A road test.
 
     Args:
         road_points: x, y in m; copied.
@@ -51,7 +51,7 @@ class RoadTest:
         self.id = number
         self.road_points = snapshot(road_points)
         self.is_valid: bool | None = None
-        """None until somebody has looked."""
+        """None until it is checked."""
         self.validation_message: str | None = None
 
     @cached_property
@@ -115,10 +115,10 @@ class RoadTest:
         self.validation_message = validation_message
 
     def to_json(self) -> str:
-        """Return the test as a JSON object, with what became of it if it was executed.
+        """Return the test as a JSON object, with its result if it was executed.
 
-        Road points that are no numbers are null in it; where no line passes through them, there are
-        no interpolated points.
+        Road points that are no numbers are null; without a line through them, there are no
+        interpolated points.
         """
         try:
             interpolated = self.interpolated_points
@@ -154,12 +154,12 @@ class RoadTestFactory:
 
 @dataclass
 class TestGenerationStatistic:
-    """How many tests came to what, and how long they took; a generator may change them."""
+    """Counts of the tests' results, and their times; a generator may change them."""
 
     __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
 
     test_generated: int = 0
-    """All that were handed over."""
+    """All submitted tests."""
     test_valid: int = 0
     test_invalid: int = 0
     test_passed: int = 0
@@ -168,11 +168,11 @@ class TestGenerationStatistic:
     obes: int = 0
     """Tests in which the car left its lane."""
     test_generation_real_times: list[float] = field(default_factory=list)
-    """s that the generator took for each test handed over."""
+    """Generator's time for each submitted test, in s."""
     test_execution_real_times: list[float] = field(default_factory=list)
-    """s that each executed test cost, in the virtual time of the bench."""
+    """Virtual time of the bench that each executed test cost, in s."""
     test_execution_simulation_times: list[float] = field(default_factory=list)
-    """s of simulated time of each executed test."""
+    """Simulated time of each executed test, in s."""
 
     def __str__(self) -> str:
         lines = [f"{name.replace('_', ' ', 1)}: {getattr(self, name)}" for name in _COUNTS]

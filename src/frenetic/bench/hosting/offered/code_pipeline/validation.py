@@ -10,12 +10,12 @@ from frenetic.bench.hosting.offered.given_points import number_pairs
 from frenetic.road import check_validity, validity
 
 WRONG_TYPE: Final = "Wrong type"
-"""What is said of what is no road test, or of road points that are no pairs of finite numbers."""
+"""Message for an object that is no road test, or whose points are no pairs of finite numbers."""
 FEET_PER_METRE: Final = 3.280839895
 
 
 class TestValidator:
-    """Tells whether a test is valid, by the rules by which the bench decides it.
+    """Validates tests by the bench's rules.
 
     Args:
         map_size: m, side of the square map.

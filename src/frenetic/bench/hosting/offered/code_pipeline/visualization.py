@@ -1,4 +1,4 @@
-"""Pictures of tests, of which none are drawn: the bench has a report of its own."""
+"""Pictures of tests, which are not drawn: the bench has its own report."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 class RoadTestVisualizer:
-    """Draws nothing, whatever it is asked to draw.
+    """Draws nothing.
 
     Args:
         map_size: m, side of the square map.

@@ -9,13 +9,13 @@ from frenetic.bench.hosting.offered.self_driving.road_polygon import RoadPolygon
 
 
 class RoadBoundingBox:
-    """A rectangle, with questions about what meets its boundary.
+    """A rectangle that tells what meets its boundary.
 
     Args:
         bbox_size: least x, least y, largest x and largest y in m.
 
     Raises:
-        FreneticError: From every question, if shapely is not installed.
+        FreneticError: From every method, if shapely is not installed.
 
     """
 

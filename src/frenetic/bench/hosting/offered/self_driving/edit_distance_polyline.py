@@ -1,4 +1,4 @@
-"""How different two roads are: the distance behind the competition's sparseness."""
+"""Difference of two roads: the distance behind the competition's sparseness."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SAME_LENGTH: Final = 0.2  # m by which the lengths of two equal steps differ le
 
 
 def iterative_levenshtein(s: Sequence[Sequence[float]], t: Sequence[Sequence[float]]) -> float:
-    """Return how many edits make one line the other, step by step.
+    """Return the edits that turn one line into the other, step by step.
 
     Inserting or deleting a step costs 1; replacing one costs nothing if turn and length are nearly
     the same, otherwise up to 1.

@@ -1,4 +1,4 @@
-"""What watches a car in BeamNG.tech."""
+"""The monitor of a car in BeamNG.tech."""
 
 from __future__ import annotations
 
@@ -6,4 +6,4 @@ from frenetic.bench.hosting.offered.placeholder import Placeholder
 
 
 class OutOfBoundsMonitor(Placeholder):
-    """The pipeline's watch on a car in BeamNG.tech."""
+    """The pipeline's monitor of a car in BeamNG.tech."""

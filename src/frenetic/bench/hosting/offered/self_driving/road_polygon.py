@@ -14,13 +14,13 @@ from frenetic.road.validity import overlaps_itself
 
 
 class RoadPolygon:
-    """A road's area and those of its lanes, as shapely objects that are made when asked for.
+    """Areas of a road and its lanes, as shapely objects that are made on use.
 
     Args:
         road_points: the road's middle and edges.
 
     Raises:
-        FreneticError: From what needs shapely, if it is not installed.
+        FreneticError: From methods that need shapely, if it is not installed.
 
     """
 
@@ -40,8 +40,8 @@ class RoadPolygon:
     def is_valid(self) -> bool:
         """Return whether the road does not overlap itself.
 
-        That is, of the quadrilaterals between consecutive nodes each is a valid polygon, two that
-        are not neighbours do not touch, and neighbours share only their common edge.
+        Of the quadrilaterals between consecutive nodes, each must be a valid polygon, two that are
+        not neighbours must not touch, and neighbours must share only their common edge.
         """
         points = self.road_points
         return points.moves and not overlaps_itself(np.array(points.left), np.array(points.right))
@@ -84,7 +84,7 @@ class RoadPolygon:
 
     @property
     def num_polygons(self) -> int:
-        """How many pieces the road has."""
+        """Number of pieces of the road."""
         return len(self.road_points.middle) - 1
 
 

@@ -1,4 +1,4 @@
-"""What is recorded of a drive."""
+"""Records of a drive."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ class SimulationDataRecord(NamedTuple):
     """One moment of a drive; places in m on the map, z is the height of its ground."""
 
     timer: float
-    """s of simulated time."""
+    """Simulated time, in s."""
     pos: Vector
-    """m, centre of mass."""
+    """Place of the centre of mass, in m."""
     dir: Vector
     """Unit vector along the car."""
     vel: Vector
@@ -36,11 +36,11 @@ class SimulationDataRecord(NamedTuple):
     is_oob: bool
     """Whether more of the car is outside its lane than the tolerance."""
     oob_counter: int
-    """How often it has gone out so far."""
+    """Number of times it has gone out so far."""
     max_oob_percentage: float
     """Largest share 0..1 outside since it last went out."""
     oob_distance: float
-    """m, lane half-width minus the distance to the lane's centre line."""
+    """Lane half-width minus the distance to the lane's centre line, in m."""
     oob_percentage: float
     """Share 0..1 of the car's box outside its lane."""
 
