@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from frenetic.errors import FreneticError, UnknownNameError
-from frenetic.export import FORMATS, ExportedRoad, road_format, write_road
+from frenetic.export import FORMATS, ExportedRoad, road_format, to_openscenario, write_road
 from frenetic.export.roads import CSV_COLUMNS
 from frenetic.road import Road
 from frenetic.road.files import read_road
+from frenetic.simulators import Rules
 
 ROAD = Road([0.0, 0.01, 0.05, -0.03, -0.03], 10.0, (60.0, 70.0, 1.0), lane_width=3.5)
 
@@ -36,7 +37,8 @@ def test_every_format_gives_the_same_bytes_twice(tmp_path: Path, name: str) -> N
     assert again.read_bytes() == first
     assert first.endswith(b"\n")
     assert b"\r" not in first
-    assert [path.name for path in tmp_path.iterdir()] == [again.name]
+    beside = {f"road{suffix}" for suffix in FORMATS[name].beside}
+    assert {path.name for path in tmp_path.iterdir()} == {again.name} | beside
 
 
 @pytest.mark.parametrize("name", ["opendrive", "json"])
@@ -44,6 +46,15 @@ def test_what_we_read_back_is_the_same_road(tmp_path: Path, name: str) -> None:
     read = read_road(written(tmp_path, name)).road()
     assert read.curvatures.tolist() == ROAD.curvatures.tolist()
     assert (read.step, read.pose, read.lane_width) == (10.0, ROAD.pose, 3.5)
+
+
+def test_a_scenario_lies_beside_an_opendrive_file(tmp_path: Path) -> None:
+    write_road(ExportedRoad(ROAD, "mine", 50.0), "opendrive", tmp_path / "a b.1.xodr")
+    text = (tmp_path / "a b.1.xosc").read_text()
+    assert text == to_openscenario(ROAD, "a b.1.xodr", name="mine", rules=Rules(speed_limit=50.0))
+    assert {path.name for path in tmp_path.iterdir()} == {"a b.1.xodr", "a b.1.xosc"}
+    with pytest.raises(FreneticError, match=r"choose one that ends in \.xodr"):
+        write_road(ExportedRoad(ROAD, "mine"), "opendrive", tmp_path / "road.xosc")
 
 
 def test_opendrive_carries_the_speed_limit_and_the_shoulder() -> None:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import os
 import platform
-import subprocess
 import sys
-import venv
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+import environments
 import numpy as np
 import opendrive_readers as readers
 import pytest
@@ -21,6 +16,8 @@ from frenetic.road.opendrive import from_opendrive, to_opendrive
 
 ROADS = readers.varied_roads()
 SHOULDERS = {name: 2.5 * (i % 2) for i, name in enumerate(ROADS)}  # m
+HERE = Path(__file__).parent
+LANELETS = "commonroad_lanelets.py"
 COMMONROAD = "commonroad-scenario-designer==0.8.5"
 ASAM_CHECKER = "asam-qc-opendrive==1.0.0"
 NEW_IN_1_8 = "check_asam_xodr_junctions_connection_one_link_to_incoming"
@@ -100,43 +97,8 @@ def test_a_reader_that_errs_is_noticed() -> None:
     assert readers.away_at_places(road, lane) > 0.15
 
 
-Environment = Callable[[str], str]
-
-
-@pytest.fixture
-def python_with(request: pytest.FixtureRequest, tmp_path: Path) -> Environment:
-    """Gives a Python that has a package: an environment of its own, kept between runs."""
-
-    def install(package: str) -> str:
-        cache = getattr(request.config, "cache", None)
-        name = f"{package.split('=')[0]}-{sys.version_info.major}.{sys.version_info.minor}"
-        folder = cache.mkdir(name) if cache is not None else tmp_path / name
-        python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-        complete = folder / "complete"
-        if not (complete.exists() and complete.read_text() == package):
-            venv.create(folder, clear=True, with_pip=True)
-            command = [str(python), "-m", "pip", "install", "--quiet", package]
-            done = subprocess.run(command, capture_output=True, text=True)
-            if done.returncode != 0:
-                reason = f"{' '.join(command)} failed: {done.stderr.strip()[-300:]}"
-                (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
-            complete.write_text(package)
-        return str(python)
-
-    return install
-
-
-def answers_of(python: str, script: str, *arguments: str | Path) -> dict[str, Any]:
-    """What a script beside this file says, run by another Python."""
-    command = [python, str(Path(__file__).with_name(script)), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    answers: dict[str, Any] = json.loads(done.stdout)
-    return answers
-
-
 @checker_can_be_installed
-def test_the_asam_checker_finds_nothing(python_with: Environment, tmp_path: Path) -> None:
+def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path: Path) -> None:
     files = {}
     for i, (name, road) in enumerate(ROADS.items()):
         text = to_opendrive(road, name=name, shoulder=SHOULDERS[name])
@@ -148,7 +110,9 @@ def test_the_asam_checker_finds_nothing(python_with: Environment, tmp_path: Path
     files[bad] = to_opendrive(Road([0.0, 0.01])).replace('hdg="', 'heading="')
     for path, text in files.items():
         path.write_text(text, encoding="utf-8")
-    answers = answers_of(python_with(ASAM_CHECKER), "asam_checks.py", *files)
+    answers = environments.answers(
+        environments.python_with(ASAM_CHECKER, request), HERE / "asam_checks.py", *files
+    )
     complaint = answers.pop(str(bad))
     assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
     assert len(answers) == 60
@@ -184,14 +148,16 @@ def imported_roads() -> dict[str, Road]:
 
 
 @commonroad_can_be_installed
-def test_commonroad_finds_the_lane_within_3_centimetres(
-    python_with: Environment, tmp_path: Path
+def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
+    request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     roads = ROADS | imported_roads()
     files = {tmp_path / f"{i}.xodr": road for i, road in enumerate(roads.values())}
     for i, (path, road) in enumerate(files.items()):
         path.write_text(to_opendrive(road, shoulder=2.5 * (i % 2)), encoding="utf-8")
-    answers = answers_of(python_with(COMMONROAD), "commonroad_lanelets.py", "", *files)
+    answers = environments.answers(
+        environments.python_with(COMMONROAD, request), HERE / LANELETS, "", *files
+    )
     assert len(answers) == 53
     for path, road in files.items():
         lanes = answers[str(path)]
@@ -201,17 +167,14 @@ def test_commonroad_finds_the_lane_within_3_centimetres(
             for lane in lanes
         ]
         assert min(away) < 0.03
-
-
-@commonroad_can_be_installed
-def test_commonroad_places_the_road_on_the_globe(python_with: Environment, tmp_path: Path) -> None:
-    path, road = tmp_path / "road.xodr", ROADS["S-bend"]
-    path.write_text(to_opendrive(road, origin=(-33.5, 151.25)), encoding="utf-8")
+    elsewhere, bend = tmp_path / "elsewhere.xodr", ROADS["S-bend"]
+    elsewhere.write_text(to_opendrive(bend, origin=(-33.5, 151.25)), encoding="utf-8")
     east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"
-    answers = answers_of(python_with(COMMONROAD), "commonroad_lanelets.py", east, path)
-    moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(path)]]
-    away = [readers.away_from_line(road, readers.ReadLane(lane, 4.0)) for lane in moved]
-    assert min(away) < 0.03
+    answers = environments.answers(
+        environments.python_with(COMMONROAD, request), HERE / LANELETS, east, elsewhere
+    )
+    moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(elsewhere)]]
+    assert min(readers.away_from_line(bend, readers.ReadLane(lane, 4.0)) for lane in moved) < 0.03
 
 
 def test_what_we_read_back_is_the_same_road() -> None:

@@ -9,6 +9,7 @@ from frenetic.export.competition import (
     stored_test_document,
 )
 from frenetic.export.frames import data_frame
+from frenetic.export.openscenario import to_openscenario
 from frenetic.export.roads import (
     FORMATS,
     ExportedRoad,
@@ -31,5 +32,6 @@ __all__ = [
     "road_format",
     "simulation_records",
     "stored_test_document",
+    "to_openscenario",
     "write_road",
 ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Final
@@ -13,11 +13,13 @@ import numpy as np
 
 from frenetic._support.files import write_file
 from frenetic.campaign.record import TestRecord
-from frenetic.errors import UnknownNameError
+from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.export.competition import GROUND, competition_document, stored_test_document
+from frenetic.export.openscenario import to_openscenario
 from frenetic.road import MAP_SIZE, Road
 from frenetic.road.geometry import CURVATURE
 from frenetic.road.opendrive import ORIGIN, to_opendrive
+from frenetic.simulators import Rules
 
 CSV_COLUMNS: Final = (
     "distance_m",
@@ -67,6 +69,8 @@ class RoadFormat:
     """Description in one line."""
     render: Callable[[ExportedRoad], str]
     """The file's text."""
+    beside: Mapping[str, Callable[[ExportedRoad, str], str]] = field(default_factory=dict)
+    """Suffix -> text of a file that is written beside it, given its name."""
 
 
 def _opendrive(exported: ExportedRoad) -> str:
@@ -77,6 +81,11 @@ def _opendrive(exported: ExportedRoad) -> str:
         shoulder=exported.shoulder,
         origin=exported.origin,
     )
+
+
+def _openscenario(exported: ExportedRoad, road_file: str) -> str:
+    rules = Rules(speed_limit=exported.speed_limit)
+    return to_openscenario(exported.road, road_file, name=exported.name, rules=rules)
 
 
 def _competition(exported: ExportedRoad) -> str:
@@ -127,7 +136,13 @@ FORMATS: Final[Mapping[str, RoadFormat]] = MappingProxyType(
     {
         item.name: item
         for item in (
-            RoadFormat("opendrive", ".xodr", "OpenDRIVE 1.7, for simulators", _opendrive),
+            RoadFormat(
+                "opendrive",
+                ".xodr",
+                "OpenDRIVE 1.7, for simulators, and beside it a scenario, OpenSCENARIO 1.0",
+                _opendrive,
+                MappingProxyType({".xosc": _openscenario}),
+            ),
             RoadFormat(
                 "competition",
                 ".competition.json",
@@ -174,10 +189,21 @@ def format_of(path: Path) -> RoadFormat:
 def write_road(exported: ExportedRoad, name: str, path: Path) -> None:
     """Writes a road to a file in the format with this name, whole or not at all.
 
+    Beside an OpenDRIVE file comes an OpenSCENARIO file of the same name, with the suffix ``.xosc``.
+
     Raises:
         UnknownNameError: there is no such format.
-        FreneticError: the file cannot be written.
+        FreneticError: a file cannot be written, or has a name that is that of the one beside it.
     """
+    the_format = road_format(name)
+    beside = {path.with_suffix(suffix): text for suffix, text in the_format.beside.items()}
+    if path in beside:
+        raise FreneticError(
+            f"{path} would be the name of the scenario beside the road: choose one that ends in"
+            f" {the_format.suffix}"
+        )
     # Bytes, since text files have other line ends on Windows.
-    data = road_format(name).render(exported).encode("utf-8")
-    write_file(path, data, remedy="choose a place with --out", parents=True)
+    texts = {path: the_format.render(exported)}
+    texts |= {other: text(exported, path.name) for other, text in beside.items()}
+    for file, text in texts.items():
+        write_file(file, text.encode("utf-8"), remedy="choose a place with --out", parents=True)

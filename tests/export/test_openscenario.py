@@ -1,0 +1,167 @@
+"""The scenario beside an OpenDRIVE file: what it says, and what the ASAM checker says of it.
+
+Set FRENETIC_ESMINI to the path of an esmini to have it play the scenarios, too.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import environments
+import pytest
+
+from frenetic.export import ExportedRoad, to_openscenario, write_road
+from frenetic.road import Road
+from frenetic.road.opendrive import to_opendrive
+from frenetic.simulators import Rules
+
+CHECKER = "asam-qc-openscenarioxml==1.0.0"
+ESMINI = os.environ.get("FRENETIC_ESMINI")
+WINDING = [0.0, 0.02, 0.05, -0.03, 0.0, 0.01, 0.0]
+ROADS = {
+    "winding": Road(WINDING, 10.0, (60.0, 70.0, 1.0)),
+    "straight": Road([0.0] * 20),
+    "short": Road([0.01, 0.02], 25.0),
+    "narrow": Road(WINDING, lane_width=2.75),
+}
+
+carla_has_a_wheel = pytest.mark.skipif(
+    sys.version_info >= (3, 13)
+    or sys.platform not in ("linux", "win32")
+    or platform.machine() not in ("x86_64", "AMD64"),
+    reason="CARLA is packaged for Linux and Windows on x86-64 and Python up to 3.12",
+)
+
+
+def scenario(road: Road, **rules: float) -> ElementTree.Element:
+    return ElementTree.fromstring(to_openscenario(road, "road.xodr", rules=Rules(**rules)))
+
+
+def places(root: ElementTree.Element) -> list[float]:
+    """Distance along the road of each position, all on the ego lane's centre."""
+    found = []
+    for lane in root.iter("LanePosition"):
+        assert (lane.get("roadId"), lane.get("laneId"), lane.get("offset")) == ("1", "-1", "0.0")
+        found.append(float(lane.attrib["s"]))
+    return found
+
+
+def test_start_speed_route_and_end() -> None:
+    road = ROADS["winding"]
+    root = scenario(road, speed_limit=90.0, goal_distance=6.0)
+    header, file = root.find("FileHeader"), root.find("RoadNetwork/LogicFile")
+    assert header is not None
+    assert (header.get("revMajor"), header.get("revMinor")) == ("1", "0")
+    assert file is not None
+    assert file.attrib == {"filepath": "road.xodr"}
+    start, goal = 2.5, road.length - 0.01
+    init = root.find("Storyboard/Init")
+    assert init is not None
+    # One position only: CARLA's runner takes the last one for the start.
+    assert places(init) == [start]
+    assert [float(s.attrib["value"]) for s in init.iter("AbsoluteTargetSpeed")] == [0.0]
+    story = root.find("Storyboard/Story")
+    assert story is not None
+    (route,) = story.iter("Route")
+    assert places(route) == [start, pytest.approx(goal)]
+    assert [float(s.attrib["value"]) for s in story.iter("AbsoluteTargetSpeed")] == [25.0]
+    for parent in ("Storyboard", "Storyboard/Story/Act"):
+        stop = root.find(f"{parent}/StopTrigger")
+        assert stop is not None
+        assert places(stop) == [pytest.approx(goal)]
+        (reached,) = stop.iter("ReachPositionCondition")
+        assert float(reached.attrib["tolerance"]) == 6.0
+        (late,) = stop.iter("SimulationTimeCondition")
+        assert float(late.attrib["value"]) == Rules().timeout(road.length)
+        assert late.get("rule") == "greaterThan"
+
+
+def test_same_road_same_bytes() -> None:
+    text = to_openscenario(Road(WINDING), "road.xodr")
+    assert text == to_openscenario(Road(WINDING), "road.xodr")
+    assert text.endswith("</OpenSCENARIO>\n")
+
+
+def test_names_that_xml_cannot_hold() -> None:
+    text = to_openscenario(ROADS["short"], "a\x00<b>.xodr", name="\x07")
+    root = ElementTree.fromstring(text.encode())
+    file, header = root.find("RoadNetwork/LogicFile"), root.find("FileHeader")
+    assert file is not None
+    assert header is not None
+    assert (file.get("filepath"), header.get("description")) == ("a?<b>.xodr", "?")
+
+
+@carla_has_a_wheel
+@pytest.mark.parametrize("name", ROADS)
+def test_carla_finds_every_position(name: str) -> None:
+    import carla
+
+    road = ROADS[name]
+    carla_map = carla.Map("road", to_opendrive(road))
+    for place in places(scenario(road)):
+        waypoint = carla_map.get_waypoint_xodr(1, -1, place)
+        assert waypoint is not None
+        x, y, heading = road.pose_at(place)
+        half = 0.5 * road.lane_width
+        assert waypoint.transform.location.x == pytest.approx(
+            x + half * math.sin(heading), abs=0.01
+        )
+        assert -waypoint.transform.location.y == pytest.approx(
+            y - half * math.cos(heading), abs=0.01
+        )
+
+
+def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    files = []
+    for name, road in ROADS.items():
+        path = tmp_path / f"{name}.xodr"
+        write_road(ExportedRoad(road, name), "opendrive", path)
+        text = path.with_suffix(".xosc").read_text()
+        files.append(path.with_suffix(".xosc"))
+        # Most rules hold from a later version on, so the scenario is shown as that one, too.
+        for minor in (1, 2, 3):
+            files.append(tmp_path / f"{name}-{minor}.xosc")
+            files[-1].write_text(text.replace('revMinor="0"', f'revMinor="{minor}"'))
+    bad = tmp_path / "bad.xosc"
+    bad.write_text(text.replace("<CatalogLocations />", ""))
+    script = Path(__file__).with_name("openscenario_checks.py")
+    answers = environments.answers(environments.python_with(CHECKER, request), script, *files, bad)
+    assert len(answers.pop(str(bad))["check_asam_xosc_xml_valid_schema"]) > 1
+    assert len(answers) == 16
+    for file, answer in answers.items():
+        assert answer["check_asam_xosc_xml_valid_schema"] == ["completed"]
+        assert len(answer) == 17
+        done = [status for status, *issues in answer.values() if status == "completed"]
+        assert len(done) == (17 if file.endswith(("-2.xosc", "-3.xosc")) else 5)
+        assert not any(issues for _, *issues in answer.values())
+
+
+@pytest.mark.skipif(ESMINI is None, reason="FRENETIC_ESMINI names no esmini")
+@pytest.mark.parametrize("name", ROADS)
+def test_esmini_drives_from_the_start_to_the_goal(name: str, tmp_path: Path) -> None:
+    road, log = ROADS[name], tmp_path / "log.csv"
+    write_road(ExportedRoad(road, name), "opendrive", tmp_path / "road.xodr")
+    command = [str(ESMINI), "--osc", "road.xosc", "--headless", "--fixed_timestep", "0.05"]
+    command += ["--csv_logger", str(log)]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout
+    assert "at the goal: true" in done.stdout
+    with log.open(newline="") as file:
+        rows = [row for row in csv.reader(file) if len(row) > 20]
+    columns = [title.strip() for title in rows[0]]
+    x, y, speed = (
+        columns.index(f"#1 {t}")
+        for t in ("World_Position_X [m]", "World_Position_Y [m]", "Current_Speed [m/s]")
+    )
+    path = [(float(row[x]), float(row[y])) for row in rows[1:]]
+    track = road.track(path)
+    assert track[0, 0] == pytest.approx(places(scenario(road))[0], abs=0.05)
+    assert track[:, 1] == pytest.approx(-0.5 * road.lane_width, abs=0.05)
+    assert float(rows[1][speed]) == 0.0
