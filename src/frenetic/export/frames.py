@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from frenetic.export.tables import (
     batches_of_trajectories,
     number_of_tests,
 )
-from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
@@ -34,8 +33,6 @@ if TYPE_CHECKING:
 Table: TypeAlias = Literal["tests", "trajectories"]
 
 _COMPRESSION: Final = "zstd"
-_KNOWN: Final = {"outcome": [str(outcome) for outcome in Outcome], "departure_side": get_args(Side)}
-"""Column -> all its possible values; the categories of others are the values present."""
 
 
 @contextmanager
@@ -113,15 +110,10 @@ def data_frame(
             frame[column.name] = frame[column.name].map(np.array)  # which may be written to
         elif column.kind is Kind.CHOICE:
             choices = frame[column.name].cat
-            known = _KNOWN.get(column.name) or sorted(choices.categories)
+            known = [*map(str, column.choices)] or sorted(choices.categories)
             frame[column.name] = choices.set_categories(known)
-    return frame.astype(
-        {column.name: "Float64" for column in columns if column.optional and _is_real(column)}
-    )
-
-
-def _is_real(column: Column) -> bool:
-    return column.kind is Kind.REAL
+    nullable = [c.name for c in columns if c.kind is Kind.REAL and c.optional]
+    return frame.astype(dict.fromkeys(nullable, "Float64"))
 
 
 def _schema(columns: tuple[Column, ...]) -> Any:

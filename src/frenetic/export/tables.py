@@ -1,28 +1,27 @@
 """A campaign's tests and trajectories as tables, read many rows at a time.
 
-One batch is in memory at a time, however large the campaign. A value of the wrong type is a
-`CampaignError` that names the test.
+Whatever the campaign's size, one batch is in memory at a time. A damaged value is a `CampaignError`
+that names the test.
 """
 
 from __future__ import annotations
 
 import itertools
-import json
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any, Final, Literal, TypeAlias, get_args
+from datetime import UTC, datetime
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic.campaign.configuration import shown
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.trajectory_codec import decode_columns
 from frenetic.errors import CampaignError
-from frenetic.export.columns import TESTS, TRAJECTORIES, Column, Kind
-from frenetic.oracle import Side
+from frenetic.export.columns import DERIVED, TESTS, TRAJECTORIES, Column, Kind
 from frenetic.outcome import Outcome
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
@@ -74,8 +73,7 @@ class Batch:
         return len(self.values["id"])
 
 
-_DERIVED: Final = ("length", "curvature_count", "max_curvature")
-_STORED: Final = tuple(column for column in TESTS if column.name not in _DERIVED)
+_STORED: Final = tuple(column for column in TESTS if column not in DERIVED)
 _SELECT_TESTS: Final = f"""
     SELECT {", ".join(column.name for column in _STORED)}
     FROM test LEFT JOIN candidate ON candidate.id = candidate_id
@@ -161,7 +159,7 @@ def trajectories_of(
     while rows := list(store.rows(select, (done, last, *wanted))):
         for _, candidate_id, data in rows:
             if not isinstance(data, bytes):
-                raise _damaged(store, f"the trajectory of test {candidate_id} is {_shown(data)}")
+                raise _damaged(store, f"the trajectory of test {candidate_id} is {shown(data)}")
             try:
                 yield candidate_id, decode_columns(data)
             except CampaignError as error:
@@ -182,14 +180,13 @@ def _last_told(store: CampaignStore) -> int:
     return last if isinstance(last, int) else 0
 
 
-# Rows to columns. `set(map(type, values))` looks at all values of a column at the speed of C.
+# Rows to columns. All values of a column are read together, at the speed of C; if one is damaged,
+# `Column.read` says which, and why.
 
 
-class _NoSuchValue(Exception):  # noqa: N818  # it becomes a CampaignError
-    """The value in this row does not fit its column."""
-
-    def __init__(self, row: int) -> None:
-        self.row = row
+class _DamagedRow(Exception):  # noqa: N818  # it becomes a CampaignError
+    def __init__(self, row: int, fault: str) -> None:
+        self.row, self.fault = row, fault
 
 
 def _to_batch(store: CampaignStore, rows: Sequence[tuple[Any, ...]]) -> Batch:
@@ -197,10 +194,10 @@ def _to_batch(store: CampaignStore, rows: Sequence[tuple[Any, ...]]) -> Batch:
     values: dict[str, Values] = {}
     for column in _STORED:
         try:
-            values[column.name] = _READERS[column.kind](raw[column.name], column)
-        except _NoSuchValue as error:
-            value, told = _shown(raw[column.name][error.row]), raw["told"][error.row]
-            text = f"{column.name} of the result that was told as number {told} is {value}"
+            values[column.name] = _read(column, raw[column.name])
+        except _DamagedRow as error:
+            told = raw["told"][error.row]
+            text = f"{column.name} of the result that was told as number {told} {error.fault}"
             raise _damaged(store, text) from None
     curvatures, step = values["curvatures"], values["step"]
     assert isinstance(curvatures, Lists)
@@ -222,118 +219,77 @@ def _largest(lists: Lists) -> FloatArray:
     return largest
 
 
-def _require(values: Sequence[object], column: Column, *allowed: type) -> None:
-    """Raises `_NoSuchValue` unless all values are of these types, or missing where they may be."""
-    types = (*allowed, type(None)) if column.optional else allowed
-    if not set(map(type, values)) <= set(types):
-        raise _NoSuchValue(next(k for k, value in enumerate(values) if type(value) not in types))
+def _read(column: Column, raw: list[Any]) -> Values:
+    """The values of a column.
+
+    Raises:
+        _DamagedRow: the first that is none of the column.
+    """
+    allowed, read = _READERS[column.kind]
+    types = {*allowed, type(None)} if column.optional else allowed
+    if set(map(type, raw)) <= types:
+        with suppress(ValueError):
+            return read(column, raw)
+    for row, value in enumerate(raw):
+        try:
+            column.read(value)
+        except ValueError as error:
+            raise _DamagedRow(row, str(error)) from None
+    raise AssertionError(f"each value of {column.name} is one, and all of them are none")
 
 
-def _wholes(values: list[Any], column: Column) -> IntArray:
-    _require(values, column, int)
-    return np.array(values, dtype=np.int64)
+def _wholes(_: Column, raw: list[Any]) -> IntArray:
+    return np.array(raw, dtype=np.int64)
 
 
-def _reals(values: list[Any], column: Column) -> FloatArray:
-    _require(values, column, float, int)
-    numbers = np.array(values, dtype=np.float64)
-    for row in np.flatnonzero(~np.isfinite(numbers)):
-        if values[row] is not None:
-            raise _NoSuchValue(int(row))
+def _reals(column: Column, raw: list[Any]) -> FloatArray:
+    numbers = np.array(raw, dtype=np.float64)
+    if np.isinf(numbers).any() or (column.is_positive and (numbers <= 0.0).any()):
+        raise ValueError
     return numbers
 
 
-def _texts(values: list[Any], column: Column) -> list[str | None]:
-    _require(values, column, str)
-    if column.name == "departure_side" and not set(values) <= {None, *get_args(Side)}:
-        sides = (None, *get_args(Side))
-        raise _NoSuchValue(next(k for k, value in enumerate(values) if value not in sides))
-    return values
+def _texts(column: Column, raw: list[Any]) -> list[str | None]:
+    if column.choices and not set(raw) <= {None, *column.choices}:
+        raise ValueError
+    return raw
 
 
-def _moments(values: list[Any], column: Column) -> npt.NDArray[np.datetime64]:
-    _require(values, column, str)
-    plain = []
-    for row, value in enumerate(values):
-        match = _MOMENT.fullmatch(value)
-        if match is None:
-            raise _NoSuchValue(row)
-        plain.append(match[1])
-    try:
-        return np.array(plain, dtype="datetime64[ms]")
-    except ValueError:  # of some day that no calendar has
-        raise _NoSuchValue(_first_refused(plain)) from None
+def _moments(_: Column, raw: list[Any]) -> npt.NDArray[np.datetime64]:
+    moments = [datetime.fromisoformat(text) for text in raw]
+    if None in {moment.tzinfo for moment in moments}:
+        raise ValueError
+    plain = [moment.astimezone(UTC).replace(tzinfo=None) for moment in moments]
+    return np.array(plain, dtype="datetime64[ms]")
 
 
-def _first_refused(moments: Sequence[str]) -> int:
-    for row, moment in enumerate(moments):
-        try:
-            np.datetime64(moment, "ms")
-        except ValueError:
-            return row
-    raise AssertionError("each of them is a moment")
-
-
-_MOMENT: Final = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(?:\.\d{1,3})?)\+00:00")
-
-
-def _lists_of_wholes(values: list[Any], column: Column) -> Lists:
-    _require(values, column, str)
-    lists = []
-    for row, text in enumerate(values):
-        numbers = _ids(text)
-        if numbers is None:
-            raise _NoSuchValue(row)
-        lists.append(numbers)
+def _lists_of_wholes(column: Column, raw: list[Any]) -> Lists:
+    lists = [column.read(text) for text in raw]
     joined = np.fromiter(itertools.chain.from_iterable(lists), dtype=np.int64)
     return Lists(joined, _offsets([len(numbers) for numbers in lists]))
 
 
-@lru_cache(maxsize=10_000)  # most roads have no parents, or those of their siblings
-def _ids(text: str) -> tuple[int, ...] | None:
-    """The ids in a JSON list, None for anything else."""
-    try:
-        numbers = json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-    is_fine = isinstance(numbers, list) and all(
-        type(number) is int and 0 < number < 2**63 for number in numbers
-    )
-    return tuple(numbers) if is_fine else None
-
-
-def _lists_of_reals(values: list[Any], column: Column) -> Lists:
-    _require(values, column, bytes)
-    sizes = [len(data) for data in values]
-    for row, size in enumerate(sizes):
-        if size % 8:
-            raise _NoSuchValue(row)
-    numbers = np.frombuffer(b"".join(values), dtype="<f8").astype(np.float64, copy=False)
-    offsets = _offsets([size // 8 for size in sizes])
-    bad = np.flatnonzero(~np.isfinite(numbers))
-    if len(bad):
-        raise _NoSuchValue(int(np.searchsorted(offsets, bad[0], side="right")) - 1)
-    return Lists(numbers, offsets)
+def _lists_of_reals(_: Column, raw: list[Any]) -> Lists:
+    sizes = [len(data) for data in raw]
+    numbers = np.frombuffer(b"".join(raw), dtype="<f8").astype(np.float64, copy=False)
+    if any(size % 8 for size in sizes) or not np.isfinite(numbers).all():
+        raise ValueError
+    return Lists(numbers, _offsets([size // 8 for size in sizes]))
 
 
 def _offsets(lengths: Sequence[int]) -> IntArray:
     return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
 
 
-_READERS: Final[Mapping[Kind, Callable[[list[Any], Column], Values]]] = {
-    Kind.WHOLE: _wholes,
-    Kind.REAL: _reals,
-    Kind.TEXT: _texts,
-    Kind.CHOICE: _texts,
-    Kind.MOMENT: _moments,
-    Kind.WHOLES: _lists_of_wholes,
-    Kind.REALS: _lists_of_reals,
+_READERS: Final[Mapping[Kind, tuple[set[type], Callable[[Column, list[Any]], Values]]]] = {
+    Kind.WHOLE: ({int}, _wholes),
+    Kind.REAL: ({float, int}, _reals),
+    Kind.TEXT: ({str}, _texts),
+    Kind.CHOICE: ({str}, _texts),
+    Kind.MOMENT: ({str}, _moments),
+    Kind.WHOLES: ({str}, _lists_of_wholes),
+    Kind.REALS: ({bytes}, _lists_of_reals),
 }
-
-
-def _shown(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _damaged(store: CampaignStore, what: str) -> CampaignError:
