@@ -11,7 +11,6 @@ import pytest
 from frenetic import doctor
 from frenetic.doctor import (
     Check,
-    Checkable,
     Examination,
     Health,
     drive_checks,
@@ -23,6 +22,7 @@ from frenetic.errors import UnknownNameError
 from frenetic.registry import SIMULATORS, Registry
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.simulators.capabilities import capabilities
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -100,7 +100,7 @@ def test_embedded_simulator_is_well() -> None:
     names = [check.name for check in seen]
     assert names == ["kernels", "cache", "straight road, Stanley", "curve, Stanley", "speed"]
     assert not any(check.remedy for check in seen)
-    assert isinstance(EmbeddedSimulator(), Checkable)
+    assert capabilities(EmbeddedSimulator()).checks is not None
 
 
 def test_curve_without_friction_is_found(registry: None) -> None:

@@ -12,16 +12,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.util import find_spec
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from frenetic.errors import FreneticError
 from frenetic.registry import SIMULATORS
+from frenetic.simulators.capabilities import capabilities, usual
 from frenetic.simulators.checks import Check, broken, drive_checks
 from frenetic.simulators.simulator import Simulator
 
 __all__ = [
     "Check",
-    "Checkable",
     "Examination",
     "Health",
     "broken",
@@ -29,14 +29,6 @@ __all__ = [
     "examine",
     "examine_all",
 ]
-
-
-@runtime_checkable
-class Checkable(Protocol):
-    """A simulator that checks itself."""
-
-    def checks(self) -> Iterator[Check]:
-        """Its checks, in order, up to one that makes the rest pointless."""
 
 
 class Health(StrEnum):
@@ -96,7 +88,7 @@ def examine_all() -> Iterator[Examination]:
     for entry in SIMULATORS.entries():
         try:
             factory = SIMULATORS.load(entry.name)
-            missing = [m for m in getattr(factory, "needs", ()) if find_spec(m) is None]
+            missing = [m for m in usual(factory).needs if find_spec(m) is None]
             if missing:
                 note = f'pip install "frenetic-roads[{entry.name}]"'
                 yield Examination(entry.name, Health.NOT_INSTALLED, (), note)
@@ -107,8 +99,9 @@ def examine_all() -> Iterator[Examination]:
 
 
 def _checks(simulator: Simulator) -> Iterator[Check]:
-    if isinstance(simulator, Checkable):
-        yield from simulator.checks()
+    own = capabilities(simulator).checks
+    if own is not None:
+        yield from own()
         return
     try:
         with simulator:

@@ -18,12 +18,27 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol, runtime_checkable
 
 from frenetic.errors import FreneticError, UnknownNameError, describe_error
 
 USER_MODULE: Final = "frenetic_user_"
 """Prefix of the names of modules loaded from a user's file."""
+
+
+@runtime_checkable
+class Described(Protocol):
+    """A part that says with which options it was made."""
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Name -> value."""
+
+
+def options_of(part: object) -> Mapping[str, Any] | None:
+    """The options that a part was made with; None if it does not say."""
+    options = part.options if isinstance(part, Described) else None
+    return options if isinstance(options, Mapping) else None
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 from frenetic._support.json_value import JSONValue
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError
-from frenetic.registry import SIMULATORS, STRATEGIES, USER_MODULE, Registry
+from frenetic.registry import SIMULATORS, STRATEGIES, USER_MODULE, Registry, options_of
 
 # What is imported inside functions below takes longer to import than help may.
 
@@ -408,8 +408,9 @@ def usual_wall_limit(simulator: str | None) -> float:
     """Wall time that a drive in the simulator of that name may take by default, in s."""
     if simulator is None:
         return WALL_LIMIT
-    limit: float = getattr(SIMULATORS.load(simulator), "usual_wall_limit", WALL_LIMIT)
-    return limit
+    from frenetic.simulators.capabilities import usual
+
+    return usual(SIMULATORS.load(simulator)).usual_wall_limit
 
 
 def _layer_names() -> list[str]:
@@ -444,22 +445,22 @@ def describe(part: object) -> dict[str, JSONValue]:
 
     The options are the part's ``options`` if it has any, or the fields of a dataclass.
     """
-    from frenetic.drivers.driver import Driver
+    from frenetic.drivers.driver import inner_driver  # numpy takes its time
 
     kind = type(part)
     module = kind.__module__
     if module.startswith(USER_MODULE):
         module = Path(sys.modules[module].__file__ or module).name
     described: dict[str, JSONValue] = {"class": f"{module}:{kind.__qualname__}"}
-    options = getattr(part, "options", None)
-    if isinstance(options, Mapping):
+    options = options_of(part)
+    if options is not None:
         described["options"] = {str(name): _plain(value) for name, value in options.items()}
     elif is_dataclass(part):
         described["options"] = {
             item.name: _plain(getattr(part, item.name, None)) for item in fields(part)
         }
-    inner = getattr(part, "driver", None)
-    if isinstance(inner, Driver):
+    inner = inner_driver(part)
+    if inner is not None:
         described["driver"] = describe(inner)
     return described
 

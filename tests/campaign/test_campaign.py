@@ -12,6 +12,7 @@ import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -280,6 +281,34 @@ def test_strategy_that_breaks_ends_the_campaign_with_one_line(
         campaign(tmp_path, Bad(defect), Budget(simulations=9)).run()
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().told == kept
+
+
+class Observing(Scripted):
+    """Keeps where the cars ended."""
+
+    def __init__(self, *roads: list[float]) -> None:
+        super().__init__(*roads)
+        self.seen: list[tuple[int, Outcome, float | None]] = []
+
+    def observe(self, attempt: Attempt) -> None:
+        path = attempt.trajectory
+        last = None if path is None else float(path.time[-1])
+        self.seen.append((len(self.told), attempt.result.outcome, last))
+
+
+def test_a_strategy_that_observes_sees_each_drive_before_it_is_told(tmp_path: Path) -> None:
+    strategy = Observing(STRAIGHT, LOOP, BENT)
+    campaign(tmp_path / "c", strategy, Budget(simulations=2)).run()
+    assert [seen[:2] for seen in strategy.seen] == [
+        (0, Outcome.PASS),
+        (1, Outcome.INVALID),
+        (2, Outcome.FAIL),
+    ]
+    assert [seen[2] is not None for seen in strategy.seen] == [True, False, True]
+    with pytest.raises(CampaignError, match="observes drives, which are not kept exactly"):
+        campaign(tmp_path / "c", Observing(STRAIGHT), Budget(simulations=3)).resume()
+    with pytest.raises(ValueError, match="needs one worker"):
+        campaign(tmp_path / "d", strategy, Budget(simulations=2), workers=2)
 
 
 def test_map_sizes_have_to_agree(tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ from frenetic.bench.strategy import (
     End,
     Ending,
     GeneratorStrategy,
-    RecordingTester,
     VirtualTime,
     most_simulations,
 )
@@ -27,6 +26,7 @@ from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.loop import ask, tell
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver
 from frenetic.errors import FreneticError, StrategyError
 from frenetic.export import export_campaign
@@ -34,7 +34,8 @@ from frenetic.export.tables import Which
 from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, SearchEnded, Strategy
-from frenetic.simulators.simulator import Simulator, check_pair
+from frenetic.simulators.capabilities import check_pair
+from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Part, Spec, describe
 
 COMPETITION: Final = "competition"
@@ -107,9 +108,9 @@ class Terms:
         """Number of tests that the budget allows."""
         return most_simulations(self.budget, self.seconds_per_test)
 
-    def tester(self) -> RecordingTester:
+    def tester(self) -> RoadTester:
         """Tests roads on these terms."""
-        return RecordingTester(self.simulator, self.driver, self.map_size)
+        return RoadTester(self.simulator, self.driver, self.map_size)
 
 
 @dataclass(frozen=True)
@@ -170,7 +171,6 @@ def run_entrant(
         results.mkdir(parents=True, exist_ok=True)
         with hosted(entrant, terms, clock, seed, folder, results) as strategy:
             campaign = _campaign(entrant, terms, strategy, seed, folder)
-            campaign.tester = strategy.tester
             campaign.description["strategy"] = _described(entrant, seed)
             ending = _search(campaign, on_progress)
             if ending is None or ending.end is not End.GAVE_UP:

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
 from frenetic.bench.hosting.messages import Answer
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.tester import Placement, RoadTester, road_through
+from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.errors import RoadError
 from frenetic.export.competition import simulation_rows
 from frenetic.road import Road, check_validity
@@ -98,21 +98,6 @@ class VirtualTime:
         return self.spent + self.seconds_per_test > self.budget * (1.0 + 1e-12)
 
 
-@dataclass(frozen=True)
-class RecordingTester(RoadTester):
-    """A tester that remembers its last test."""
-
-    last: list[Attempt] = field(default_factory=list, compare=False)
-    """One at most."""
-
-    def test(self, candidate: Candidate, placement: Placement | None = None) -> Attempt:
-        """Tests a candidate as any tester does."""
-        self.last[:] = []
-        attempt = super().test(candidate, placement)
-        self.last[:] = [attempt]
-        return attempt
-
-
 class GeneratorStrategy:
     """Passes on a generator's roads, and their results to the generator.
 
@@ -121,7 +106,7 @@ class GeneratorStrategy:
 
     Args:
         process: runs the generator; entered already.
-        tester: tests its roads.
+        tester: says how its roads are tested.
         clock: of the budget.
         patience: s of wall time that the generator may take between two tests.
         seed: of the generator, for the campaign's record.
@@ -130,7 +115,7 @@ class GeneratorStrategy:
     def __init__(
         self,
         process: GeneratorProcess,
-        tester: RecordingTester,
+        tester: RoadTester,
         clock: VirtualTime,
         *,
         patience: float,
@@ -140,10 +125,11 @@ class GeneratorStrategy:
         self.ending: Ending | None = None
         """End of the generator; None while it runs."""
         self._process = process
-        self.tester = tester
+        self._tester = tester
         self._clock = clock
         self._patience = patience
         self._ledger = Ledger()
+        self._attempt: Attempt | None = None  # that is to be told
         self._since = time.monotonic()
         """When it was answered last."""
 
@@ -170,17 +156,21 @@ class GeneratorStrategy:
         assert self.ending is not None
         raise SearchEnded(f"the generator ended ({self.ending})")
 
+    def observe(self, attempt: Attempt) -> None:
+        """Keeps the attempt for the answer."""
+        self._attempt = attempt
+
     def tell(self, evaluation: Evaluation) -> None:
         """Answers the test."""
         self._ledger.settle(evaluation)
-        tested = self.tester.last[0] if self.tester.last else None
+        attempt, self._attempt = self._attempt, None
         self._clock.executed += evaluation.outcome.is_simulated
         answer = Answer(
             outcome=str(evaluation.outcome),
-            description=tested.result.reason if tested else "The simulator broke",
-            records=self._records(evaluation, tested),
+            description=_reason(attempt),
+            records=self._records(evaluation, attempt),
             spent=self._clock.spent,
-            simulated=tested.result.duration if tested else 0.0,
+            simulated=attempt.result.duration if attempt else 0.0,
         )
         self._since = time.monotonic()
         with suppress(GeneratorLostError):  # its last words may still wait to be received
@@ -231,7 +221,7 @@ class GeneratorStrategy:
 
     def _is_valid(self, points: FloatArray | None) -> bool:
         try:
-            return points is not None and check_validity(points, self.tester.map_size).valid
+            return points is not None and check_validity(points, self._tester.map_size).valid
         except RoadError:
             return False
 
@@ -239,21 +229,27 @@ class GeneratorStrategy:
         curvatures, step = np.empty(0), 1.0
         if points is not None:
             try:
-                road = road_through(points, self.tester.lane_width)
+                road = road_through(points, self._tester.lane_width)
             except RoadError:
                 pass  # the tester says why
             else:
                 curvatures, step = road.curvatures, road.step
         return self._ledger.issue(curvatures, step, Origin(OPERATOR), points)
 
-    def _records(self, evaluation: Evaluation, tested: Attempt | None) -> list[Any]:
+    def _records(self, evaluation: Evaluation, attempt: Attempt | None) -> list[Any]:
         """The simulator's record as the pipeline's records."""
         candidate = evaluation.candidate
-        if tested is None or tested.trajectory is None or tested.pose is None:
+        if attempt is None or attempt.trajectory is None or attempt.pose is None:
             return []
-        simulator, width = self.tester.simulator, self.tester.lane_width
-        road = Road(candidate.curvatures, candidate.step, tested.pose, lane_width=width)
-        return simulation_rows(road, Drive(tested.trajectory, simulator.car, simulator.rules))
+        simulator, width = self._tester.simulator, self._tester.lane_width
+        road = Road(candidate.curvatures, candidate.step, attempt.pose, lane_width=width)
+        return simulation_rows(road, Drive(attempt.trajectory, simulator.car, simulator.rules))
+
+
+def _reason(attempt: Attempt | None) -> str:
+    if attempt is None or attempt.worker_lost:
+        return "The simulator broke"
+    return attempt.result.reason
 
 
 def _seconds(message: Mapping[str, Any], most: float) -> float:

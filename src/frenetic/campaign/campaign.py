@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic.campaign.log import CampaignLog, Event
-from frenetic.campaign.loop import Dispatcher, Order
+from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.replay import replay
 from frenetic.campaign.store import CampaignStore, JSONValue
@@ -26,9 +26,11 @@ from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers, availa
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.outcome import Outcome
+from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy
+from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Part, Spec, describe
@@ -57,13 +59,11 @@ def prepare(simulator: Simulator) -> None:
     Raises:
         CampaignError: it does not start.
     """
-    find_out = getattr(simulator, "prepare", None)
-    if callable(find_out):
-        try:
-            find_out()
-        except Exception as error:
-            text = str(error) if isinstance(error, FreneticError) else describe_error(error)
-            raise CampaignError(f"the simulator does not start: {text}") from error
+    try:
+        capabilities(simulator).prepare()
+    except Exception as error:
+        text = str(error) if isinstance(error, FreneticError) else describe_error(error)
+        raise CampaignError(f"the simulator does not start: {text}") from error
 
 
 class Campaign:
@@ -118,13 +118,12 @@ class Campaign:
             if isinstance(number, bool) or number != int(number) or number < 1:
                 raise ValueError(f"{name} is {number}: a whole number of at least 1 is needed")
         if drive_limit is None:
-            drive_limit = 1.5 * getattr(simulator, "wall_limit", 60.0) + 10.0
+            drive_limit = capabilities(simulator).drive_limit
         if not drive_limit > 0.0:
             raise ValueError(
                 f"drive_limit is {drive_limit}: a positive number of seconds is needed"
             )
-        options = getattr(strategy, "options", None)
-        known = options if isinstance(options, Mapping) else {}
+        known = options_of(strategy) or {}
         theirs = known.get("map_size")
         if map_size is None:
             map_size = MAP_SIZE if theirs is None else theirs
@@ -133,6 +132,8 @@ class Campaign:
                 f"map_size is {map_size:g}, but the strategy was made for {theirs:g}: they have to"
                 " agree"
             )
+        if isinstance(strategy, ObservingStrategy) and (workers > 1 or cluster is not None):
+            raise ValueError("the strategy observes drives: it needs one worker, in this process")
         self.strategy = strategy
         self.tester = RoadTester(simulator, driver, map_size, margin, lane_width)
         self.budget = budget
@@ -183,7 +184,7 @@ class Campaign:
             map_size=spec.map_size,
             margin=spec.margin,
             lane_width=spec.lane_width,
-            workers=workers or getattr(simulator, "usual_workers", None) or available_cores(),
+            workers=workers or capabilities(simulator).usual_workers or available_cores(),
             cluster=cluster,
             ordered=spec.lookahead is not None,
             lookahead=spec.lookahead or LOOKAHEAD,

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -42,6 +42,19 @@ class Order:
     order of asking, so that the campaign does not depend on the number and speed of workers."""
 
 
+@runtime_checkable
+class ObservingStrategy(Strategy, Protocol):
+    """A strategy that is shown each test whole, with its drive, right before it is told.
+
+    Drives are exact only in the process that drove them, so its campaign has one worker and cannot
+    be resumed.
+    """
+
+    def observe(self, attempt: Attempt) -> None:
+        """Looks at the last attempt to test the candidate that is told next."""
+        ...
+
+
 class Dispatcher:
     """Takes a campaign from where its log ends to the end of its budget.
 
@@ -65,6 +78,7 @@ class Dispatcher:
     ) -> None:
         self._strategy = strategy
         self._selective = strategy if isinstance(strategy, SelectiveStrategy) else None
+        self._observing = strategy if isinstance(strategy, ObservingStrategy) else None
         self._workers = workers
         self._store = store
         self._log = log
@@ -270,6 +284,8 @@ class Dispatcher:
         )
         self._store.told(record, attempt.packed, hold=True)
         del self._outstanding[candidate.id]
+        if self._observing is not None:
+            self._observing.observe(attempt)
         evaluation = Evaluation(candidate, result.outcome, result.moobd, tally.budget_spent)
         tell(self._strategy, evaluation, tally)
         self._unreported.append((record, tally.progress(time.perf_counter() - self._start)))

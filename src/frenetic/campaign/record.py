@@ -39,7 +39,7 @@ class Attempt:
     pose: Pose | None = None
     """Where on the map the road starts; None if it fits nowhere."""
     trajectory: Trajectory | None = None
-    """None if nothing was driven, or if it is packed."""
+    """None if nothing was driven, or if another process did and it is packed."""
     packed: bytes | None = None
     """The trajectory as `encode` gives it: small enough to travel between processes."""
     simulator_broke: bool = False
@@ -69,11 +69,12 @@ class Attempt:
         """Why another attempt may go better; None if this one stands."""
         return self.result.reason if self.simulator_broke or self.worker_lost else None
 
-    def pack(self) -> Self:
-        """The same with a packed trajectory."""
+    def pack(self, *, keep: bool = False) -> Self:
+        """The same with a packed trajectory, in place of the exact one unless that is kept."""
         if self.trajectory is None:
             return self
-        return replace(self, trajectory=None, packed=encode(self.trajectory))
+        exact = self.trajectory if keep else None
+        return replace(self, trajectory=exact, packed=encode(self.trajectory))
 
     def record(
         self,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from frenetic.campaign.loop import ask, tell
+from frenetic.campaign.loop import ObservingStrategy, ask, tell
 from frenetic.campaign.progress import Tally
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.versions import package_versions
@@ -28,6 +28,11 @@ def replay(
     Raises:
         CampaignError: the strategy proposes another road than it did, or the log is damaged.
     """
+    if isinstance(strategy, ObservingStrategy):
+        raise CampaignError(
+            f"{store.folder} cannot be resumed: its strategy observes drives, which are not kept"
+            " exactly; start a new campaign"
+        )
     tally = Tally()
     asked = store.candidates_with_place()
     following = next(asked, None)

@@ -18,8 +18,9 @@ from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, check_validity
 from frenetic.search.records import Candidate
+from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Drive, Trajectory
-from frenetic.simulators.simulator import Simulator, check_pair
+from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions, in_conditions
 
 logger = logging.getLogger(__name__)
@@ -82,11 +83,16 @@ class RoadTester:
         return self._driven(candidate.id, fitted, self.driver)
 
     def attempt(
-        self, candidate: Candidate, placement: Placement | None = None, worker: str | None = None
+        self,
+        candidate: Candidate,
+        placement: Placement | None = None,
+        worker: str | None = None,
+        *,
+        keep: bool = False,
     ) -> Attempt:
-        """Tests a candidate for a worker: timed, with a packed trajectory."""
+        """Tests a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
         start = time.perf_counter()
-        attempt = self.test(candidate, placement).pack()
+        attempt = self.test(candidate, placement).pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def drive(self, road: Road) -> Drive:

@@ -326,6 +326,7 @@ def _refuse_given(context: click.Context, why: str) -> None:
 
 def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> None:
     from frenetic.campaign.workers import available_cores
+    from frenetic.simulators.capabilities import capabilities
 
     log = Log()
     names = ", ".join(entrant.name for entrant in the_bench.entrants)
@@ -348,9 +349,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
         with _bench_progress(log) as show, _go_on_line(the_bench):
             ends = the_bench.run(
                 resume=resume,
-                workers=workers
-                or getattr(terms.simulator, "usual_workers", 0)
-                or available_cores(),
+                workers=workers or capabilities(terms.simulator).usual_workers or available_cores(),
                 on_start=started,
                 on_progress=show,
                 on_end=ended,

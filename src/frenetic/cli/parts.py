@@ -54,8 +54,9 @@ def make_simulator(
 
 def usual_wall_limit(simulator: str) -> float:
     """The wall time in s that a drive in the simulator of that name may take by default."""
-    limit: float = getattr(SIMULATORS.load(simulator), "usual_wall_limit", WALL_LIMIT)
-    return limit
+    from frenetic.simulators.capabilities import usual
+
+    return usual(SIMULATORS.load(simulator)).usual_wall_limit
 
 
 def make_part(

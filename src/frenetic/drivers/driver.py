@@ -99,6 +99,28 @@ class Driver(Protocol):
         """The controls for the next period."""
 
 
+@runtime_checkable
+class SelectiveDriver(Driver, Protocol):
+    """A driver that cannot drive in every simulator."""
+
+    def check_simulator(self, simulator: Any) -> None:
+        """Raises a `DriverError` if it cannot drive in this one."""
+
+
+@runtime_checkable
+class DriverLayer(Driver, Protocol):
+    """A driver that lies over another one."""
+
+    driver: Driver
+    """The driver underneath."""
+
+
+def inner_driver(driver: object) -> Driver | None:
+    """The driver under a layer; None if it is none."""
+    inner = driver.driver if isinstance(driver, DriverLayer) else None
+    return inner if isinstance(inner, Driver) else None
+
+
 def checked_controls(controls: Any) -> tuple[float, float, float]:
     """(steering, throttle, brake) of what a driver returned, pedals cut to 0..1.
 

@@ -19,6 +19,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
+from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
@@ -127,7 +128,7 @@ def _crew(tester: RoadTester, workers: int, drive_limit: float | None) -> Worker
     if workers == 1:
         return ThisProcess(tester)
     if drive_limit is None:
-        drive_limit = 1.5 * getattr(tester.simulator, "wall_limit", 60.0) + 10.0
+        drive_limit = capabilities(tester.simulator).drive_limit
     compile_kernels()
     # What happens to the workers is no part of the campaign's log.
     return LocalWorkers(tester, workers, drive_limit=drive_limit)

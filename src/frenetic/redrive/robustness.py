@@ -35,7 +35,8 @@ from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.redrive.kept import KeptFile, as_number, as_whole
 from frenetic.redrive.loop import Task, campaign_tester, drive_again
-from frenetic.simulators.simulator import Simulator, check_pair
+from frenetic.simulators.capabilities import check_pair
+from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import (
     QUANTITIES,
     USUAL,

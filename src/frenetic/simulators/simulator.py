@@ -41,23 +41,3 @@ class Simulator(Protocol):
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road."""
-
-
-def check_pair(simulator: Simulator, driver: Driver) -> None:
-    """Checks before a drive whether a driver can drive in a simulator.
-
-    Calls the driver's method ``check_simulator(simulator)``, that of the driver under its layers,
-    and the simulator's ``check_driver(driver)``, where they exist.
-
-    Raises:
-        DriverError: one of these raised it.
-    """
-    asked: object = driver
-    while asked is not None:
-        check = getattr(asked, "check_simulator", None)
-        if callable(check):
-            check(simulator)
-        asked = getattr(asked, "driver", None)
-    check = getattr(simulator, "check_driver", None)
-    if callable(check):
-        check(driver)

@@ -19,6 +19,7 @@ from typing import Final
 from frenetic.drivers import Delayed, Driver, LimitedView, Noisy
 from frenetic.drivers.layers import HEADING_PER_OFFSET
 from frenetic.errors import FreneticError
+from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.simulator import Simulator
 
 
@@ -149,7 +150,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
     """
     for name in names:
         attribute = QUANTITIES[name].attribute
-        if attribute is not None and not hasattr(simulator, attribute):
+        if attribute is not None and attribute not in capabilities(simulator).variable:
             raise FreneticError(
                 f"{type(simulator).__name__} cannot vary {name}: it has no attribute"
                 f" {attribute!r}; leave it out, or use another simulator, such as the embedded one"

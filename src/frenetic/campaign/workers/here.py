@@ -69,7 +69,7 @@ class ThisProcess:
         candidate, placement = self._task
         start = time.perf_counter()
         try:
-            attempt = self._tester.attempt(candidate, placement, NAME)
+            attempt = self._tester.attempt(candidate, placement, NAME, keep=True)
         except (Exception, SystemExit) as error:
             logger.debug("a test broke", exc_info=True)
             seconds = time.perf_counter() - start

@@ -36,6 +36,7 @@ from frenetic.campaign.workers.serving import kill_group, serve
 from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import user_files
 from frenetic.search.records import Candidate
+from frenetic.simulators.capabilities import capabilities
 
 if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
@@ -92,7 +93,7 @@ class LocalWorkers:
                 "the driver or simulator cannot be copied to another process"
                 f" ({describe_error(error)}): use one worker, or define it in a module of its own"
             ) from error
-        most = getattr(tester.simulator, "workers_at_most", None)
+        most = capabilities(tester.simulator).workers_at_most
         if most is not None and count > most:
             raise CampaignError(
                 f"{count} workers are too many: the simulator that they are to share serves {most}"

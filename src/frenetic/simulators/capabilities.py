@@ -1,0 +1,135 @@
+"""What a simulator may offer beyond the methods of the protocol.
+
+It declares each by an attribute or method of that name; the defaults stand for what it does not
+declare. Only this module looks for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from numbers import Integral, Real
+from typing import Any, Final
+
+from frenetic.drivers.driver import Driver, SelectiveDriver, inner_driver
+from frenetic.errors import FreneticError
+from frenetic.simulators.checks import Check
+from frenetic.simulators.simulator import Simulator
+
+VARIABLE: Final = ("rules", "friction", "start_offset", "start_heading")
+"""Attributes that may be set between two drives, if a simulator has them."""
+
+
+def _accept(_: Driver) -> None:
+    """Lets every driver drive."""
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What the class of a simulator says before one is made."""
+
+    needs: tuple[str, ...] = ()
+    """Modules without which it is not installed."""
+    usual_wall_limit: float = 60.0
+    """Wall time that a drive may take unless another limit is given, in s."""
+    usual_workers: int | None = None
+    """Number of workers unless another is given; None: one per processor core."""
+
+
+@dataclass(frozen=True)
+class Capabilities(Usual):
+    """What a simulator offers."""
+
+    wall_limit: float = 60.0
+    """Wall time in s after which it ends a drive itself."""
+    workers_at_most: int | None = None
+    """Number of workers that can use it at once; None if there is no limit."""
+    prepare: Callable[[], None] = lambda: None
+    """Finds out its `car` where that takes starting it; called before a campaign."""
+    check_driver: Callable[[Driver], None] = _accept
+    """Raises a `DriverError` if a driver cannot drive in it; called before anything is made."""
+    checks: Callable[[], Iterator[Check]] | None = None
+    """Gives what 'frenetic doctor' finds out about it, before it is entered; nothing follows what
+    makes the rest pointless."""
+    variable: frozenset[str] = frozenset()
+    """Those of `VARIABLE` that it has, whatever it declares."""
+
+    @property
+    def drive_limit(self) -> float:
+        """Wall time in s after which a worker that drives one road is taken to hang."""
+        return 1.5 * self.wall_limit + 10.0
+
+
+def usual(factory: Callable[..., Any]) -> Usual:
+    """What a simulator's class says.
+
+    Raises:
+        FreneticError: it declares something that is not what it should be.
+    """
+    return Usual(**_declared(factory, Usual))
+
+
+def capabilities(simulator: Simulator) -> Capabilities:
+    """What a simulator offers.
+
+    Raises:
+        FreneticError: it declares something that is not what it should be.
+    """
+    variable = frozenset(name for name in VARIABLE if hasattr(simulator, name))
+    return Capabilities(**_declared(simulator, Capabilities) | {"variable": variable})
+
+
+def check_pair(simulator: Simulator, driver: Driver) -> None:
+    """Checks whether a driver can drive in a simulator, before anything is driven.
+
+    The driver and those under its layers are asked if they can (see `SelectiveDriver`), and the
+    simulator by its ``check_driver``.
+
+    Raises:
+        DriverError: one of them refuses.
+    """
+    asked: Driver | None = driver
+    while asked is not None:
+        if isinstance(asked, SelectiveDriver):
+            asked.check_simulator(simulator)
+        asked = inner_driver(asked)
+    capabilities(simulator).check_driver(driver)
+
+
+def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:
+    """What a simulator or its class declares of the capabilities of a kind."""
+    found: dict[str, Any] = {}
+    for item in fields(kind):
+        value = getattr(part, item.name, None)
+        if value is None or isinstance(value, property):  # which says it of one that is made
+            continue
+        is_right, wanted = _WANTED.get(item.name, (callable, "a method"))
+        if not is_right(value):
+            name = part.__name__ if isinstance(part, type) else type(part).__name__
+            raise FreneticError(f"{name}.{item.name} is {repr(value)[:100]}: {wanted} is needed")
+        found[item.name] = value
+    return found
+
+
+def _is_time(value: object) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Real) and float(value) > 0.0
+
+
+def _is_number_of_workers(value: object) -> bool:
+    return not isinstance(value, bool) and isinstance(value, Integral) and int(value) > 0
+
+
+def _are_names(value: object) -> bool:
+    return isinstance(value, tuple | list) and all(isinstance(name, str) for name in value)
+
+
+_TIME: Final = (_is_time, "a positive number of seconds")
+_WORKERS: Final = (_is_number_of_workers, "a whole number of at least 1")
+_WANTED: Final[dict[str, tuple[Callable[[object], bool], str]]] = {
+    "needs": (_are_names, "a tuple of names of modules"),
+    "usual_wall_limit": _TIME,
+    "wall_limit": _TIME,
+    "usual_workers": _WORKERS,
+    "workers_at_most": _WORKERS,
+}
+"""What a value has to be like, and how that is called; the others are methods."""

@@ -1,0 +1,95 @@
+"""What simulators and drivers declare beyond the methods of their protocols."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from frenetic.drivers import Delayed, Driver, Planner
+from frenetic.errors import DriverError, FreneticError
+from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
+from frenetic.simulators.beamng import BeamngSimulator
+from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
+from frenetic.testing import DummyDriver, DummySimulator
+
+
+class Shared(DummySimulator):
+    """A simulator that declares what it can."""
+
+    needs = ("a_module",)
+    usual_wall_limit = 600.0
+    usual_workers = 2
+    wall_limit = 500
+    prepared = False
+
+    @property
+    def workers_at_most(self) -> int:
+        return 3
+
+    def prepare(self) -> None:
+        self.prepared = True
+
+    def check_driver(self, driver: Driver) -> None:
+        raise DriverError(f"not {type(driver).__name__}")
+
+
+def test_a_simulator_that_declares_nothing_has_the_defaults() -> None:
+    simulator = DummySimulator()
+    found = capabilities(simulator)
+    assert found == Capabilities(prepare=found.prepare, variable=frozenset({"rules"}))
+    assert found.drive_limit == 100.0
+    found.prepare()
+    check_pair(simulator, DummyDriver())
+
+
+def test_what_a_simulator_declares_is_found() -> None:
+    simulator = Shared()
+    found = capabilities(simulator)
+    assert (found.needs, found.usual_workers, found.workers_at_most) == (("a_module",), 2, 3)
+    assert (found.wall_limit, found.usual_wall_limit, found.drive_limit) == (500, 600.0, 760.0)
+    found.prepare()
+    assert simulator.prepared
+    with pytest.raises(DriverError, match="not DummyDriver"):
+        check_pair(simulator, DummyDriver())
+
+
+def test_a_class_says_what_holds_before_one_is_made() -> None:
+    assert (usual(Shared).usual_workers, usual(Shared).needs) == (2, ("a_module",))
+    assert usual(BeamngSimulator).usual_wall_limit == 600.0
+    assert usual(lambda: DummySimulator()).usual_wall_limit == 60.0
+
+
+def test_what_can_be_varied_is_what_can_be_set() -> None:
+    everything = {"rules", "friction", "start_offset", "start_heading"}
+    assert capabilities(EmbeddedSimulator()).variable == everything
+    assert capabilities(EmbeddedSimulator()).checks is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("wall_limit", 0.0, r"Dummy.*\.wall_limit is 0.0: a positive number of seconds is needed"),
+        ("usual_workers", "two", "a whole number of at least 1 is needed"),
+        ("workers_at_most", True, "a whole number of at least 1 is needed"),
+        ("needs", "beamngpy", "a tuple of names of modules is needed"),
+        ("prepare", True, "a method is needed"),
+    ],
+)
+def test_what_is_declared_wrongly_is_refused(name: str, value: Any, message: str) -> None:
+    simulator: Any = DummySimulator()
+    setattr(simulator, name, value)
+    with pytest.raises(FreneticError, match=message):
+        capabilities(simulator)
+
+
+def test_the_driver_under_a_layer_is_asked_too() -> None:
+    class Particular(Planner):
+        def check_simulator(self, simulator: Simulator) -> None:
+            if not isinstance(simulator, EmbeddedSimulator):
+                raise DriverError("elsewhere only")
+
+    driver = Delayed(Particular(), seconds=0.1)
+    check_pair(EmbeddedSimulator(), driver)
+    with pytest.raises(DriverError, match="elsewhere only"):
+        check_pair(DummySimulator(rules=Rules()), driver)
