@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from frenetic.analysis.comparison import Comparison, compare_measured
-from frenetic.analysis.findings import findings, in_short, p_text, verdict
+from frenetic.analysis.conclusions import findings, in_short, p_text, verdict
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.analysis.tables import (
     comparison_table_csv,

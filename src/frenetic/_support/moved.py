@@ -16,6 +16,7 @@ from typing import Any, Final
 MOVED: Final = {
     "frenetic.analysis.comparing": "frenetic.analysis.comparison",
     "frenetic.analysis.confirming": "frenetic.redrive.confirm",
+    "frenetic.analysis.findings": "frenetic.analysis.conclusions",
     "frenetic.analysis.minimise": "frenetic.redrive.minimise",
     "frenetic.analysis.replaying": "frenetic.redrive.regression",
     "frenetic.analysis.rerunning": "frenetic.redrive.robustness",

@@ -194,7 +194,7 @@ def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
         comparison: of two or more groups.
         with_all: whether to print all measures, and by each of them all pairs.
     """
-    from frenetic.analysis.findings import verdict
+    from frenetic.analysis.conclusions import verdict
 
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
     click.echo(f"Campaigns: {sizes}")

@@ -15,7 +15,7 @@ import numpy as np
 from frenetic._support.thinning import evenly
 from frenetic._support.words import capitalised
 from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
-from frenetic.analysis.findings import p_text
+from frenetic.analysis.conclusions import p_text
 from frenetic.analysis.metrics import Curve, Measure, Topic, curves
 from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.html.blocks import percent
