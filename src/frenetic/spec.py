@@ -86,11 +86,11 @@ class Budget:
     """
 
     simulations: int | None = None
-    """Drives."""
+    """Number of drives."""
     time: float | None = None
-    """s of wall time."""
+    """Wall time, in s."""
     failures: int | None = None
-    """FAIL outcomes wanted."""
+    """Number of FAIL outcomes wanted."""
 
     def __post_init__(self) -> None:
         if self.simulations is None and self.time is None and self.failures is None:
@@ -107,7 +107,7 @@ class Budget:
             raise ValueError(f"time is {self.time}: a positive number of seconds is needed")
 
     def spent(self, simulations: int, seconds: float, failures: int) -> float:
-        """Share of the budget that is spent, 0..1: that of the limit which is nearest."""
+        """Spent share of the budget, 0..1: that of the nearest limit."""
         shares = [0.0]
         if self.simulations is not None:
             shares.append(simulations / self.simulations)
@@ -441,7 +441,7 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
 
 
 def describe(part: object) -> dict[str, JSONValue]:
-    """A part of a campaign for its record: its class, its options, what it is laid over.
+    """A part of a campaign for its record: its class, its options, the part under it.
 
     The options are the part's ``options`` if it has any, or the fields of a dataclass.
     """
@@ -466,7 +466,7 @@ def describe(part: object) -> dict[str, JSONValue]:
 
 
 def _plain(value: object) -> JSONValue:
-    """A value as JSON, or else what it looks like."""
+    """A value as JSON, or else its repr."""
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float) and math.isfinite(value):

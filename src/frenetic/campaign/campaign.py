@@ -36,14 +36,14 @@ from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Part, Spec, describe
 
 CAMPAIGNS: Final = Path("campaigns")
-"""Where campaigns go that are given no folder."""
+"""Default parent of campaigns' folders."""
 LOOKAHEAD: Final = 16
 """Candidates outstanding at once in an ordered campaign."""
 _START_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
 def new_folder(parent: Path = CAMPAIGNS) -> Path:
-    """A folder in `parent` that does not exist yet, named after the date and time."""
+    """A new folder in `parent`, named after the date and time."""
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = parent / stamp
     for number in range(2, 1000):
@@ -54,7 +54,7 @@ def new_folder(parent: Path = CAMPAIGNS) -> Path:
 
 
 def prepare(simulator: Simulator) -> None:
-    """Lets a simulator find out what its `car` is, where that takes starting it.
+    """Lets a simulator find out its `car`, where that takes starting it.
 
     Raises:
         CampaignError: it does not start.
@@ -74,7 +74,7 @@ class Campaign:
         simulator: drives them.
         driver: the system under test.
         budget: the first of its limits that is spent ends the campaign.
-        folder: where results go, made if need be; a new one under ``campaigns/`` by default.
+        folder: for results, made if need be; a new one under ``campaigns/`` by default.
         map_size: m, side of the square map into which roads are fitted; by default the strategy's.
         margin: m that a road's centre line keeps from the map's edge.
         lane_width: m, of each of the two lanes.
@@ -86,11 +86,11 @@ class Campaign:
             outstanding at once. The campaign then depends on the seed, but not on the number and
             speed of the workers. Otherwise the strategy is asked for as many candidates as there
             are free workers and told as results come; with one worker that is one by one.
-        lookahead: candidates outstanding at once in an ordered campaign; more workers than that are
-            of no use to it.
-        drive_limit: s of wall time after which a worker that tests one road is taken to hang; by
+        lookahead: candidates outstanding at once in an ordered campaign, which cannot use more
+            workers.
+        drive_limit: s of wall time after which a worker that tests one road counts as hanging; by
             default half as long again as the simulator's own ``wall_limit``, and 10 s.
-        description: what else to record as the campaign's configuration.
+        description: other facts for the campaign's configuration.
 
     Raises:
         ValueError: an option is out of range.
@@ -144,7 +144,7 @@ class Campaign:
         self.folder = new_folder() if folder is None else Path(folder)
         self.seed: int | None = known.get("seed")
         self.started = False
-        """Whether its folder and database are made."""
+        """Whether its folder and database exist."""
         self.description = dict(description or {})
         self.named: Spec | None = None
         """What its parts are called; None if they came from Python."""
@@ -194,7 +194,7 @@ class Campaign:
         return campaign
 
     def configuration(self) -> dict[str, JSONValue]:
-        """What the campaign's database records about it."""
+        """The campaign's record in its database."""
         return self.spec().to_json() | self.description
 
     def spec(self) -> Spec:
@@ -227,8 +227,8 @@ class Campaign:
     ) -> Summary:
         """Searches until the budget is spent or Ctrl-C is pressed, and stores every test.
 
-        At the first Ctrl-C nothing is asked any more and what runs is finished; the second ends the
-        campaign at once. Several workers may bring a few more results after a budget of time or
+        After the first Ctrl-C nothing more is asked and running tests are finished; the second ends
+        the campaign at once. Several workers may bring a few more results after a budget of time or
         failures is spent, unless the campaign is ordered.
 
         Args:
@@ -239,8 +239,8 @@ class Campaign:
 
         Raises:
             CampaignError: the folder cannot be used or written, it holds a campaign already, no
-                worker can be started, or nothing but broken drives or refused roads comes any more.
-                What was stored stays.
+                worker can be started, or only broken drives or refused roads come. Stored results
+                stay.
         """
         prepare(self.tester.simulator)
         if self.cluster is not None:
@@ -261,12 +261,12 @@ class Campaign:
         on_start: Callable[[], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
     ) -> Summary:
-        """Goes on with the campaign in the folder, whatever ended it.
+        """Resumes the campaign in the folder, whatever ended it.
 
-        The strategy, which has to be fresh, is asked and told what the log says; where it proposes
-        other roads than it did, nothing is continued. A candidate that was asked but never told is
-        tested next. With a budget in simulations, a campaign that was interrupted at any moment
-        ends with the tests of one that was not. Time spent before counts.
+        The strategy must be fresh; the log is replayed to it. If it proposes other roads than the
+        log holds, the campaign is not resumed. A candidate that was asked but never told is tested
+        next. With a budget in simulations, an interrupted campaign ends with the same tests as an
+        uninterrupted one. Time spent before counts.
 
         Args:
             on_progress: called after every test.
@@ -319,7 +319,7 @@ class Campaign:
         on_start: Callable[[], None] | None,
         on_interrupt: Callable[[], None] | None,
     ) -> Summary:
-        """Tests until the budget is spent; the rest of `run` and `resume`."""
+        """Tests until the budget is spent; the common part of `run` and `resume`."""
         interrupted = False
         start = time.perf_counter() - tally.seconds
         try:
@@ -405,9 +405,9 @@ class Campaign:
 
 
 def _with_new_options(recorded: Any, ours: Any, name: str) -> Any:
-    """A recorded strategy with the options that it did not have at the time, as ours has them.
+    """A recorded strategy with the options that are new since then, as ours has them.
 
-    If they change what it proposes, that is noticed when the log is replayed.
+    Replaying the log notices if they change its proposals.
     """
     if name != "strategy" or not isinstance(recorded, dict) or not isinstance(ours, dict):
         return recorded
@@ -433,7 +433,7 @@ _LOGGED: Final = (
 
 @contextmanager
 def _logging_to(log: CampaignLog) -> Iterator[None]:
-    """Lets the library's messages go into the campaign's log, too."""
+    """Sends the library's messages to the campaign's log, too."""
     logger, handler = logging.getLogger("frenetic"), log.handler()
     logger.addHandler(handler)
     try:

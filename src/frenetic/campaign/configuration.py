@@ -1,7 +1,6 @@
-"""What a campaign's database says about the campaign, and what is wrong where it does not.
+"""The configuration in a campaign's database, and its validation.
 
-`Campaign.configuration` writes it. Nothing that comes back from a disk is believed: whoever needs
-more than one value of it asks here first.
+`Campaign.configuration` writes it; it is validated here once when it is read.
 """
 
 from __future__ import annotations

@@ -18,9 +18,9 @@ _held_here: set[Path] = set()
 class FileLock:
     """Exclusive hold on the file at `path`, from its creation until `release`.
 
-    Killing the process in any way releases it. The file stays behind, holding the id of the process
-    that locked it last: whether it is locked is known to the operating system alone. Advisory on
-    POSIX: it keeps out those who ask.
+    Killing the process in any way releases it. The file stays, with the id of the process that
+    locked it last; only the operating system knows whether it is locked. Advisory on POSIX: it
+    keeps out processes that ask.
 
     Raises a `CampaignError` if another process, or this one, already holds it, or if the file
     cannot be opened for writing.
@@ -57,7 +57,7 @@ class FileLock:
         self._write_holder()
 
     def release(self) -> None:
-        """Let others have it. Does nothing when it is released already."""
+        """Release the lock; does nothing when it is released already."""
         if self._is_held:
             self._is_held = False
             _held_here.discard(self._path)
@@ -75,7 +75,7 @@ class FileLock:
         self.release()
 
     def _write_holder(self) -> None:
-        """Leave this process's id for the message that another one gets, if the disk has room."""
+        """Write this process's id for the messages of others, if the disk has room."""
         try:
             os.ftruncate(self._file, 0)
             os.write(self._file, f"{os.getpid()}\n".encode())
@@ -84,9 +84,9 @@ class FileLock:
 
 
 def find_holder(path: Path) -> str | None:
-    """Return who holds the lock on the file at `path`, such as "process 123"; None if nobody does.
+    """Return the holder of the lock on the file at `path`, such as "process 123", or None.
 
-    Nothing is changed. Whoever wants the lock in the microsecond in which this looks is refused.
+    It changes nothing. A process that tries to lock in the same microsecond is refused.
     """
     path = path.resolve()
     if path in _held_here:

@@ -1,9 +1,9 @@
-"""A campaign's log: what happens, line by line, for people and programs alike.
+"""A campaign's log: its events, line by line, for people and programs alike.
 
 The log is the file `campaign.log` in the campaign's folder: UTF-8, one JSON object per line (JSON
 Lines), only ever appended to. So it can be followed from another machine through a network share,
-where a database that is being written must not be opened. Each line begins with the same four keys,
-and the fields of its event follow:
+where an open database must not be read. Each line begins with the same four keys, and the fields of
+its event follow:
 
 | key | holds |
 | --- | --- |
@@ -20,8 +20,8 @@ of 8 hours takes 3 MB with one worker, 6 MB with eight and 33 MB with 64. Of any
 first 1000 of its level are written and then one of 100, with a field ``count`` that says how many
 there have been in this process: so 100,000 failures take 0.5 MB instead of 25.
 
-The campaign is more important than its log: nothing here raises. While lines cannot be written,
-because the disk is full, say, they are lost; how many is told as soon as it can be written again.
+The campaign is more important than its log: nothing here raises. Lines that cannot be written, for
+example on a full disk, are lost; the next line that can be written gives their number.
 """
 
 from __future__ import annotations
@@ -63,40 +63,40 @@ Seconds: TypeAlias = Annotated[float, Meta(ge=0.0, le=1e10)]  # up to three cent
 LOG: Final = "campaign.log"
 """Name of the log in a campaign's folder."""
 PROGRESS_INTERVAL: Final = 5.0
-"""s between two lines of progress."""
+"""Time between two lines of progress, in s."""
 RETRY_INTERVAL: Final = 5.0
-"""s until a log that could not be written is tried again."""
+"""Time until a log that could not be written is tried again, in s."""
 FIRST: Final = 1000
-"""So many lines of an event and level are written whatever comes."""
+"""Number of lines of an event and level that are always written."""
 THINNED: Final = 100
-"""One of so many is written from then on."""
+"""From then on, one of this many is written."""
 MAX_TEXT: Final = 4000
-"""Characters of a text; more are cut out of its middle."""
+"""Most characters of a text; its middle is cut."""
 MAX_ITEMS: Final = 1000
-"""Entries of a list or mapping."""
+"""Most entries of a list or mapping."""
 MAX_DEPTH: Final = 6
-"""Lists and mappings within each other."""
+"""Deepest nesting of lists and mappings."""
 MAX_LINE: Final = 1 << 18
-"""Bytes of a line; the fields of a longer one are left out."""
+"""Most bytes of a line; the fields of a longer one are left out."""
 
-# What JSON leaves as it is, but a terminal or another reader may not: C1 controls, separators of
-# lines, marks that turn the direction of writing, half characters.
+# Characters that JSON keeps but that disturb a terminal or another reader: C1 controls, line
+# separators, marks of writing direction, half characters.
 _UNSAFE: Final = re.compile(
     "[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
 )
 
 
 class Event(StrEnum):
-    """What a line of the log tells, with the fields it comes with.
+    """Event of a line of the log, with its fields.
 
-    The last line of a campaign's process is one of FINISHED, INTERRUPTED and GAVE_UP; without any,
-    it still runs or was killed.
+    The last line of a campaign's process is one of FINISHED, INTERRUPTED and GAVE_UP; without one,
+    the process still runs or was killed.
     """
 
     STARTED = "started"
     """A campaign begins: strategy, driver, simulator, seed, budget, workers, process_id, host."""
     RESUMED = "resumed"
-    """It goes on, in another process; fields as for STARTED."""
+    """It is resumed in another process; fields as for STARTED."""
     WORKER_STARTED = "worker_started"
     """worker."""
     WORKER_LOST = "worker_lost"
@@ -108,15 +108,15 @@ class Event(StrEnum):
     TEST_FAILED = "test_failed"
     """A FAIL: test, moobd (m)."""
     INTERRUPTED = "interrupted"
-    """Somebody stopped it before its budget was spent; the summary's fields."""
+    """It was stopped before its budget was spent; the summary's fields."""
     GAVE_UP = "gave_up"
     """It cannot go on: reason, and the summary's fields."""
     FINISHED = "finished"
     """Its budget is spent; the summary's fields."""
     PROGRESS = "progress"
-    """How far it has come, see `CampaignLog.progress`."""
+    """Its progress, see `CampaignLog.progress`."""
     LOG = "log"
-    """A record of Python's logging, or a word about this log itself: logger, traceback."""
+    """A record of Python's logging, or a remark about this log itself: logger, traceback."""
 
 
 ENDINGS: Final = frozenset({Event.FINISHED, Event.INTERRUPTED, Event.GAVE_UP})
@@ -125,26 +125,25 @@ ENDINGS: Final = frozenset({Event.FINISHED, Event.INTERRUPTED, Event.GAVE_UP})
 
 @dataclass(frozen=True)
 class WorkerState:
-    """What one worker does at the moment."""
+    """Present activity of a worker."""
 
     name: str
     state: WorkerStatus
     tests: Count
-    """Road tests it has done."""
+    """Number of its road tests."""
     seconds_in_state: Seconds
-    """s since this state began."""
+    """Time since this state began, in s."""
 
 
 class CampaignLog:
     """The log in a campaign's folder, open for appending; a context manager that closes it.
 
-    May be used from several threads. In a process that was forked from the one that opened it, it
-    does nothing. Where a killed process has left half a line, the next one begins on a line of its
-    own.
+    May be used from several threads. In a forked process it does nothing. After half a line of a
+    killed process, the next line begins on its own.
 
     Args:
-        folder: of the campaign. If it is not there, nothing is written until it is.
-        clock: s, monotonic; what intervals are measured by.
+        folder: of the campaign. Nothing is written until it exists.
+        clock: s, monotonic, for intervals.
     """
 
     def __init__(self, folder: Path, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -162,7 +161,7 @@ class CampaignLog:
         self._lost = 0  # since the log could be written last
         self._trouble = ""
         self.lost_lines = 0
-        """How many lines could not be written since it was opened."""
+        """Number of lines lost since it was opened."""
         self._is_there(urgent=True)
 
     def write(
@@ -172,10 +171,10 @@ class CampaignLog:
 
         Args:
             event: one of `Event`.
-            message: what happened, in a sentence.
-            level: how bad it is.
-            fields: of the event. Numbers that are not finite become null; whatever is no JSON
-                becomes a text.
+            message: the event in a sentence.
+            level: its severity.
+            fields: of the event. Numbers that are not finite become null; other values that are no
+                JSON become text.
         """
         if os.getpid() != self._process:
             return
@@ -199,13 +198,13 @@ class CampaignLog:
         running: int = 0,
         force: bool = False,
     ) -> None:
-        """Writes how far the campaign has come, if `PROGRESS_INTERVAL` has passed since the last.
+        """Writes the campaign's progress, if `PROGRESS_INTERVAL` has passed since the last time.
 
         Args:
             progress: of the campaign.
-            workers: what each of them does, by its name.
-            running: number of tests that are being driven.
-            force: writes it whenever it was written last.
+            workers: their activities, by name.
+            running: number of running tests.
+            force: writes it at once.
         """
         now = self._clock()
         if not force and now - self._progress_at < PROGRESS_INTERVAL:
@@ -235,16 +234,16 @@ class CampaignLog:
         )
 
     def handler(self, level: int = logging.INFO) -> logging.Handler:
-        """A handler for the ``frenetic`` logger: writes its records as lines of their own.
+        """A handler for the ``frenetic`` logger that writes its records as lines.
 
         Args:
-            level: of the least records that it takes. A logger that was told nothing sends it
-                warnings and errors only.
+            level: least level of its records. An unconfigured logger sends only warnings and
+            errors.
         """
         return _LogHandler(self, level)
 
     def close(self) -> None:
-        """Writes no more. Does nothing when it is closed already."""
+        """Closes the log; does nothing when it is closed already."""
         if os.getpid() != self._process:
             return
         with self._lock:
@@ -265,7 +264,7 @@ class CampaignLog:
     def _append(
         self, event: str, message: str, level: Level, fields: Mapping[str, JSONValue]
     ) -> None:
-        """Writes a line, after a word about those that were lost before it."""
+        """Writes a line, after a remark about lost ones."""
         if self._is_there(urgent=event in ENDINGS):
             if self._lost:
                 note = f"{self._lost} lines are missing here, they could not be written"
@@ -278,7 +277,7 @@ class CampaignLog:
         self.lost_lines += 1
 
     def _put(self, line: bytes) -> bool:
-        """Writes a line with one call, so that lines never mix; whether that went well."""
+        """Writes a line with one call, so that lines never mix; returns whether it succeeded."""
         file = self._file
         if file is None:
             return False
@@ -297,9 +296,9 @@ class CampaignLog:
         return True
 
     def _is_there(self, *, urgent: bool = False) -> bool:
-        """Whether the file is open, opened again if it is time to try that or urgent.
+        """Whether the file is open; opens it again if it is time for that or urgent.
 
-        Somebody may have removed or replaced it: what is written to it then reaches nobody.
+        A removed or replaced file is opened again: nobody would read the old one.
         """
         now = self._clock()
         if self._is_closed:

@@ -1,4 +1,4 @@
-"""The loop of a campaign: ask, hand out, store, tell."""
+"""The loop of a campaign: ask, submit, store, tell."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
 from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
-"""How often a candidate is tried whose worker or simulator breaks."""
+"""Most attempts at a candidate whose worker or simulator breaks."""
 MAX_ERRORS_IN_A_ROW: Final = 10
-"""Drives that may break one after the other before a campaign gives up."""
+"""Consecutive broken drives after which a campaign gives up."""
 MAX_INVALID_IN_A_ROW: Final = 5_000
-"""Refused roads one after the other after which a campaign gives up."""
+"""Consecutive refused roads after which a campaign gives up."""
 
 _SURE, _DOUBTFUL, _DOOMED = range(3)  # what is to be expected of a candidate that waits
 _HEARTBEAT: Final = 1.0  # s after which the log is looked after while nothing comes back
@@ -35,11 +35,11 @@ _HEARTBEAT: Final = 1.0  # s after which the log is looked after while nothing c
 
 @dataclass(frozen=True)
 class Order:
-    """Which candidates are outstanding at once, and in which order their results are told."""
+    """The number of outstanding candidates, and the order of telling."""
 
     lookahead: int | None = None
-    """None: as many as there are free workers, told as results come. Otherwise so many, told in the
-    order of asking, so that the campaign does not depend on the number and speed of workers."""
+    """Number of outstanding candidates, told in the order of asking, so that the campaign does not
+    depend on the number and speed of workers. None: one per free worker, told as results come."""
 
 
 @runtime_checkable
@@ -56,11 +56,11 @@ class ObservingStrategy(Strategy, Protocol):
 
 
 class Dispatcher:
-    """Takes a campaign from where its log ends to the end of its budget.
+    """Takes a campaign from the end of its log to the end of its budget.
 
-    With an `Order` that looks ahead, what is asked and told follows from the results alone: there
-    are always as many candidates outstanding as the order says, and the oldest is told first, as
-    DROPPED if the strategy does not want it any more, even if it happens to be driven already.
+    With an `Order` that looks ahead, asking and telling follow from the results alone: the number
+    of outstanding candidates is constant, and the oldest is told first, as DROPPED if the strategy
+    no longer wants it, even if it was driven already.
     """
 
     def __init__(
@@ -100,8 +100,8 @@ class Dispatcher:
         """Tests until the budget is spent or the interrupt requested; yields after every result.
 
         Raises:
-            CampaignError: the strategy or all workers broke, or nothing but broken drives or
-                refused roads comes any more.
+            CampaignError: the strategy or all workers broke, or only broken drives or refused roads
+                come.
         """
         self._start = time.perf_counter() - self._tally.seconds
         self._log_progress(force=True)
@@ -130,7 +130,7 @@ class Dispatcher:
             self._log_progress()
 
     def _report(self) -> Iterator[Progress]:
-        """Has what was told written, in one transaction, and only then says so."""
+        """Writes all told results in one transaction, and only then reports them."""
         if self._unreported:
             self._store.write()
             written, self._unreported = self._unreported, []
@@ -150,7 +150,7 @@ class Dispatcher:
         return (self._is_spent or self._interrupt.requested) and not self._running
 
     def _ask(self) -> None:
-        """Asks for what may be outstanding."""
+        """Asks for candidates up to the allowed number."""
         while self._may_ask():
             try:
                 candidate = ask(self._strategy, self._tally)
@@ -168,14 +168,14 @@ class Dispatcher:
         if within is not None and self._tally.simulations + len(self._outstanding) >= within:
             return False
         if self._lookahead:
-            # Also after an interrupt: what is asked must not depend on when that comes.
+            # Also after an interrupt: asking must not depend on its moment.
             return len(self._outstanding) < self._lookahead
         # What is asked later is chosen better, and less of it is dropped.
         room = self._workers.needed if self._selective else self._workers.free
         return not self._interrupt.requested and len(self._waiting) < room
 
     def _hand_out(self) -> None:
-        """Hands what waits to free workers; what is not wanted any more is dropped."""
+        """Submits waiting candidates to free workers, and drops unwanted ones."""
         if self._is_spent or self._interrupt.requested:
             return
         while self._waiting and self._workers.free:
@@ -191,11 +191,11 @@ class Dispatcher:
                 self._drop(candidate)
 
     def _next(self) -> Candidate | None:
-        """Whom of those that wait to hand out; None if they had better wait for what runs.
+        """The waiting candidate to submit next; None if all should wait for running tests.
 
-        The oldest, unless it may be dropped: a selective strategy is likely to lose interest in a
-        candidate when an older one of the same parents fails. It makes no difference to what is
-        asked and told, only to what is driven in vain, so siblings come last.
+        It is the oldest that will surely be wanted: a selective strategy is likely to lose interest
+        in a candidate when an older one of the same parents fails. The order does not change what
+        is asked and told, only what is driven in vain, so siblings come last.
         """
         if self._selective is None or not self._lookahead:
             return self._outstanding[min(self._waiting)]
@@ -213,14 +213,14 @@ class Dispatcher:
         return chosen if self._workers.needed else None
 
     def _doubt_after(self, candidate_id: int) -> int:
-        """How doubtful it is whether the younger siblings of a candidate will be wanted."""
+        """Doubt whether the younger siblings of a candidate will be wanted."""
         if candidate_id not in self._ended:
             return _DOUBTFUL
         failed = self._ended[candidate_id].result.outcome is Outcome.FAIL
         return _DOOMED if failed else _SURE
 
     def _take(self, attempt: Attempt) -> None:
-        """Takes note of an attempt; a lost one leads to another, if it was not the last."""
+        """Records an attempt; a lost one is repeated unless it was the last."""
         candidate_id = attempt.candidate_id
         self._running.discard(candidate_id)
         if candidate_id not in self._outstanding:
@@ -241,12 +241,12 @@ class Dispatcher:
         )
 
     def _tell_at_once(self) -> None:
-        """Tells what has ended, in the order in which it did."""
+        """Tells finished candidates in the order of finishing."""
         for candidate_id in list(self._ended):
             self._finish(self._outstanding[candidate_id])
 
     def _tell_in_order(self) -> None:
-        """Tells the oldest candidates while their fate is known, and asks for others in between."""
+        """Tells the oldest candidates as long as their results are known, and asks in between."""
         while self._outstanding and not self._is_spent:
             oldest = next(iter(self._outstanding.values()))
             if not self._is_wanted(oldest):
@@ -262,7 +262,7 @@ class Dispatcher:
         self._tell(candidate, self._ended.pop(candidate.id))
 
     def _drop(self, candidate: Candidate) -> None:
-        """Stores and tells that a candidate is not driven any more."""
+        """Stores and tells that a candidate is dropped."""
         self._ended.pop(candidate.id, None)
         self._waiting.discard(candidate.id)
         # Whether it was tried meanwhile depends on the workers.
@@ -300,7 +300,7 @@ class Dispatcher:
             raise _raised(error) from error
 
     def _give_up_if_hopeless(self, record: TestRecord) -> None:
-        """Raises a `CampaignError` if only roads that are not judged have come for too long."""
+        """Raises a `CampaignError` if no road was judged for too long."""
         if record.outcome is Outcome.INVALID:
             self._refused += 1
         elif record.outcome is Outcome.ERROR:
@@ -347,11 +347,11 @@ class Dispatcher:
 
 
 def ask(strategy: Strategy, tally: Tally) -> Candidate:
-    """The strategy's next candidate; the time that it takes is counted.
+    """The strategy's next candidate; its time is counted.
 
     Raises:
         SearchEnded: it has none left.
-        CampaignError: the strategy raised, or what it proposed is no candidate or not finite.
+        CampaignError: the strategy raised, or its proposal is no candidate or not finite.
     """
     start = time.perf_counter()
     try:
@@ -374,7 +374,7 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
 
 
 def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
-    """Tells the strategy; the time that it takes is counted.
+    """Tells the strategy; its time is counted.
 
     Raises:
         CampaignError: the strategy raised.

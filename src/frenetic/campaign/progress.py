@@ -1,4 +1,4 @@
-"""How far a campaign has come, and what it ended with."""
+"""Progress and summary of a campaign."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from frenetic.outcome import Outcome
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a campaign has come."""
+    """Progress of a campaign."""
 
     invalid: int = 0
     passed: int = 0
     failed: int = 0
     errors: int = 0
     dropped: int = 0
-    """Candidates in which the strategy lost interest before they were driven."""
+    """Number of candidates that the strategy no longer wanted before they were driven."""
     min_moobd: float | None = None
-    """m, of all drives so far."""
+    """Lowest MOOBD of all drives so far, in m."""
     seconds: float = 0.0
-    """Of wall time since the start."""
+    """Wall time since the start, in s."""
     budget_spent: float = 0.0
     """0..1."""
 
     @property
     def simulations(self) -> int:
-        """Drives, broken ones included."""
+        """Number of drives, including broken ones."""
         return self.passed + self.failed + self.errors
 
     @property
     def tests(self) -> int:
-        """Road tests, refused ones included, dropped ones not."""
+        """Number of road tests, with refused ones, without dropped ones."""
         return self.simulations + self.invalid
 
     @property
@@ -43,7 +43,7 @@ class Progress:
 
     @property
     def seconds_left(self) -> float | None:
-        """Estimated from the share of the budget that is spent; None while nothing is."""
+        """Estimate from the spent share of the budget, in s; None while nothing is spent."""
         if self.budget_spent <= 0.0:
             return None
         return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
@@ -51,14 +51,14 @@ class Progress:
 
 @dataclass(frozen=True)
 class Summary(Progress):
-    """What a campaign ended with."""
+    """Summary of a finished campaign."""
 
     seed: int | None = None
     folder: Path = field(default_factory=Path)
     interrupted: bool = False
     """Whether it was stopped before its budget was spent."""
     ended: str = ""
-    """Why the strategy proposed nothing more before the budget was spent; empty if it did not."""
+    """Reason why the strategy ended before the budget was spent; empty if it did not."""
 
     def as_json(self) -> dict[str, JSONValue]:
         """The summary as one JSON object."""
@@ -85,19 +85,19 @@ class Tally:
     def __init__(self) -> None:
         self.counts = dict.fromkeys(Outcome, 0)
         self.told = 0
-        """Results told, dropped candidates included."""
+        """Number of told results, including dropped candidates."""
         self.min_moobd: float | None = None
         self.seconds = 0.0
-        """Spent before this process went on."""
+        """Time spent before this process, in s."""
         self.budget_spent = 0.0
         self.strategy_seconds = 0.0
-        """s that the strategy took to propose and to learn."""
+        """Time that the strategy took to propose and to learn, in s."""
         self.ended = ""
-        """Why the strategy proposes nothing more; empty while it does."""
+        """Reason why the strategy proposes nothing more; empty while it does."""
 
     @property
     def simulations(self) -> int:
-        """Drives, broken ones included."""
+        """Number of drives, including broken ones."""
         return self.told - self.counts[Outcome.INVALID] - self.counts[Outcome.DROPPED]
 
     @property
@@ -106,14 +106,14 @@ class Tally:
         return self.counts[Outcome.FAIL]
 
     def count(self, outcome: Outcome, moobd: float | None) -> None:
-        """Takes one more result into account."""
+        """Counts one more result."""
         self.counts[outcome] += 1
         self.told += 1
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
 
     def progress(self, seconds: float) -> Progress:
-        """How far that is, ``seconds`` after the start."""
+        """The progress ``seconds`` after the start."""
         return Progress(
             invalid=self.counts[Outcome.INVALID],
             passed=self.counts[Outcome.PASS],

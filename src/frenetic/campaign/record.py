@@ -31,25 +31,25 @@ from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 
 @dataclass(frozen=True)
 class Attempt:
-    """What came of trying to test a candidate once."""
+    """One attempt to test a candidate."""
 
     candidate_id: int
     result: Result
     """Of a road that was not driven: only outcome and reason."""
     pose: Pose | None = None
-    """Where on the map the road starts; None if it fits nowhere."""
+    """Start of the road on the map; None if it fits nowhere."""
     trajectory: Trajectory | None = None
     """None if nothing was driven, or if another process did and it is packed."""
     packed: bytes | None = None
-    """The trajectory as `encode` gives it: small enough to travel between processes."""
+    """Encoded trajectory, small enough to travel between processes."""
     simulator_broke: bool = False
-    """Whether it was the simulator that broke, so that another attempt may go better."""
+    """Whether the simulator broke, so that another attempt may succeed."""
     worker_lost: bool = False
     """Whether the worker was lost on the way; the result's reason says how."""
     worker: str | None = None
-    """Name of who tried."""
+    """Name of the worker."""
     seconds: float = 0.0
-    """s of wall time that it took."""
+    """Wall time that it took, in s."""
 
     @classmethod
     def undriven(
@@ -66,7 +66,7 @@ class Attempt:
 
     @property
     def failure(self) -> str | None:
-        """Why another attempt may go better; None if this one stands."""
+        """Reason for another attempt; None if this one stands."""
         return self.result.reason if self.simulator_broke or self.worker_lost else None
 
     def pack(self, *, keep: bool = False) -> Self:
@@ -114,32 +114,32 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TestRecord:
-    """What a campaign keeps of one road test: its candidate, what became of it, its trajectory."""
+    """Record of one road test: its candidate, result and trajectory."""
 
-    __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
+    __test__: ClassVar[bool] = False  # no test class of pytest's
 
     candidate: Candidate
     told: int
-    """Counts from 1 in the order in which results were told."""
+    """Number from 1 in the order of telling."""
     outcome: Outcome
     reason: str
-    """Why it ended so, for people."""
+    """Reason of the outcome, for people."""
     budget_spent: float
     """Share of the campaign's budget spent when this was told, 0..1."""
     pose: tuple[float, float, float] | None = None
-    """x (m), y (m), heading (rad) at which the fitted road starts; None if it fits nowhere."""
+    """Start of the fitted road, x (m), y (m), heading (rad); None if it fits nowhere."""
     moobd: float | None = None
     """Minimum oob distance in m; None unless PASS or FAIL."""
     max_oob_share: float | None = None
     """Largest oob share of the drive, 0..1."""
     duration: float | None = None
-    """Simulated s."""
+    """Simulated time, in s."""
     moobd_distance: float | None = None
-    """m along the road to where the oob distance was smallest."""
+    """Distance along the road to where the oob distance was smallest, in m."""
     departure_time: float | None = None
-    """Simulated s at which the car left its lane; None if it did not, as for all of departure."""
+    """Simulated time of the departure, in s; None without one, as for all of departure."""
     departure_distance: float | None = None
-    """m along the road."""
+    """Distance along the road, in m."""
     departure_x: float | None = None
     """m."""
     departure_y: float | None = None
@@ -147,15 +147,15 @@ class TestRecord:
     departure_side: Side | None = None
     """The side of the lane on which it left."""
     seconds: float
-    """s of wall time that the test took."""
+    """Wall time that the test took, in s."""
     attempts: int = 1
-    """How often it was tried; 0 if it was dropped before."""
+    """Number of attempts; 0 if it was dropped before."""
     worker: str | None = None
-    """Who drove it, None where that is not known."""
+    """Worker that drove it, None if unknown."""
     elapsed: float | None = None
-    """s of the campaign's time when this was told; None in logs of old versions."""
+    """Campaign time when this was told, in s; None in logs of old versions."""
     trajectory: Trajectory | None = None
-    """None if nothing was driven, or if the record was read without it."""
+    """Trajectory; None if nothing was driven, or if the record was read without it."""
     setting: Setting | None = None
     """What it was driven with; None if the campaign does not say it."""
 
@@ -166,7 +166,7 @@ class TestRecord:
 
     @property
     def departure(self) -> Departure | None:
-        """Where the car left its lane, None if it did not."""
+        """Place where the car left its lane, None if it did not."""
         place = (
             self.departure_time,
             self.departure_distance,
@@ -216,31 +216,31 @@ class TestRecord:
 
 @dataclass(frozen=True)
 class Counts:
-    """How far a campaign has come."""
+    """Progress of a campaign."""
 
     asked: int
     """Candidates that were asked and recorded."""
     told: int
     """Candidates whose result was told, dropped ones included."""
     by_outcome: Mapping[Outcome, int]
-    """Tests per outcome, each outcome present."""
+    """Number of tests per outcome; every outcome is present."""
     lowest_moobd: float | None
     """Smallest minimum oob distance of all tests in m; None before the first drive."""
 
     @property
     def tests(self) -> int:
-        """Road tests, refused ones included, dropped ones not."""
+        """Number of road tests, with refused ones, without dropped ones."""
         return self.told - self.by_outcome[Outcome.DROPPED]
 
     @property
     def simulations(self) -> int:
-        """Drives, broken ones included."""
+        """Number of drives, including broken ones."""
         return self.tests - self.by_outcome[Outcome.INVALID]
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a campaign's roads were driven with."""
+    """Terms of a campaign's drives."""
 
     lane_width: float
     """m."""
@@ -615,5 +615,5 @@ def row_of_test(record: TestRecord, finished_at: str) -> tuple[object, ...]:
 
 
 def as_text(reason: str) -> str:
-    """A broken driver's message with what is no text, half characters, shown as Python does."""
+    """A broken driver's message with half characters escaped as in Python."""
     return reason.encode("utf-8", "backslashreplace").decode("utf-8")

@@ -1,4 +1,4 @@
-"""Bringing a fresh strategy to where a campaign's log ends."""
+"""Replay of a campaign's log to a fresh strategy."""
 
 from __future__ import annotations
 
@@ -19,14 +19,13 @@ from frenetic.spec import Budget
 def replay(
     store: CampaignStore, strategy: Strategy, budget: Budget
 ) -> tuple[Tally, dict[int, Candidate]]:
-    """Asks and tells a fresh strategy what the log says, in the same order.
+    """Replays the log to a fresh strategy, asking and telling in the same order.
 
     Returns:
-        How far that brought it, and the candidates that were asked but not told, by id in the order
-        of asking.
+        The progress, and the candidates that were asked but not told, by id in the order of asking.
 
     Raises:
-        CampaignError: the strategy proposes another road than it did, or the log is damaged.
+        CampaignError: the strategy proposes another road than the log holds, or the log is damaged.
     """
     if isinstance(strategy, ObservingStrategy):
         raise CampaignError(

@@ -12,11 +12,11 @@ anyone with SQLite, while the campaign runs and long afterwards:
 
 and the view `overview` shows a test in one readable line.
 
-What survives: when `CampaignStore.told` has returned, the result, its trajectory and all candidates
-asked before are in the database, even if the process is killed in any way right then; of results
-that it holds back, this is so when `CampaignStore.write` has returned. If the machine itself goes
-down, the last results before it may be missing, but the database is whole. Candidates that were
-asked since the last result are lost with the process.
+Durability: when `CampaignStore.told` has returned, the result, its trajectory and all candidates
+asked before are in the database, even if the process is killed right then. Results that it holds
+back are there when `CampaignStore.write` has returned. If the machine itself goes down, the last
+results may be missing, but the database is sound. Candidates asked since the last result are lost
+with the process.
 """
 
 from __future__ import annotations
@@ -58,10 +58,10 @@ Order: TypeAlias = Literal["told", "moobd"]
 DATABASE: Final = "campaign.sqlite"
 """Name of the database in a campaign's folder."""
 APPLICATION_ID: Final = int.from_bytes(b"Fren")
-"""What marks an SQLite file as a campaign of ours (`PRAGMA application_id`)."""
+"""Mark of our campaigns among SQLite files (`PRAGMA application_id`)."""
 
 LOCK: Final = "campaign.lock"
-"""Name of the file in a campaign's folder that its writer holds locked."""
+"""Name of the lock file in a campaign's folder."""
 _BUSY_TIMEOUT: Final = (
     10.0  # [s] readers wait for the rare moments in which the writer excludes them
 )
@@ -169,10 +169,10 @@ class CampaignStore:
     """The database of one campaign, open for one writer or for reading.
 
     Made by `create` or `open`; a context manager that closes it. One process writes at a time and
-    any number may read meanwhile. Methods are called from the thread that opened the store. Every
-    problem with the database is a `CampaignError` whose message names the file and what to do, and
-    after a failed `told` (a full disk, say) everything told before is still in the database and the
-    same record may be told again.
+    any number may read meanwhile. Call methods from the thread that opened the store. Every problem
+    with the database is a `CampaignError` whose message names the file and what to do. After a
+    failed `told`, for example on a full disk, the database still holds everything told before, and
+    the same record may be told again.
     """
 
     def __init__(
@@ -222,7 +222,7 @@ class CampaignStore:
         lock = FileLock(folder / LOCK)
         try:
             _refuse_existing(path)  # again: someone may have been faster before we had the lock
-            # Made under another name, so that a campaign is either there completely or not at all.
+            # Made under another name, so that a campaign exists completely or not at all.
             unfinished = folder / f"{DATABASE}.new"
             with translated(path):
                 for leftover in ("", "-wal", "-shm", "-journal"):
@@ -236,10 +236,10 @@ class CampaignStore:
 
     @classmethod
     def open(cls, folder: Path, readonly: bool = True) -> Self:
-        """Return the campaign in `folder`; a schema of an older version is brought up to date.
+        """Return the campaign in `folder`; a schema of an older version is updated.
 
         Raises a `CampaignError` if there is none, if its database is damaged, from a newer version
-        or no campaign at all (it is left as it is), or, for writing, if another process writes it.
+        or no campaign (it is left unchanged), or, for writing, if another process writes it.
         """
         folder = Path(folder)
         find_database(folder)
@@ -322,7 +322,7 @@ class CampaignStore:
 
     @property
     def config(self) -> Mapping[str, JSONValue]:
-        """What the campaign was created with."""
+        """The campaign's configuration."""
         return self._config
 
     @property
@@ -337,7 +337,7 @@ class CampaignStore:
 
     @property
     def facts(self) -> Mapping[str, JSONValue]:
-        """What else is known of the campaign: ``created_at`` and what `finish` added."""
+        """Other facts of the campaign: ``created_at`` and those that `finish` added."""
         with translated(self._path):
             rows = self._connection.execute("SELECT key, value FROM campaign ORDER BY key")
             return MappingProxyType(
@@ -368,8 +368,8 @@ class CampaignStore:
     ) -> None:
         """Store a result with its trajectory, durably (see this module's text): one transaction.
 
-        A `trajectory` that another process has encoded already goes in place of the record's. With
-        `hold` the result only waits for `write`, so that several become one transaction.
+        An encoded `trajectory` of another process replaces the record's. With `hold` the result
+        only waits for `write`, so that several become one transaction.
 
         Raises a `CampaignError` if it cannot be written, if the candidate was not asked before or
         has a result already, or if another result has the same `told`; a `ValueError` if a number
@@ -397,9 +397,9 @@ class CampaignStore:
             raise
 
     def write(self) -> None:
-        """Store what was held back, durably: results, and the candidates that were asked.
+        """Store held results and asked candidates, durably.
 
-        Raises a `CampaignError` as `told` does; what was held back then still is.
+        Raises a `CampaignError` as `told` does; held results then stay held.
         """
         if self._held_candidates or self._held_tests:
             with self._transaction():
@@ -408,8 +408,8 @@ class CampaignStore:
     def finish(self, **facts: JSONValue) -> None:
         """Add facts about the whole campaign, such as its ``seconds``.
 
-        The time, ``finished_at``, is added unless it is given. A fact that is there already is
-        replaced, since a campaign can be resumed and finish again.
+        The time, ``finished_at``, is added unless it is given. An older fact is replaced, since a
+        campaign can be resumed and finish again.
 
         Raises a `ValueError` for a fact that is not JSON or is called ``config`` or ``created_at``.
         """
@@ -418,7 +418,7 @@ class CampaignStore:
             connection.executemany(_REPLACE_FACT, rows)
 
     def reopen(self, **facts: JSONValue) -> None:
-        """Forget that the campaign has finished, and how, and add facts in place of that.
+        """Replace the facts about the campaign's end by others.
 
         Raises a `ValueError` as `finish` does.
         """
@@ -443,11 +443,11 @@ class CampaignStore:
         limit: int | None = None,
         with_trajectory: bool = False,
     ) -> Iterator[TestRecord]:
-        """Return the tests that are stored at this moment, one by one as they are taken.
+        """Return an iterator over the tests that are stored at this moment.
 
-        Only those with `outcome`, if given; in the order of telling, or of `moobd`, lowest first
-        and those without one last; at most `limit` of them. Tests told while the iterator is being
-        used do not show up in it. Without `with_trajectory` their trajectory is None.
+        It gives only those with `outcome`, if given, and at most `limit` of them, in the order of
+        telling, or of `moobd`, lowest first and those without one last. Later tests do not show up.
+        Without `with_trajectory` their trajectory is None.
 
         Raises a `ValueError` for an unknown order or a negative limit; taking a damaged test raises
         a `CampaignError`.
@@ -456,8 +456,8 @@ class CampaignStore:
             raise ValueError(f"order_by is {order_by!r}: one of {get_args(Order)} is needed")
         if limit is not None and limit < 0:
             raise ValueError(f"limit is {limit}: a number from 0 is needed")
-        # A test never changes once it is there, so the ids are a snapshot, and no transaction stays
-        # open while the caller thinks.
+        # A stored test never changes, so the ids are a snapshot, and no transaction stays open
+        # between two tests.
         only = None if outcome is None else str(outcome)
         wanted = (only, only, -1 if limit is None else limit)
         self._write_tests()
@@ -468,7 +468,7 @@ class CampaignStore:
     def test(self, id: int, with_trajectory: bool = True) -> TestRecord:  # noqa: A002
         """Return the test of the candidate with this `id`.
 
-        Raises a `CampaignError` if there is none (naming the ids there are) or if it is damaged.
+        Raises a `CampaignError` if there is none (naming the existing ids) or if it is damaged.
         """
         self._write_tests()
         return self._read_test(id, with_trajectory)
@@ -476,7 +476,7 @@ class CampaignStore:
     def candidate(self, id: int) -> Candidate:  # noqa: A002
         """Return the candidate with this `id`, whether it has a result or not.
 
-        Raises a `CampaignError` if there is none (naming the ids there are) or if it is damaged.
+        Raises a `CampaignError` if there is none (naming the existing ids) or if it is damaged.
         """
         self.write()
         with translated(self._path):
@@ -490,7 +490,7 @@ class CampaignStore:
         return (candidate for candidate, _ in self.candidates_with_place())
 
     def candidates_with_place(self) -> Iterator[tuple[Candidate, int]]:
-        """Return what `candidates` does, each with how many results were told before it."""
+        """Return all candidates, each with the number of results told before it."""
         self.write()
         with translated(self._path):
             rows = self._connection.execute(
@@ -499,7 +499,7 @@ class CampaignStore:
         return ((self.candidate(candidate_id), place) for candidate_id, place in rows)
 
     def counts(self) -> Counts:
-        """Return how many tests there are of which outcome, and the lowest MOOBD."""
+        """Return the number of tests per outcome, and the lowest MOOBD."""
         self._write_tests()
         with translated(self._path):
             rows = self._connection.execute(
@@ -519,7 +519,7 @@ class CampaignStore:
         )
 
     def elapsed(self) -> float:
-        """Return the s of the campaign's time that were spent when the last result was told."""
+        """Return the campaign's time at the last result, in s."""
         self._write_tests()
         with translated(self._path):
             rows = self._connection.execute("SELECT seconds, elapsed FROM test ORDER BY told")
@@ -533,16 +533,16 @@ class CampaignStore:
         return total
 
     def rows(self, select: str, parameters: Sequence[object] = ()) -> Iterator[tuple[Any, ...]]:
-        """Return what a SELECT of one's own gives, for those who want many tests at once.
+        """Return the rows of a SELECT, for reading many tests at once.
 
-        Nothing of it is checked. What is told while the iterator is used may show up in it.
+        Nothing is checked. Later results may show up.
         """
         self.write()
         with translated(self._path):
             yield from self._connection.execute(select, tuple(parameters))
 
     def close(self) -> None:
-        """Write what is left to write and let go of the database; closing twice does no harm."""
+        """Write the rest and close the database; closing twice does no harm."""
         try:
             self.write()
         finally:
@@ -558,9 +558,9 @@ class CampaignStore:
 
     @contextmanager
     def _transaction(self) -> Iterator[sqlite3.Connection]:
-        """Give the connection within a transaction that begins with what was held back.
+        """Give the connection within a transaction that begins with the held results.
 
-        That is kept when it fails, so that it can be tried again.
+        They stay held when it fails, so that it can be tried again.
         """
         connection = self._connection
         has_begun = False
@@ -594,12 +594,12 @@ class CampaignStore:
         if self._lock is None:
             raise CampaignError(f"{self._path} was opened for reading: open it with readonly=False")
 
-    # Reading: nothing that comes from the disk is believed
+    # Reading: every value from the disk is validated
 
     def require_whole(self) -> None:
-        """Raise a `CampaignError` if SQLite finds the file damaged: nothing is to be added then.
+        """Raise a `CampaignError` if SQLite finds the file damaged, so that nothing is added.
 
-        Reads the whole file once, which takes a second or so per gigabyte.
+        Reads the whole file once, which takes about a second per gigabyte.
         """
         with translated(self._path):
             (verdict,) = self._connection.execute("PRAGMA quick_check(1)").fetchone()
@@ -739,7 +739,7 @@ def find_database(folder: Path) -> Path:
 
 
 def connect_to_read(path: Path) -> sqlite3.Connection:
-    """Return a connection that changes nothing, not even if the folder would let it."""
+    """Return a connection that changes nothing, even in a writable folder."""
     connection = _connect(path, "mode=ro")
     try:
         connection.execute("PRAGMA user_version").fetchone()
@@ -756,7 +756,7 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
 
 def check_identity(connection: sqlite3.Connection, path: Path) -> int:
-    """Return the schema version of what is surely a campaign that we can read."""
+    """Return the schema version after checking that this is a campaign that we can read."""
     (application_id,) = connection.execute("PRAGMA application_id").fetchone()
     (version,) = connection.execute("PRAGMA user_version").fetchone()
     if application_id != APPLICATION_ID or version < 1:
@@ -802,7 +802,7 @@ def _migrate(connection: sqlite3.Connection, version: int) -> None:
 
 @contextmanager
 def translated(path: Path) -> Iterator[None]:
-    """Turn what SQLite and the file system complain about into a `CampaignError` about `path`."""
+    """Turn errors of SQLite and the file system into a `CampaignError` about `path`."""
     try:
         yield
     except sqlite3.Error as error:
@@ -838,5 +838,5 @@ _EXPLAINED: Final[Mapping[int, str]] = {
         "refuses what does not fit the rest ({}): a candidate is asked once, then told once"
     ),
 }
-"""SQLite's primary result code -> what it means for the campaign and what to do."""
+"""SQLite's primary result code -> its meaning for the campaign and what to do."""
 _UNEXPLAINED: Final = "cannot be used ({}): restore it from a copy, or run the campaign again"

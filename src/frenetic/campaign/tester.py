@@ -1,4 +1,4 @@
-"""Testing one road: fit, validate, drive, judge."""
+"""The test of one road: fit, validate, drive, judge."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class RoadTester:
-    """Tests roads, one after the other, always in the same way.
+    """Tests roads, one after the other, on the same terms.
 
     Raises:
         DriverError: the driver cannot drive in the simulator.
@@ -47,11 +47,11 @@ class RoadTester:
     simulator: Simulator
     driver: Driver
     map_size: float = MAP_SIZE
-    """m, side of the square map into which roads are fitted."""
+    """Side of the square map into which roads are fitted, in m."""
     margin: float = MARGIN
-    """m that a road's centre line keeps from the map's edge."""
+    """Distance that a road's centre line keeps from the map's edge, in m."""
     lane_width: float = 4.0
-    """m, of each lane."""
+    """Width of each lane, in m."""
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.map_size) and self.map_size > 2.0 * self.margin >= 0.0):
@@ -96,11 +96,11 @@ class RoadTester:
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def drive(self, road: Road) -> Drive:
-        """Drives a road as it is; a simulator that raises makes a drive with an error."""
+        """Drives a road; a simulator that raises gives a drive with an error."""
         return self._drive(road, self.driver)[0]
 
     def _test_points(self, candidate_id: int, points: FloatArray) -> Attempt:
-        """Drives the road through points where they lie, if they are valid."""
+        """Drives the road through points in place, if they are valid."""
         verdict = check_validity(points, self.map_size)
         if not verdict.valid:
             return _refused(candidate_id, verdict.message)
@@ -120,7 +120,7 @@ class RoadTester:
 
     def _driven(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:
         drive, broke = self._drive(road, driver)
-        # What a broken simulator recorded may be nothing that can be stored.
+        # A broken simulator's record may be impossible to store.
         whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
         trajectory = drive.trajectory if whole else None
         return Attempt(
@@ -143,7 +143,7 @@ def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attemp
 
 
 def road_through(points: FloatArray, lane_width: float) -> Road:
-    """The road through (N, 2) points in m, found once for a candidate that is proposed and tested.
+    """The road through (N, 2) points in m, cached for a candidate that is proposed and tested.
 
     Raises:
         RoadError: there is none.

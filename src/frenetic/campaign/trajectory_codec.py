@@ -1,9 +1,9 @@
-"""Trajectories as a few kilobytes: what a campaign's database keeps of every drive.
+"""Codec of trajectories: a few kilobytes for every drive in a campaign's database.
 
-A trajectory is a smooth thing written down 20 times a second, so its second differences are small
-numbers. `encode` rounds each column to its resolution, takes differences, and compresses what is
-left. `decode` gives back the rounded values, each within half a resolution of the original;
-encoding them again gives the same bytes.
+A trajectory is smooth and sampled 20 times a second, so its second differences are small. `encode`
+rounds each column to its resolution, takes differences, and compresses them. `decode` gives the
+rounded values, each within half a resolution of the original; encoding them again gives the same
+bytes.
 
 | columns | resolution | kept as |
 | --- | --- | --- |
@@ -62,10 +62,10 @@ _HEADER: Final = struct.Struct("<BI11s")
 _LEVEL: Final = 1  # the highest levels save another 5 % of the bytes at twice the time
 _COLUMNS: Final = len(RESOLUTIONS)
 _SMOOTH: Final = 8
-"""The first so many columns are kept as second differences, the others as first differences."""
+"""Number of columns kept as second differences, the others as first differences."""
 _STEPS_PER_UNIT: Final = np.rint(1.0 / np.array(list(RESOLUTIONS.values())))[:, np.newaxis]
 _LIMIT: Final = 2.0**51
-"""Beyond so many steps a float64 is no longer exact to half a step."""
+"""Most steps for which a float64 is exact to half a step."""
 
 assert tuple(RESOLUTIONS) == Trajectory.names()
 
@@ -96,7 +96,7 @@ def encode(trajectory: Trajectory) -> bytes:
 
 
 def decode(data: bytes) -> Trajectory:
-    """Return the trajectory in `data`, which may come from anywhere: it is checked, never trusted.
+    """Return the trajectory in `data`, which is validated.
 
     Raises a `CampaignError` if `data` is not what `encode` writes, or comes from a newer version.
     """
@@ -104,7 +104,7 @@ def decode(data: bytes) -> Trajectory:
 
 
 def decode_columns(data: bytes) -> FloatArray:
-    """Return what `decode` does as an (11, n) array, its columns in the order of `RESOLUTIONS`."""
+    """Return the decoded (11, n) array, its columns in the order of `RESOLUTIONS`."""
     if len(data) < _HEADER.size:
         raise CampaignError(
             f"a stored trajectory is damaged: {len(data)} bytes are less than its header"
@@ -202,9 +202,9 @@ def _sum_up(steps: _Steps, differences: _Steps) -> None:
 
 def _compress(data: bytes) -> bytes:
     """Return a zlib stream of `data`."""
-    # A small window and few symbols per block: 40 KiB of working memory instead of 256 KiB, which
-    # the C library would fetch from and return to the system each time, at twice the cost of
-    # compressing. The bytes saved by the larger window are none: a trajectory is about 10 kB.
+    # A small window and few symbols per block need 40 KiB of working memory instead of 256 KiB,
+    # which the C library would fetch from and return to the system each time, at twice the cost of
+    # compressing. A larger window would save nothing: a trajectory is about 10 kB.
     stream = zlib.compressobj(_LEVEL, zlib.DEFLATED, wbits=13, memLevel=7)
     return stream.compress(data) + stream.flush()
 

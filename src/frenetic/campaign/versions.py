@@ -1,4 +1,4 @@
-"""What a campaign's results depend on, beside its parts."""
+"""Versions that a campaign's results depend on."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Final
 
 PACKAGES: Final = ("frenetic-roads", "numpy", "numba", "scipy")
-"""Distributions whose versions a campaign records: its results depend on them."""
+"""Distributions that a campaign's results depend on."""
 
 
 def package_versions() -> dict[str, str]:
-    """Versions of Python and of what a campaign's results depend on."""
+    """Versions of Python and of these distributions."""
     versions = {"python": platform.python_version()}
     for name in PACKAGES:
         try:

@@ -1,13 +1,11 @@
-"""Following a campaign by its log: how it goes, as far as somebody who reads along can tell.
+"""The state of a campaign, read from its log.
 
-Nothing but the log is read, and of that only what is new. So a campaign can be followed from
-another machine, through a network share, as often as one likes. What the log holds is not trusted:
-a line that cannot be understood is counted and skipped, texts lose whatever a terminal would take
-for a command.
+Only new lines of the log are read, so a campaign can be watched from another machine, through a
+network share, at any rate. Input is validated: an unreadable line is counted and skipped, and texts
+lose characters that a terminal takes for a command.
 
 No two clocks are compared. Rates and durations are measured in the campaign's own seconds, which
-the log tells with each line of progress; whether it still lives is judged by whether the log grows,
-by the clock of the one who watches.
+each line of progress gives. A campaign counts as alive if its log grows, by the watcher's clock.
 """
 
 from __future__ import annotations
@@ -34,17 +32,17 @@ from frenetic.errors import CampaignError
 from frenetic.spec import Budget
 
 SILENT_AFTER: Final = 180.0
-"""s without a new line after which it is in question whether a campaign still runs."""
+"""Time without a new line after which a campaign may have died, in s."""
 RATE_WINDOW: Final = 60.0
-"""s of the campaign's time over which its rate now is taken."""
+"""Campaign time over which its rate now is taken, in s."""
 KEPT_MESSAGES: Final = 20
-"""Warnings and errors that are remembered."""
+"""Most remembered warnings and errors."""
 MAX_POINTS: Final = 1000
-"""Of the failures over time."""
+"""Most points of the failures over time."""
 MAX_LINE: Final = 1 << 20
-"""Bytes; a longer line is skipped."""
+"""Most bytes of a line; a longer one is skipped."""
 MAX_WORKERS: Final = 1000
-"""Workers that are remembered of one line."""
+"""Most remembered workers of a line."""
 
 _HEAD: Final = 256  # bytes by which a file is recognised: they hold the time of its first line
 _MAX_TEXT: Final = 500  # characters
@@ -53,29 +51,29 @@ _Whole = Annotated[int, Meta(ge=0, le=(1 << 63) - 1)]
 
 
 class Status(StrEnum):
-    """What a campaign does, as far as its log tells."""
+    """State of a campaign, as far as its log tells."""
 
     WAITING = "waiting"
-    """The log does not tell anything yet."""
+    """The log tells nothing yet."""
     RUNNING = "running"
     SILENT = "silent"
     """It should be running, but the log has not grown for `SILENT_AFTER`."""
     FINISHED = "finished"
     """Its budget is spent."""
     INTERRUPTED = "interrupted"
-    """Somebody stopped it before."""
+    """It was stopped before."""
     GAVE_UP = "gave_up"
     """It could not go on."""
 
     @property
     def is_end(self) -> bool:
-        """Whether the process that ran the campaign has ended in order."""
+        """Whether the campaign's process has ended normally."""
         return self in (Status.FINISHED, Status.INTERRUPTED, Status.GAVE_UP)
 
 
 @dataclass(frozen=True)
 class Setup:
-    """What the first line of a campaign's process says of it; None where it does not."""
+    """First line of a campaign's process; None where it lacks a field."""
 
     strategy: str | None = None
     driver: str | None = None
@@ -91,7 +89,7 @@ class Message:
     """A line of the log for people."""
 
     time: str
-    """When, by the campaign's clock; as it stands in the log."""
+    """Time by the campaign's clock, as in the log."""
     level: Level
     event: str
     text: str
@@ -99,18 +97,18 @@ class Message:
 
 @dataclass(frozen=True, eq=False)
 class CampaignState:
-    """How a campaign goes, read from its log."""
+    """State of a campaign, read from its log."""
 
     status: Status
     setup: Setup
     progress: Progress
-    """The newest that the log tells."""
+    """The latest state in the log."""
     rate: float | None
     """Road tests per s over the last minute; None if it does not run or has just begun."""
     failures_over_time: FloatArray
     """(n, 2): s of the campaign's time, FAIL outcomes until then; 1000 points at most."""
     running: int
-    """Road tests that are being driven."""
+    """Number of running road tests."""
     workers: tuple[WorkerState, ...]
     messages: tuple[Message, ...]
     """The last warnings and errors, the newest last."""
@@ -118,15 +116,15 @@ class CampaignState:
     """Warnings and errors in the log."""
     last_failure: Message | None
     last_time: str
-    """When the newest line was written, by the campaign's clock; empty before the first."""
+    """Time of the newest line by the campaign's clock; empty before the first."""
     quiet_seconds: float
-    """s since the log has grown, or since it is watched, by the watcher's clock."""
+    """Time since the log has grown, or since watching began, by the watcher's clock, in s."""
     has_grown: bool
-    """Whether it has grown since it is watched, which proves that the campaign runs."""
+    """Whether it has grown since watching began, which proves that the campaign runs."""
     unreadable: int
-    """Lines that were skipped."""
+    """Number of skipped lines."""
     trouble: str
-    """Why the log could not be read this time; empty if it could."""
+    """Reason why the log could not be read this time; empty if it could."""
 
     def failures_per_interval(self, intervals: int) -> FloatArray:
         """(intervals,) FAIL outcomes in equal parts of the time from the start until now."""
@@ -137,7 +135,7 @@ class CampaignState:
         return np.diff(np.interp(edges, seconds, failed))
 
     def as_json(self) -> dict[str, Any]:
-        """The state as one JSON object; what the log has, too, has the same name there."""
+        """The state as one JSON object, with the names of the log."""
         progress = self.progress
         left = None if self.status.is_end else progress.seconds_left
         return {
@@ -191,7 +189,7 @@ class CampaignWatcher:
 
     Args:
         folder: of the campaign. The log may come later, vanish, be cut or replaced.
-        clock: s, monotonic; what a campaign's silence is measured by.
+        clock: s, monotonic, for a campaign's silence.
     """
 
     def __init__(self, folder: Path, *, clock: Callable[[], float] = time.monotonic) -> None:
@@ -203,10 +201,10 @@ class CampaignWatcher:
         self._has_looked = self._has_grown = False
 
     def look(self) -> CampaignState:
-        """Reads what is new in the log; returns how the campaign goes now."""
+        """Reads new lines of the log; returns the campaign's state."""
         trouble = ""
         try:
-            # Opened anew each time: only then does a network share tell what is new.
+            # Opened anew each time, since a network share shows new lines only then.
             if not self._path.is_file():
                 raise FileNotFoundError(f"{self._path} is not there, or no file")
             with self._path.open("rb") as file:
@@ -226,7 +224,7 @@ class CampaignWatcher:
         )
 
     def _read(self, file: BufferedReader) -> bool:
-        """Takes in what is new in the file; returns whether anything is."""
+        """Reads new lines of the file; returns whether there are any."""
         if not self._reader.belongs_to(file):
             self._reader, self._summary = _LogReader(), _LogSummary()
             self._reader.belongs_to(file)
@@ -252,7 +250,7 @@ class _ProgressLine(Struct):
 
 
 class _LogReader:
-    """The whole lines of a growing file that are new since the last time."""
+    """Reads the new whole lines of a growing file."""
 
     def __init__(self) -> None:
         self._head = b""
@@ -262,10 +260,10 @@ class _LogReader:
         self.has_news = False
         """Whether the file has changed since it was looked at last."""
         self.too_long = 0
-        """Lines that were skipped."""
+        """Number of skipped lines."""
 
     def belongs_to(self, file: BufferedReader) -> bool:
-        """Looks at the file: whether it still is the one that was read, only longer."""
+        """Checks whether the file is still the same, only longer."""
         file.seek(0)
         head = file.read(_HEAD)
         size = file.seek(0, os.SEEK_END)
@@ -295,7 +293,7 @@ class _LogReader:
 
 
 class _LogSummary:
-    """What the lines of a log have told so far."""
+    """State from the lines of a log so far."""
 
     def __init__(self) -> None:
         self._status = Status.WAITING
@@ -315,7 +313,7 @@ class _LogSummary:
         self._workers: object = ()
 
     def add(self, line: bytes) -> None:
-        """Takes a line into account as a whole, or counts it as unreadable."""
+        """Takes a whole line into account, or counts it as unreadable."""
         if not line.strip():
             return
         try:
@@ -406,7 +404,7 @@ def _message(event: str, record: Mapping[str, object]) -> Message:
 
 
 def _setup(record: Mapping[str, object]) -> Setup:
-    """What a first line says, as far as it can be understood."""
+    """The readable fields of a first line."""
     return Setup(
         strategy=_part(record.get("strategy")),
         driver=_part(record.get("driver")),
@@ -419,7 +417,7 @@ def _setup(record: Mapping[str, object]) -> Setup:
 
 
 def _part(described: object) -> str | None:
-    """The name of a part of a campaign, and what it is laid over."""
+    """The name of a part of a campaign, and the part under it."""
     names: list[str] = []
     while isinstance(described, dict) and len(names) < 5:
         names.append(_text(described.get("class"), 300).rpartition(":")[2][:_MAX_NAME] or "?")
@@ -430,7 +428,7 @@ def _part(described: object) -> str | None:
 
 
 def _workers(listed: object) -> Iterator[WorkerState]:
-    """The workers of a line of progress, without those that cannot be understood."""
+    """The readable workers of a line of progress."""
     for value in listed[:MAX_WORKERS] if isinstance(listed, list) else ():
         worker = _valid(value, WorkerState)
         if worker is not None and (name := _text(worker.name, _MAX_NAME)):
@@ -446,7 +444,7 @@ def _valid(value: object, kind: Any) -> Any:
 
 
 def _text(value: object, most: int) -> str:
-    """A text in one line of at most so many characters, each of which can be seen."""
+    """A text in one line of at most so many visible characters."""
     if not isinstance(value, str):
         return ""
     seen = "".join(character if character.isprintable() else " " for character in value[:most])

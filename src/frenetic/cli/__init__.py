@@ -37,7 +37,7 @@ CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
-    """Runs the command line; every mistake of the user is one line on stderr and exit code 2."""
+    """Runs the command line; a user's mistake is one line on stderr and exit code 2."""
     try:
         with ending_in_order():
             code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
@@ -52,7 +52,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         click.echo("frenetic: interrupted", err=True)
         code = 130
     except BrokenPipeError:
-        # The reader of our output has gone; so may we, without another word.
+        # The reader of our output has gone; end quietly.
         silence(sys.stdout)
         code = 1
     sys.exit(code if isinstance(code, int) else 0)

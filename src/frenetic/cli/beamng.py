@@ -32,7 +32,7 @@ _OPTIONS: Final = {
 
 
 def is_beamng(simulator: str) -> bool:
-    """Whether a simulator's name means BeamNG.tech."""
+    """Whether a simulator's name is that of BeamNG.tech."""
     return simulator == NAME or simulator.endswith(":BeamngSimulator")
 
 
@@ -104,7 +104,7 @@ def _remember(ctx: click.Context, param: click.Parameter, value: Any) -> None:
 def with_beamng(
     ctx: click.Context, param: click.Parameter, value: tuple[tuple[str, Any], ...]
 ) -> tuple[tuple[str, Any], ...]:
-    """Adds the options of BeamNG.tech that were given to those of the simulator.
+    """Adds the given options of BeamNG.tech to those of the simulator.
 
     Raises:
         click.UsageError: the simulator is another.
@@ -120,8 +120,8 @@ def with_beamng(
 def moved(simulator: str | None, recorded: Mapping[str, Any]) -> dict[str, Any]:
     """A campaign's options of its simulator, with what `place_options` say in their place.
 
-    Where BeamNG.tech was started and is now to be connected to, or the other way round, what is
-    recorded for that does not hold any more.
+    If BeamNG.tech was started and is now connected to, or the other way round, recorded options for
+    that no longer hold.
 
     Raises:
         click.UsageError: the simulator is another.
@@ -136,7 +136,7 @@ def moved(simulator: str | None, recorded: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _given(ctx: click.Context, simulator: str | None) -> dict[str, Any]:
-    """The options of BeamNG.tech that were given, by their names for the simulator."""
+    """The given options of BeamNG.tech, by their names for the simulator."""
     given: dict[str, tuple[str, Any]] = ctx.meta.get(_GIVEN, {})
     if given and simulator is not None and not is_beamng(simulator):
         (option, _), *_ = given.values()

@@ -1,4 +1,4 @@
-"""The command that holds generators against each other: bench."""
+"""The command that compares generators: bench."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ _FIXED: Final = (
     *("seconds_per_test", "count_computing", "patience", "records", "map_size"),
     *("driver", "driver_options", *LAYERS, "simulator", "simulator_options", *LIMITS),
 )
-"""Options that a bench is begun with, and that stay when it goes on."""
+"""Options that begin a bench and stay when it is resumed."""
 
 
 class EntrantsCommand(GroupedCommand):
@@ -58,7 +58,7 @@ class EntrantsCommand(GroupedCommand):
     first_group = _ENTRANTS
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Notes in which order the options of entrants came."""
+        """Notes the order of the entrants' options."""
         values, _, order = self.make_parser(ctx).parse_args(args=list(args))
         coming = {name: iter(values[name]) for name in (*_OPENING, *_OF_ENTRANT) if name in values}
         ctx.meta[__name__] = [
@@ -71,7 +71,7 @@ class EntrantsCommand(GroupedCommand):
 
 @dataclass
 class _AskedEntrant:
-    """An entrant as far as the command line says."""
+    """An entrant on the command line."""
 
     spec: str
     is_strategy: bool
@@ -233,11 +233,11 @@ def bench(
     as_json: bool,
     **asked: Any,
 ) -> None:
-    """Hold road generators against each other on the same driver, with repeats.
+    """Compare road generators on the same driver, with repeats.
 
-    Generators written for the pipeline of the SBST/SBFT competition run unmodified, each run in a
-    process and a folder of its own, beside our own strategies. Every run is a campaign, and holds a
-    results folder as the competition's tools read it.
+    Generators written for the pipeline of the SBST/SBFT competition run unmodified, each run in its
+    own process and folder, beside our own strategies. Every run is a campaign, and holds a results
+    folder for the competition's tools.
     """
     from frenetic.bench import Bench
 
@@ -261,7 +261,7 @@ def bench(
 
 
 def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -> Bench:
-    """The bench that the command line asks for."""
+    """The bench of a command line."""
     from frenetic.bench import Bench, Entrant, Terms, new_folder
     from frenetic.registry import STRATEGIES
 
@@ -315,7 +315,7 @@ def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]
 
 
 def _refuse_given(context: click.Context, why: str) -> None:
-    """Refuses the options with which a bench is begun."""
+    """Refuses the options that begin a bench."""
     from click.core import ParameterSource
 
     for name in _FIXED:
@@ -360,7 +360,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
 
 @contextmanager
 def _bench_progress(log: Log) -> Iterator[Callable[[BenchProgress], None]]:
-    """Shows how a bench goes."""
+    """Shows the progress of a bench."""
     start = time.monotonic()
     with live_line(log) as show:
 
@@ -372,7 +372,7 @@ def _bench_progress(log: Log) -> Iterator[Callable[[BenchProgress], None]]:
 
 @contextmanager
 def _go_on_line(the_bench: Bench) -> Iterator[None]:
-    """Says how to go on when Ctrl-C was pressed twice."""
+    """Says how to resume after a second Ctrl-C."""
     try:
         yield
     except KeyboardInterrupt:
@@ -385,7 +385,7 @@ def _resume_line(the_bench: Bench) -> str:
 
 
 def _show_results(the_bench: Bench, ends: Sequence[RunEnd], log: Log, as_json: bool) -> None:
-    """Compares who took part, prints that and writes it down."""
+    """Compares the entrants; prints and writes the comparison."""
     states = the_bench.states()
     comparison: Comparison | None = None
     page: Path | None = None
@@ -413,7 +413,7 @@ def _show_results(the_bench: Bench, ends: Sequence[RunEnd], log: Log, as_json: b
 
 
 def _end(the_bench: Bench, ends: Sequence[RunEnd], states: Sequence[RunState]) -> None:
-    """Says what is still to do, if anything is."""
+    """Says what is left to do, if anything."""
     missing = sum(state.ending is None for state in states)
     if not missing:
         return

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def check(campaign: Path, quick: bool, as_json: bool) -> None:
     """Check the database of a CAMPAIGN, and say what it holds.
 
-    All that is stored is read, held against each other, and judged again; nothing is changed. The
-    campaign may be running. Ends with exit code 1 if something is wrong, one line each.
+    Reads everything, compares it, judges it again, and changes nothing. The campaign may be
+    running. Prints a line per finding and then ends with exit code 1.
     """
     from frenetic.campaign.check import check_campaign
 

@@ -1,4 +1,4 @@
-"""The command that holds campaigns against each other: compare."""
+"""The command that compares campaigns: compare."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 _WILD: Final = "*?["
 _MOST_COLUMNS: Final = 3
-"""Groups that stand side by side; more stand one below the other."""
+"""Most groups side by side; more are listed one below the other."""
 _MOST_MEASURES: Final = 4
-"""Measures that stand side by side."""
+"""Most measures side by side."""
 
 
 @click.command(short_help="Hold campaigns against each other, with their repeats.")
@@ -58,15 +58,15 @@ def compare(
     with_all: bool,
     as_json: bool,
 ) -> None:
-    """Hold groups of campaigns against each other.
+    """Compare groups of campaigns.
 
-    A FOLDER is that of a campaign, or one that holds the folders of several. Campaigns that differ
-    in nothing but the seed are repeats of each other and make a group. With a NAME a group is what
-    you say: NAME=FOLDER[,FOLDER...], in which * and ? stand for parts of a name.
+    A FOLDER is that of a campaign, or holds the folders of several. Campaigns that differ only in
+    the seed repeat each other and form a group. NAME=FOLDER[,FOLDER...] forms a group of your own,
+    in which * and ? stand for parts of a name.
 
-    Said are medians and quartiles of each group; for each pair the chance that a campaign of the
-    one does better than one of the other (A12), and p of the Mann-Whitney test; and the order of
-    the groups by distinct failures per 100 simulations.
+    Prints medians and quartiles of each group; for each pair the chance that a campaign of the one
+    does better than one of the other (A12), and p of the Mann-Whitney test; and the order of the
+    groups by distinct failures per 100 simulations.
     """
     from frenetic.analysis.comparison import compare as compare_groups
     from frenetic.analysis.tables import table_form, write_table
@@ -128,7 +128,7 @@ def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
 
 
 def _expanded(place: str) -> list[Path]:
-    """The paths that a place with * or ? stands for: no shell has seen those after NAME=."""
+    """The paths of a place with * or ?, which no shell expands after NAME=."""
     path = Path(place)
     if path.exists() or not any(sign in place for sign in _WILD):
         return [path]
@@ -141,7 +141,7 @@ def _expanded(place: str) -> list[Path]:
 
 
 def comparison_document(comparison: Comparison) -> dict[str, Any]:
-    """A comparison as a JSON object; what never happened is null."""
+    """A comparison as a JSON object; events that never happened are null."""
 
     def number(value: float) -> float | None:
         return value if math.isfinite(value) else None
@@ -188,7 +188,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
 
 
 def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
-    """Prints who is better, medians with quartiles, and what can be said of each pair.
+    """Prints the better group, medians with quartiles, and the verdict on each pair.
 
     Args:
         comparison: of two or more groups.
@@ -235,7 +235,7 @@ def _print_by_measure(comparison: Comparison, shown: Sequence[MeasureComparison]
 
 
 def _print_by_group(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
-    """A row per group, and as many measures side by side as can be read."""
+    """A row per group, with as many measures side by side as are readable."""
     for start in range(0, len(shown), _MOST_MEASURES):
         table = _table("Median (quartiles)" if start == 0 else None, "")
         for by in shown[start : start + _MOST_MEASURES]:

@@ -48,10 +48,10 @@ def confirm(
 ) -> None:
     """Drive failures of a CAMPAIGN in another simulator and say which it confirms.
 
-    Each road is driven where it lay on the map. Whatever is not given is as in the campaign. A
-    failure is confirmed if the driver fails in the other simulator, too; alike are failures on the
-    same side of the lane within 30 m along the road. The drives are kept in confirmations.json in
-    the campaign's folder, with pictures of both paths in confirmed/.
+    Each road is driven where it lay on the map, with the campaign's options unless others are
+    given. A failure is confirmed if the driver fails in the other simulator, too. Failures are
+    alike on the same side of the lane within 30 m along the road. The drives are kept in
+    confirmations.json in the campaign's folder, with pictures of both paths in confirmed/.
     """
     from frenetic.analysis.failures import LISTED, representative_failures
     from frenetic.campaign import CampaignStore
@@ -116,7 +116,7 @@ def confirm(
 
 def _draw(log: Log, campaign: Path, confirmation: Confirmation) -> Path | None:
     from frenetic.campaign import CampaignStore
-    from frenetic.report.confirmation import write_confirmation  # matplotlib takes its time
+    from frenetic.report.confirmation import write_confirmation  # matplotlib imports slowly
 
     with log.status("Drawing both paths"), CampaignStore.open(campaign) as store:
         return write_confirmation(store, confirmation)

@@ -1,4 +1,4 @@
-"""What is printed: results on stdout, progress and mistakes on stderr."""
+"""Printing: results on stdout, progress and mistakes on stderr."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Results(Console):
 
 
 class Log(Console):
-    """The console for what is going on; a campaign goes on when nobody reads it any more."""
+    """The console for progress; a campaign goes on when nobody reads it."""
 
     def __init__(self) -> None:
         super().__init__(stderr=True, highlight=False, soft_wrap=True)
@@ -66,7 +66,7 @@ class Log(Console):
 
 
 def silence(stream: TextIO) -> None:
-    """Lets a stream that nobody reads lead nowhere, so that nothing fails at exit either."""
+    """Discards a stream that nobody reads, so that nothing fails at exit either."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, stream.fileno())
     os.close(nowhere)
@@ -74,7 +74,7 @@ def silence(stream: TextIO) -> None:
 
 @contextmanager
 def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
-    """Says that the simulator is being compiled, unless what it gives is called soon."""
+    """Says that the simulator is being compiled, unless the returned function is called soon."""
     text = "Starting; the first time, the simulator is compiled: about 20 s, then it is cached."
     timer = threading.Timer(ANNOUNCE_AFTER, log.print, [text])
     timer.daemon = True
@@ -86,7 +86,7 @@ def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
 
 
 def progress_text(progress: Progress) -> str:
-    """How a search goes, in one line."""
+    """Progress of a search in one line."""
     least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     left = progress.seconds_left
     return (
@@ -98,7 +98,7 @@ def progress_text(progress: Progress) -> str:
 
 @contextmanager
 def live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
-    """Shows how a search goes."""
+    """Shows the progress of a search."""
     with live_line(log) as show:
         yield lambda progress: show(progress.budget_spent, lambda: progress_text(progress))
 
@@ -141,8 +141,8 @@ def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
 
     Args:
         clusters: the distinct failures, at least one.
-        failures: how many failures there are in all; more than were compared, maybe.
-        listed: how many clusters are printed.
+        failures: number of all failures, possibly more than were compared.
+        listed: number of clusters to print.
     """
     title = counted(len(clusters), "distinct failure")
     if failures > clusters.failures:
@@ -162,7 +162,7 @@ def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
 
 
 def facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[tuple[str, str]]:
-    """What there is to say of a drive, fresh or recorded."""
+    """Facts about a drive, fresh or recorded."""
     facts = []
     if result.moobd is not None and result.moobd_distance is not None:
         facts += [
@@ -190,7 +190,7 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
 
 
 def shell(path: Path) -> str:
-    """A path as it can be pasted into a shell."""
+    """A path for pasting into a shell."""
     import shlex
 
     text = str(path)

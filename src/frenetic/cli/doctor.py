@@ -1,4 +1,4 @@
-"""The command that says whether the simulators work: doctor."""
+"""The command that checks the simulators: doctor."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def doctor(
 ) -> None:
     """Check the simulators on this machine and say what is wrong and what to do.
 
-    What needs a licence or a place is checked with --simulator and its options. The exit code is 0
-    if nothing is wrong with what was checked, 1 otherwise.
+    Use --simulator and its options for a simulator that needs a licence or a place. The exit code
+    is 0 if all checks pass, 1 otherwise.
     """
     from frenetic.doctor import Health, examine, examine_all
 

@@ -50,9 +50,9 @@ TRAJECTORIES: Final = ("all", "failures", "none")
 def export(
     campaign: Path, name: Any, out: Path | None, outcomes: tuple[str, ...], trajectories: Any
 ) -> None:
-    """Write the tests of a CAMPAIGN and what was driven, for pandas, DuckDB and others.
+    """Write the tests of a CAMPAIGN and their trajectories, for pandas, DuckDB and others.
 
-    The folder with the files is printed. It is there completely or not at all.
+    Prints the folder with the files, which is written completely or not at all.
     """
     from frenetic.export import export_campaign
 

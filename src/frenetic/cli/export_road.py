@@ -56,7 +56,7 @@ def export_road(
 ) -> None:
     """Write the road of a CAMPAIGN's test, or of a ROAD file, for other tools.
 
-    A campaign is its folder and needs the ID of a test. The file's name is printed.
+    A campaign is its folder and needs the ID of a test. Prints the file's name.
     """
     from frenetic.export import format_of, road_format, write_road
 
@@ -86,7 +86,7 @@ def export_road(
 
 
 def _exported(source: Path, test_id: int | None) -> tuple[ExportedRoad, Path]:
-    """What to write, and where without its suffix."""
+    """The road, and the path of its file without the suffix."""
     from frenetic.export import ExportedRoad
 
     if test_id is None:

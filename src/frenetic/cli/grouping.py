@@ -1,4 +1,4 @@
-"""Options that help shows under a headline of their own."""
+"""Options with their own headline in the help."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class GroupedOption(click.Option):
 
 
 class GroupedCommand(click.Command):
-    """A command whose help puts the options of a group together."""
+    """A command whose help groups its options."""
 
     first_group = "Options"
     """The headline of the options that come first: of those without a group, if no other."""

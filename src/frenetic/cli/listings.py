@@ -1,4 +1,4 @@
-"""The commands that list what there is: drivers, strategies, simulators."""
+"""The commands that list the known parts: drivers, strategies, simulators."""
 
 from __future__ import annotations
 

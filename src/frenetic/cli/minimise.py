@@ -1,4 +1,4 @@
-"""The command that reduces failing roads to what makes them fail: minimise."""
+"""The command that shortens failing roads: minimise."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from frenetic.road import Road
 
 PARTS: Final = ("driver", "driver_options", *LAYERS, "simulator", "simulator_options", *LIMITS)
-"""The options that say how a road is driven."""
+"""The options for driving a road."""
 ENDINGS: Final = {
     "minimal": "nothing smaller was found to fail",
     "spent": "all drives are spent",
@@ -50,7 +50,7 @@ ENDINGS: Final = {
 
 @dataclass(frozen=True)
 class Setup:
-    """How roads are driven."""
+    """Terms of drives."""
 
     parts: RecordedParts
     map_size: float
@@ -78,23 +78,23 @@ class Work:
     files: MinimisedFiles
     test_id: int | None = None
     side: Side | None = None
-    """On which the car left its lane, if that is recorded."""
+    """Side on which the car left its lane, if recorded."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """A failing road that was minimised and written."""
+    """A minimised failing road and its files."""
 
     work: Work
     minimised: Minimised
     repeat: str
     """The command line that drives it again."""
     there: float | None
-    """m, length of a shorter road that was there already and stays; None if this one is written."""
+    """Length of an older, shorter road that stays, in m; None if this one is written."""
 
     @property
     def ending(self) -> str:
-        """Why minimising ended, for people."""
+        """Reason for the end of minimising, for people."""
         trouble = self.minimised.trouble
         return ENDINGS[self.minimised.ending] if trouble is None else f"gave up: {trouble}"
 
@@ -153,10 +153,10 @@ def minimise(
 ) -> None:
     """Reduce failing roads to the shortest and plainest ones that still fail for the same reason.
 
-    The tests of a CAMPAIGN are driven as it drove them but for what is given here; a ROAD file is
-    driven as by 'frenetic drive'. Each road is written as a file, beside a picture of the drive on
-    it and one of before and after, unless a shorter one is there that fails alike. Ctrl-C keeps the
-    smallest road found so far.
+    The tests of a CAMPAIGN are driven as it drove them unless options change that; a ROAD file is
+    driven as by 'frenetic drive'. Each road becomes a file, beside a picture of its drive and one
+    of before and after, unless a shorter one that fails alike exists. Ctrl-C keeps the smallest
+    road found so far.
     """
     from frenetic._support.interrupt import catch_interrupt
     from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
@@ -229,7 +229,7 @@ def _of_campaign(
     top: int | None,
     out: Path | None,
 ) -> tuple[Setup, list[Work]]:
-    """How a campaign's tests are driven, and those that are to be minimised."""
+    """Terms of a campaign's drives, and the tests to minimise."""
     from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.outcome import Outcome
@@ -342,7 +342,7 @@ def _minimise(
     log: Log,
     should_stop: Callable[[], bool],
 ) -> Minimised:
-    """Minimises one road and shows how that goes."""
+    """Minimises one road and shows the progress."""
     from frenetic.redrive.minimise import minimise
 
     with _live(log, work) as show, as_usage_error():
@@ -365,7 +365,7 @@ def _minimise(
 
 @contextmanager
 def _live(log: Log, work: Work) -> Iterator[Callable[[MinimiseProgress], None]]:
-    """Shows progress: a line that changes on a terminal, now and then a new one elsewhere."""
+    """Shows progress: a changing line on a terminal, elsewhere a new one now and then."""
     last = time.monotonic()
     with log.status(f"{work.name}: {work.road.length:.0f} m") as status:
 

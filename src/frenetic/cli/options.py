@@ -1,4 +1,4 @@
-"""What the options of several commands share: types, decorators, checks."""
+"""Shared parts of several commands' options: types, decorators, checks."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Setting(click.ParamType):  # type: ignore[type-arg]
 
 
 def driver_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options by which a driver, a simulator and the rules are chosen."""
+    """The options that choose a driver, a simulator and the rules."""
     options = [
         click.option(
             "--driver",
@@ -158,7 +158,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON."
 
 @contextmanager
 def as_usage_error() -> Iterator[None]:
-    """Turns a `ValueError` of the library into a mistake of the user."""
+    """Turns a `ValueError` of the library into a user's mistake."""
     try:
         yield
     except ValueError as error:
@@ -166,7 +166,7 @@ def as_usage_error() -> Iterator[None]:
 
 
 def check_map_size(map_size: float) -> None:
-    """Refuses a map in which no road has room."""
+    """Refuses a map without room for a road."""
     from frenetic.road import MARGIN
 
     if not 2.0 * MARGIN < map_size < float("inf"):

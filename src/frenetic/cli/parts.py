@@ -18,7 +18,7 @@ LAYERS = ("noise", "delay", "view")
 LIMITS = ("speed_limit", "oob_tolerance", "wall_limit")
 
 WALL_LIMIT: Final = 60.0
-"""s of wall time that a drive may take unless it is said, or the simulator says otherwise."""
+"""Default limit of a drive's wall time, in s, unless the simulator has its own."""
 
 
 def make_driver(

@@ -1,4 +1,4 @@
-"""Progress of a command that knows how much there is to do."""
+"""Progress of a command with a known amount of work."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from frenetic.cli.console import PLAIN_INTERVAL
 
 @contextmanager
 def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], None]]:
-    """Gives a function that shows how much is done, and of how much.
+    """Gives a function that shows the work done, and the whole work.
 
-    A bar on a terminal, elsewhere a plain line now and then, nothing where it is soon over.
+    It shows a bar on a terminal, elsewhere a plain line now and then, and nothing for short work.
 
     Args:
-        log: on which it is shown.
-        what: is being done, such as "Checking".
+        log: the console for it.
+        what: the work, such as "Checking".
     """
     if log.is_terminal:
         from rich.progress import (

@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from frenetic.simulators import Rules, Simulator
 
 _WITHOUT: Final = {"noise": 0.0, "delay": 0.0, "view": math.inf}
-"""Amounts with which a layer does nothing, so that none is made."""
+"""Amounts that make a layer superfluous."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
 def part_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options by which other parts than the recorded ones are chosen; None if not given."""
+    """The options that choose other parts than the recorded ones; None if not given."""
     options = [
         click.option("--driver", metavar="D", help="Another driver than the campaign's."),
         click.option(
@@ -75,13 +75,13 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
 
 @dataclass(frozen=True)
 class RecordedParts:
-    """A driver and a simulator by name, with all that it takes to make them."""
+    """A driver and a simulator by name, with all that their making takes."""
 
     driver: str
     """A name, ``package.module:Class`` or ``file.py:Class``."""
     driver_options: Mapping[str, Any]
     noise: float | None
-    """m, of the layers over the driver; None if there is no such layer, as for the next two."""
+    """Amount of the layer over the driver, in m; None without it, as for the next two."""
     delay: float | None
     """s."""
     view: float | None

@@ -55,9 +55,9 @@ def replay(
 ) -> None:
     """Drive the failing roads of a CAMPAIGN again and say which are fixed.
 
-    Each road is driven where it lay on the map. Whatever is not given is as in the campaign: a
-    replay without options says whether its results can be reproduced. The exit code is 0 if no road
-    fails, 1 if any fails or could not be judged, 2 if something is wrong with the command.
+    Each road is driven where it lay on the map, with the campaign's options unless others are
+    given: without options, the command says whether results reproduce. The exit code is 0 if no
+    road fails, 1 if any fails or could not be judged, 2 if something is wrong with the command.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.redrive.regression import replay as replay_campaign

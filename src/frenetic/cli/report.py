@@ -18,10 +18,10 @@ import click
 )
 @click.option("--open", "shown", is_flag=True, help="Show it in the browser.")
 def report(campaign: Path, out: Path | None, shown: bool) -> None:
-    """Write the report of a CAMPAIGN: what was found, with pictures and replays of its failures.
+    """Write the report of a CAMPAIGN: its failures, with pictures and replays.
 
-    It is one file that loads nothing from anywhere, so it can be kept, sent and opened without a
-    network. 'frenetic run' and 'frenetic resume' write it at their end, too.
+    It is one file that loads nothing, so you can keep it, send it and open it offline. 'frenetic
+    run' and 'frenetic resume' write it at their end, too.
     """
     from frenetic.report.html import write_report
 
@@ -32,7 +32,7 @@ def report(campaign: Path, out: Path | None, shown: bool) -> None:
 
 
 def _show(path: Path) -> bool:
-    """Opens a file in the browser; whether there is one."""
+    """Opens a file in the browser; returns whether there is one."""
     try:
         return webbrowser.open(path.resolve().as_uri())
     except webbrowser.Error:

@@ -50,11 +50,10 @@ def drive(
 ) -> None:
     """Drive one road from a file and say what happened.
 
-    ROAD is JSON and holds curvatures (1/m) and optionally a step (m), or road_points, or is a test
+    ROAD is JSON with curvatures (1/m) and optionally a step (m), or with road_points, or a test
     file of the competition or of a campaign's failures; or it is OpenDRIVE with a single road
-    (.xodr). It is moved into the map if it lies elsewhere; a road that is invalid is not driven.
-    The exit code is 0 if it was driven, 1 if it is INVALID or the simulator or driver broke
-    (ERROR).
+    (.xodr). A road that lies elsewhere is moved into the map; an invalid one is not driven. The
+    exit code is 0 if it was driven, 1 if it is INVALID or the simulator or driver broke (ERROR).
     """
     from frenetic.campaign import RoadTester
     from frenetic.oracle import Result, judge
@@ -114,10 +113,10 @@ def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None) 
 )
 @json_option
 def validate(files: tuple[Path, ...], map_size: float, as_json: bool) -> None:
-    """Say for each road file whether the competition calls it valid.
+    """Say for each road file whether it is valid by the competition's rules.
 
     Points are judged where they lie, curvatures where they fit the map. The exit code is 1 if any
-    road is invalid, 2 if a file cannot be read; the other files are judged all the same.
+    road is invalid, 2 if a file cannot be read; the other files are still judged.
     """
     from frenetic.road.files import read_road
 

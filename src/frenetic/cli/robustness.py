@@ -1,4 +1,4 @@
-"""The command that says whether failures repeat: rerun."""
+"""The command that measures how often failures repeat: robustness."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class AskedVariation:
 
     quantity: str
     limits: tuple[float, float] | None
-    """None for the usual ones."""
+    """None for the default range."""
 
     def variation(self, simulator: Simulator) -> Variation:
         """What that is in the simulator's world."""
@@ -72,10 +72,10 @@ class Range(click.ParamType):  # type: ignore[type-arg]  # generic in click's ne
 
 
 class VaryingCommand(GroupedCommand):
-    """A command whose --vary takes as many ranges as follow it."""
+    """A command whose --vary takes all ranges that follow it."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Gives each of the ranges a --vary of its own."""
+        """Gives each range its own --vary."""
         spread: list[str] = []
         is_range = False
         for arg in args:
@@ -134,10 +134,10 @@ def rerun(
     """Drive failing roads of a CAMPAIGN again and say how often they fail.
 
     Without --vary each drive is the same, so a failure repeats every time unless the driver or the
-    simulator is not repeatable. With it, each drive is in a world of its own, drawn from the
-    ranges: said is the share that fails, its 95 % interval, and which of the ranges matter. A
-    failure that surely repeats in less than half of the worlds is fragile, in half of them or more
-    robust. Results are kept in reruns.json in the campaign's folder.
+    simulator is not repeatable. With it, each drive is in its own world, drawn from the ranges: the
+    command prints the share that fails, its 95 % interval, and which of the ranges matter. A
+    failure is fragile if it surely repeats in less than half of the worlds, robust if in half or
+    more. Results are kept in reruns.json in the campaign's folder.
     """
     from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore

@@ -46,7 +46,7 @@ R = TypeVar("R")
 
 
 def _worker_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options by which those who drive are chosen."""
+    """The options that choose the workers."""
     options = [
         click.option(
             "--workers",
@@ -172,12 +172,12 @@ def resume(
     drive_limit: float | None,
     as_json: bool,
 ) -> None:
-    """Go on with the CAMPAIGN in a folder, whatever ended it: Ctrl-C, a crash, its budget.
+    """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
 
-    Its log is replayed to a fresh strategy, so that an interrupted campaign ends as it would have
-    without the interruption, exactly so if it has one worker or is ordered and its budget counts
-    simulations or failures. With a budget, its own becomes what is spent and so much more. Where
-    BeamNG.tech is may be said anew, for this time.
+    Its log is replayed to a fresh strategy, so an interrupted campaign ends as if it had never been
+    interrupted: exactly so if it has one worker or is ordered and its budget counts simulations or
+    failures. A given budget is added to what is spent. If BeamNG.tech has moved, give its new
+    place, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
@@ -253,7 +253,7 @@ def _search(
     as_json: bool,
     seed: object,
 ) -> None:
-    """Runs or resumes a campaign, shows how it goes and what it found."""
+    """Runs or resumes a campaign, and shows its progress and failures."""
     from frenetic.analysis.failures import distinct_failures, representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.outcome import Outcome
@@ -272,7 +272,7 @@ def _search(
         try:
             summary = search(show, on_start=started, on_interrupt=log.stopping)
         except CampaignError as error:
-            # What was stored until then is still worth a look.
+            # Show what was stored until then.
             if not campaign.started:
                 raise
             trouble = error
@@ -307,7 +307,7 @@ def _search(
 
 
 def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | None:
-    """Writes the report; None if that went wrong, which loses nothing else."""
+    """Writes the report; None if that failed, which loses nothing else."""
     from frenetic.report.html import write_report
 
     try:
@@ -319,7 +319,7 @@ def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | 
 
 
 def _first_error(store: CampaignStore) -> str:
-    """Why a drive broke first; nothing if none did."""
+    """Prints why a drive broke first, if one did."""
     from frenetic.outcome import Outcome
 
     return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))

@@ -1,4 +1,4 @@
-"""The command that looks at campaigns: show."""
+"""The command that shows campaigns: show."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command that follows a campaign from elsewhere: watch."""
+"""The command that follows a running campaign: watch."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
     from frenetic.campaign.watch import CampaignState, CampaignWatcher, Message, Setup
 
 WIDTH: Final = 100
-"""Columns that the live view takes at most."""
+"""Most columns of the live view."""
 LONGEST_INTERVAL: Final = 86_400.0
-"""s between two looks."""
+"""Time between two readings of the log, in s."""
 WORKERS_SHOWN: Final = 12
 MESSAGES_SHOWN: Final = 4
 OLD: Final = 180.0
-"""s by this machine's clock after which a log that was not seen to grow may be an old one."""
+"""Time by this machine's clock after which a log that does not grow may be old, in s."""
 BAR: Final = 5.0
-"""s of the campaign's time that a bar of the failures over time covers at least."""
+"""Campaign time that a bar of the failures over time covers at least, in s."""
 
 _BARS: Final = " ▁▂▃▄▅▆▇█"
 _ASCII_BARS: Final = " .:-=+*#%@"
@@ -72,8 +72,8 @@ def watch(campaign: Path, once: bool, interval: float, as_json: bool) -> None:
     """Follow the CAMPAIGN in a folder until it ends. Ctrl-C leaves; the campaign goes on.
 
     Only its log is read, so the folder may be on another machine, seen through a network share.
-    With --json, how it goes now is printed as one JSON object. The exit code is 0 when the campaign
-    has finished, 1 when it was interrupted or gave up.
+    --json prints the present state as one JSON object. The exit code is 0 when the campaign has
+    finished, 1 when it was interrupted or gave up.
     """
     from frenetic.campaign.watch import CampaignWatcher, Status, require_log
 
@@ -120,7 +120,7 @@ def _follow_live(
 def _follow_in_lines(
     watcher: CampaignWatcher, state: CampaignState, folder: Path, interval: float, console: Console
 ) -> CampaignState:
-    """Prints how it goes, and a line for whatever is new, until the campaign ends."""
+    """Prints the progress, and a line for each event, until the campaign ends."""
     _print_plainly(state, folder, console)
     while not state.status.is_end:
         sys.stdout.flush()
@@ -150,12 +150,12 @@ def _new_messages(before: CampaignState, state: CampaignState) -> Sequence[Messa
 def live_view(
     state: CampaignState, folder: Path, console: Console, now: datetime
 ) -> RenderableType:
-    """How a campaign goes, in a frame of at most `WIDTH` columns.
+    """State of a campaign in a frame of at most `WIDTH` columns.
 
     Args:
         state: of the campaign.
         folder: of the campaign.
-        console: on which it will be shown.
+        console: the console for it.
         now: by this machine's clock.
     """
     width = min(console.width, WIDTH)
@@ -201,7 +201,7 @@ def _budget_bar(state: CampaignState, width: int) -> RenderableType:
 
 
 def _counts(state: CampaignState, width: int) -> Table:
-    """All there is to count, in three rows."""
+    """All counts, in three rows."""
     progress = state.progress
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     cells = (
@@ -231,7 +231,7 @@ def _counts(state: CampaignState, width: int) -> Table:
 
 
 def _failures_over_time(state: CampaignState, width: int, ascii_only: bool) -> list[RenderableType]:
-    # A bar covers what the log can tell apart at least.
+    # A bar covers at least the log's resolution.
     seconds = state.progress.seconds
     count = min(max(int(seconds / BAR), 1), width)
     failures = state.failures_per_interval(count)
@@ -256,7 +256,7 @@ def sparkline(
     bars = _ASCII_BARS if ascii_only else _BARS
     full = len(bars) - 1
     scale = rows * full / (max(values, default=0.0) or 1.0)
-    # Rounded up: whatever is there is seen, only 0 is empty.
+    # Rounded up: only 0 is empty.
     heights = [math.ceil(value * scale - 1e-9) for value in values]
     return tuple(
         "".join(bars[min(max(height - row * full, 0), full)] for height in heights)
@@ -265,7 +265,7 @@ def sparkline(
 
 
 def _workers(workers: Sequence[WorkerState]) -> RenderableType:
-    """What the workers do, in two columns if they are many; those that were lost come first."""
+    """The workers' activities, in two columns if they are many; lost workers come first."""
     shown = sorted(workers, key=lambda worker: worker.state != "lost")[:WORKERS_SHOWN]
     half = len(shown) if len(shown) <= 4 else (len(shown) + 1) // 2
     side_by_side = Table.grid(padding=(0, 4))
@@ -342,7 +342,7 @@ def _facts(
 
 
 def progress_line(state: CampaignState) -> str:
-    """How a campaign goes, in one line."""
+    """State of a campaign in one line."""
     progress = state.progress
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     return (
@@ -360,17 +360,18 @@ def message_line(message: Message, now: datetime) -> str:
 
 
 def status_name(state: CampaignState) -> str:
-    """What a campaign does, in a word or two."""
+    """Activity of a campaign, in a word or two."""
     return str(state.status).replace("_", " ")
 
 
 def doubt(state: CampaignState, now: datetime) -> str:
-    """Why it is not certain that what is shown is up to date; empty if it is.
+    """Reason why the shown state may be outdated; empty if there is none.
 
     Args:
         state: of the campaign.
-        now: by this machine's clock, which is compared with the campaign's only as long as nothing
-            better is known.
+        now: by this machine's clock, which is compared with the campaign's only if nothing better
+        is
+            known.
     """
     if state.trouble:
         return f"the log cannot be read: {state.trouble}"
@@ -391,7 +392,7 @@ def doubt(state: CampaignState, now: datetime) -> str:
 
 
 def _describe(setup: Setup) -> str:
-    """What is searched, in one line."""
+    """The search, in one line."""
     parts = [name for name in (setup.strategy, setup.driver, setup.simulator) if name]
     if setup.seed is not None:
         parts.append(f"seed {setup.seed}")
@@ -415,7 +416,7 @@ def _times(state: CampaignState) -> str:
 
 
 def _whereabouts(state: CampaignState, now: datetime) -> str:
-    """Which process writes the log, and when it last did."""
+    """The process that writes the log, and the time of its last line."""
     parts = []
     if state.setup.process_id is not None:
         parts.append(f"process {state.setup.process_id}")
@@ -429,7 +430,7 @@ def _whereabouts(state: CampaignState, now: datetime) -> str:
 
 
 def _census(workers: Sequence[WorkerState]) -> str:
-    """How many workers do what."""
+    """Numbers of workers by activity."""
     counted = Counter(worker.state for worker in workers).most_common()
     return ", ".join(f"{count} {state}" for state, count in counted)
 

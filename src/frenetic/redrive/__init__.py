@@ -1,1 +1,1 @@
-"""Roads that were driven before, driven again: how often they fail, where else, and how short."""
+"""Driving again: how often roads fail, where else, whether they are fixed, how short they get."""

@@ -1,7 +1,7 @@
-"""Failures that were found in one simulator, driven in another: which of them are confirmed.
+"""Confirmation: failures of one simulator, driven in another.
 
-What fails in two simulators says something of the driver; what fails in one may be a property of
-that simulator. The drives and verdicts are kept in the campaign's folder.
+A failure in two simulators is one of the driver; a failure in one may be a property of that
+simulator. The drives and verdicts are kept in the campaign's folder.
 """
 
 from __future__ import annotations
@@ -38,20 +38,20 @@ CONFIRMATIONS: Final = "confirmations.json"
 VERSION: Final = 1
 """Of that file's form."""
 LEAST_PAIRS: Final = 3
-"""Drives from which on the ranks of MOOBD are compared."""
+"""Fewest drives for comparing the ranks of MOOBD."""
 
 _FILE: Final = KeptFile(CONFIRMATIONS, "confirmations", VERSION, "frenetic confirm")
 
 
 class Agreement(StrEnum):
-    """What another simulator says of a failure."""
+    """Verdict of another simulator on a failure."""
 
     CONFIRMED = "confirmed"
     """The driver fails there, too."""
     NOT_CONFIRMED = "not confirmed"
     """The driver passes there."""
     NOT_JUDGED = "not judged"
-    """Nothing is known: the road is INVALID there, or the simulator or driver broke."""
+    """The road is INVALID there, or the simulator or driver broke."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class ConfirmedTest:
     other: Repeat
     """The drive in the other simulator."""
     reason: str
-    """Why that ended so."""
+    """Reason of its end."""
     trajectory: Trajectory | None
     """Of that drive, None if nothing was driven."""
 
     @property
     def agreement(self) -> Agreement:
-        """What the other simulator says."""
+        """Verdict of the other simulator."""
         if not self.other.outcome.is_driven:
             return Agreement.NOT_JUDGED
         failed = self.other.outcome is Outcome.FAIL
@@ -84,14 +84,14 @@ class ConfirmedTest:
 
 @dataclass(frozen=True)
 class Correlation:
-    """How the MOOBDs of two simulators go together."""
+    """Correlation of the MOOBDs of two simulators."""
 
     spearman: float
     """Rank correlation -1..1: 1 if both put the roads in the same order."""
     p: float
     """That it is chance."""
     pairs: int
-    """Roads that were compared."""
+    """Number of compared roads."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +106,9 @@ class Confirmation:
     car: CarBody
     """In the other simulator, as are the rules."""
     tests: tuple[ConfirmedTest, ...]
-    """In the order in which they were chosen, the most telling first."""
+    """Tests in the order of their choice, representative ones first."""
     missing: int = 0
-    """Tests that were not driven, because Ctrl-C came before."""
+    """Number of tests left undriven by Ctrl-C."""
 
     @cached_property
     def key(self) -> str:
@@ -128,7 +128,7 @@ class Confirmation:
 
     @cached_property
     def correlation(self) -> Correlation | None:
-        """How the MOOBDs go together; None if fewer than three pairs vary."""
+        """Correlation of the MOOBDs; None if fewer than three pairs vary."""
         pairs = [(one.recorded.moobd, one.other.moobd) for one in self.tests]
         known = [(a, b) for a, b in pairs if a is not None and b is not None]
         if len(known) < LEAST_PAIRS:
@@ -156,18 +156,18 @@ def confirm(
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
 ) -> Confirmation:
-    """Drives failures of a campaign in another simulator and keeps what becomes of them.
+    """Drives failures of a campaign in another simulator and keeps the results.
 
     Args:
         folder: of the campaign.
         simulator: the other one, not yet entered.
         driver: the campaign's or another.
-        test_ids: which failures, the most telling first.
-        workers: how many roads are driven at once, as for `Campaign`.
+        test_ids: the failures, the most important first.
+        workers: number of roads driven at once, as for `Campaign`.
         drive_limit: s of wall time, likewise.
-        on_progress: called after every drive with how many there were, and of how many.
+        on_progress: called after every drive with the number of drives, and of all.
         on_start: called when the simulator has started.
-        on_interrupt: called at the first Ctrl-C, which ends it after what runs.
+        on_interrupt: called at the first Ctrl-C, which ends it after the running drives.
 
     Raises:
         CampaignError: the campaign is damaged, a test is no failure, or no worker can be started.

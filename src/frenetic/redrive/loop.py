@@ -25,7 +25,7 @@ from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
 
 OPERATOR: Final = "redrive"
-"""What the origin of the roads that are driven again says."""
+"""Operator in the origin of roads that are driven again."""
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
@@ -76,15 +76,15 @@ def drive_again(
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
 ) -> bool:
-    """Drives roads again and hands on the results as they come.
+    """Drives roads again and passes on the results as they come.
 
-    A drive that is lost with its worker, or on which the simulator breaks, is tried once more. At
-    the first Ctrl-C nothing is begun any more and what runs is finished.
+    A drive that is lost with its worker, or on which the simulator breaks, is tried once more.
+    After the first Ctrl-C no drive begins and running ones are finished.
 
     Args:
         tasks: their candidates numbered from 1, each number once.
         tester: drives them; copied into each worker if there are several.
-        workers: how many roads are driven at once, as for `Campaign`.
+        workers: number of roads driven at once, as for `Campaign`.
         drive_limit: s of wall time, likewise.
         on_attempt: called with the last attempt at each task.
         on_start: called when the simulator has started.
@@ -130,5 +130,5 @@ def _crew(tester: RoadTester, workers: int, drive_limit: float | None) -> Worker
     if drive_limit is None:
         drive_limit = capabilities(tester.simulator).drive_limit
     compile_kernels()
-    # What happens to the workers is no part of the campaign's log.
+    # The workers' events are no part of the campaign's log.
     return LocalWorkers(tester, workers, drive_limit=drive_limit)

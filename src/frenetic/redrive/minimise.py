@@ -19,17 +19,17 @@ from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import Drive
 
 MAX_DRIVES: Final = 500
-"""Drives that are spent on a road at most, unless another number is given."""
+"""Default for the most drives per road."""
 GUARD: Final = 0.02
-"""By which share the curvatures of a road's neighbours differ, which have to fail as well."""
+"""Share by which the curvatures of a road's neighbours differ, which must fail as well."""
 MAX_ERRORS_IN_A_ROW: Final = 10
-"""Drives that may break one after the other before minimising ends."""
+"""Consecutive broken drives after which minimising ends."""
 OPERATOR: Final = "minimise"
-"""What the origin of the roads that are tried says."""
+"""Operator in the origin of the tried roads."""
 
 
 class FailureReason(StrEnum):
-    """Why a drive failed. Two drives failed for the same reason if these are equal."""
+    """Reason of a failed drive. Two drives failed for the same reason if these are equal."""
 
     LEFT_LANE_LEFT = "left the lane to the left"
     LEFT_LANE_RIGHT = "left the lane to the right"
@@ -38,7 +38,7 @@ class FailureReason(StrEnum):
 
 
 def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
-    """Why a drive of a road failed; None if it did not."""
+    """Reason of a failed drive; None if it did not fail."""
     result = judge(road, drive)
     if result.outcome is not Outcome.FAIL:
         return None
@@ -55,11 +55,11 @@ def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
 
 @dataclass(frozen=True, eq=False)
 class FailedDrive:
-    """A road on which a driver failed, and how."""
+    """A road on which a driver failed, with the failure."""
 
     shape: Shape
     road: Road
-    """Where it lies on the map."""
+    """Road in its place on the map."""
     drive: Drive
     result: Result
     reason: FailureReason
@@ -67,33 +67,33 @@ class FailedDrive:
 
 @dataclass(frozen=True)
 class MinimiseProgress:
-    """How far the minimising of one road has come."""
+    """Progress of minimising one road."""
 
     drives: int
     max_drives: int
     length: float
-    """m, of the smallest road so far."""
+    """Length of the smallest road so far, in m."""
     curves: int
     """Of the smallest road so far."""
     doing: str
-    """The pass that is at work."""
+    """The current pass."""
 
 
 @dataclass(frozen=True, eq=False)
 class Minimised:
-    """What a failing road was reduced to."""
+    """The result of minimising a failing road."""
 
     original: FailedDrive
     smallest: FailedDrive
-    """Fails for the same reason; the original itself if nothing smaller does."""
+    """The smallest road that fails for the same reason; possibly the original."""
     improvements: tuple[Improvement, ...]
-    """How it came about, in order; the trials are drives, the first of them the original's."""
+    """Its improvements, in order; the trials are drives, the first of them the original's."""
     drives: int
-    """Spent in all."""
+    """Number of all drives."""
     ending: Ending
-    """MINIMAL if no pass makes it smaller; SPENT if the drives did not suffice to find out."""
+    """MINIMAL if no pass makes it smaller; SPENT if the drives were not enough to know."""
     trouble: str | None
-    """Why minimising gave up, if it did: the simulator or driver broke time and again."""
+    """Reason for giving up, if any: the simulator or driver broke repeatedly."""
 
     @property
     def road(self) -> Road:
@@ -107,7 +107,7 @@ class Minimised:
 
     @property
     def reason(self) -> FailureReason:
-        """Why the drives on both roads failed."""
+        """Reason why the drives on both roads failed."""
         return self.smallest.reason
 
 
@@ -123,18 +123,18 @@ def minimise(
     """The smallest road found on which the driver fails for the same reason.
 
     Smaller is shorter, or as long and plainer, in the order of `frenetic.redrive.shrinking.Shape`.
-    Every road that is kept is valid, was driven and failed, and so did two neighbours of it, with
-    all curvatures a little smaller and a little larger: what is left is not a failure that the
-    slightest change makes vanish. No road is driven twice, and nothing is left to chance.
+    Every kept road is valid, was driven and failed, and so did two neighbours of it, with all
+    curvatures a little smaller and a little larger: the failure survives a slight change. No road
+    is driven twice, and the result is deterministic.
 
     Args:
         road: fails.
-        tester: drives roads as they were driven when it failed; its simulator has been entered.
-        max_drives: the most drives that may be spent; refused roads cost none.
-        guard: by which share the curvatures of the neighbours differ, at least 0 and below 1; 0
-            asks for no neighbours.
+        tester: drives roads on the terms of the failure; its simulator has been entered.
+        max_drives: most drives to spend; refused roads cost none.
+        guard: share by which the curvatures of the neighbours differ, at least 0 and below 1; 0
+            requires no neighbours.
         on_progress: called after every drive.
-        should_stop: asked before every drive; the smallest road until then is returned.
+        should_stop: asked before every drive; the smallest road so far is then returned.
 
     Raises:
         FreneticError: the road does not fail.
@@ -193,7 +193,7 @@ class _Trials:
         self.failed: dict[Shape, FailedDrive] = {}
         """Those that failed for this reason."""
         self.trouble = ""
-        """Why the last drive that broke did."""
+        """Reason of the last broken drive."""
         self._tester = tester
         self._reason = reason
         self._asked = 1
@@ -201,11 +201,11 @@ class _Trials:
 
     @property
     def gave_up(self) -> bool:
-        """Whether so many drives broke that others are not worth their while."""
+        """Whether too many drives broke for going on."""
         return self._broken >= MAX_ERRORS_IN_A_ROW
 
     def ask(self, shape: Shape) -> Answer:
-        """Whether the driver fails on the shape as it did before."""
+        """Whether the driver fails on the shape for the same reason."""
         self._asked += 1
         result, failed = _test(self._tester, shape, self._asked)
         if result.outcome is Outcome.INVALID:
@@ -222,7 +222,7 @@ class _Trials:
 
 
 def _test(tester: RoadTester, shape: Shape, number: int) -> tuple[Result, FailedDrive | None]:
-    """What became of a shape, and the drive on it if it failed."""
+    """Result of a shape, and the drive on it if it failed."""
     tested = tester.test(Candidate(number, np.array(shape.values), shape.step, Origin(OPERATOR)))
     if tested.result.outcome is not Outcome.FAIL:
         return tested.result, None

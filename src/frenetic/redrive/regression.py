@@ -1,4 +1,4 @@
-"""Regression: a campaign's roads with another driver, another version or another simulator."""
+"""Regression: a campaign's roads, driven with another driver, version or simulator."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ff
 
 
 class Change(StrEnum):
-    """What became of a test."""
+    """Change of a test."""
 
     FIXED = "fixed"
     """It failed and passes now."""
@@ -37,27 +37,27 @@ class Change(StrEnum):
     STILL_PASSING = "still passing"
     """It did not fail, nor does it now."""
     NOT_JUDGED = "not judged"
-    """Nothing is known: the road is INVALID now, or the simulator or driver broke."""
+    """The road is INVALID now, or the simulator or driver broke."""
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """A test that was driven again, before and after."""
+    """A test before and after it was driven again."""
 
     test_id: int
     before: Outcome
     moobd_before: float | None
-    """m, minimum oob distance; None unless PASS or FAIL, as for `moobd_after`."""
+    """Minimum oob distance, in m; None unless PASS or FAIL, as for `moobd_after`."""
     after: Outcome
     moobd_after: float | None
     reason: str
-    """Why it ended so now."""
+    """Reason of the present outcome."""
     duration: float
-    """s of simulated time that it took now."""
+    """Simulated time that it took now, in s."""
     length: float
-    """m of road."""
+    """Length of road, in m."""
     seconds: float
-    """s of wall time that it took now."""
+    """Wall time that it took now, in s."""
 
     @property
     def change(self) -> Change:
@@ -71,7 +71,7 @@ class Replayed:
 
     @property
     def is_same(self) -> bool:
-        """Whether outcome and MOOBD are exactly what they were."""
+        """Whether outcome and MOOBD are exactly as before."""
         return self.after is self.before and self.moobd_after == self.moobd_before
 
 
@@ -88,7 +88,7 @@ class Replay:
     tests: tuple[Replayed, ...]
     """In the order of their ids."""
     missing: int
-    """Tests that were not driven again, because Ctrl-C came before."""
+    """Number of tests left undriven by Ctrl-C."""
 
     def count(self, change: Change) -> int:
         """Tests of which this became."""
@@ -102,13 +102,13 @@ class Replay:
 
     @property
     def same(self) -> int:
-        """Tests whose outcome and MOOBD are exactly what they were."""
+        """Tests whose outcome and MOOBD are exactly as before."""
         return sum(test.is_same for test in self.tests)
 
 
 @dataclass(frozen=True)
 class ReplayProgress:
-    """How far a replay has come."""
+    """Progress of driving again."""
 
     tests: int
     total: int
@@ -133,12 +133,12 @@ def replay(
         folder: of the campaign, which is only read.
         simulator: any, not yet entered.
         driver: any.
-        everything: all roads that were driven, not only those that failed.
-        workers: how many roads are driven at once, as for `Campaign`.
+        everything: all driven roads, not only failing ones.
+        workers: number of roads driven at once, as for `Campaign`.
         drive_limit: s of wall time, likewise.
         on_progress: called after every drive.
         on_start: called when the simulator has started.
-        on_interrupt: called at the first Ctrl-C, which ends the replay after what runs.
+        on_interrupt: called at the first Ctrl-C, which ends it after the running drives.
 
     Raises:
         CampaignError: the campaign is damaged, or no worker can be started.
@@ -200,8 +200,8 @@ def _replayed(record: TestRecord, attempt: Attempt) -> Replayed:
 def write_junit(replay: Replay, path: Path) -> None:
     """Writes a replay as a JUnit XML file, one test case per road.
 
-    A road on which the driver fails is a failure, one that could not be judged an error. What was
-    before and MOOBD are properties of the test case.
+    A road on which the driver fails is a failure, one that could not be judged an error. The
+    outcome before and MOOBD are properties of the test case.
 
     Raises:
         CampaignError: the file cannot be written.
@@ -257,7 +257,7 @@ def _add_properties(parent: ET.Element, values: Mapping[str, str]) -> None:
 
 
 def _text(text: str) -> str:
-    """A text that XML can hold: what it cannot is shown as Python does."""
+    """A text for XML: characters that it cannot hold are escaped as in Python."""
     return _NO_XML.sub(lambda match: ascii(match[0])[1:-1], text)
 
 

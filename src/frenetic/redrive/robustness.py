@@ -1,14 +1,13 @@
-"""Whether failures are real: how often they repeat, also in worlds that differ a little.
+"""Robustness: how often failures repeat, also in worlds that differ a little.
 
-A failing road is driven again and again, in worlds that are drawn from ranges: of the road's
-friction, the speed limit, the driver's noise and so on. Said is how often it fails, with an
-interval, and which of the varied quantities go with how badly the car did. Where nothing is
-varied, it is the same drive each time: whoever fails it once fails it always, unless the driver or
-simulator is not repeatable.
+A failing road is driven again and again, in worlds drawn from ranges of the road's friction, the
+speed limit, the driver's noise and so on. The result is the share that fails, with an interval, and
+the quantities that correlate with the car's worst moment. Without variation each drive is the same
+and fails again, unless the driver or simulator is not repeatable.
 
-A failure is *robust* if its road fails in at least half of such worlds and *fragile* if in less,
-as far as the drives can tell: the whole 95 % interval has to be on one side. Whether the car leaves
-its lane at the same place each time is said beside it.
+A failure is *robust* if its road fails in at least half of such worlds and *fragile* if in less;
+the whole 95 % interval must be on one side. The result also tells whether the car leaves its lane
+at the same place each time.
 """
 
 from __future__ import annotations
@@ -51,11 +50,11 @@ RERUNS: Final = "reruns.json"
 VERSION: Final = 1
 """Of that file's form."""
 TIMES: Final = 20
-"""Drives of each test unless another number is given."""
+"""Default number of drives of each test."""
 LEVEL: Final = 0.5
-"""Share of drives that fail, at least of a robust failure, less of a fragile one."""
+"""Failing share that separates robust failures (at least) from fragile ones (less)."""
 LEAST_DRIVES: Final = 8
-"""Drives from which on it is said which quantities matter."""
+"""Fewest drives for a verdict on which quantities matter."""
 _WRITE_INTERVAL: Final = 5.0  # s between two times that what is done is written
 
 _FILE: Final = KeptFile(RERUNS, "reruns", VERSION, "frenetic rerun")
@@ -67,7 +66,7 @@ class Stability(StrEnum):
     ROBUST = "robust"
     """In at least half of the worlds: the interval lies above."""
     UNCLEAR = "unclear"
-    """The interval says neither; more drives would."""
+    """The interval lies on both sides; more drives would decide."""
     FRAGILE = "fragile"
     """In less than half of the worlds: the interval lies below."""
 
@@ -101,7 +100,7 @@ class Variation:
 
     @classmethod
     def usual(cls, quantity: str, simulator: Simulator) -> Variation:
-        """The range of a quantity that is taken if none is given.
+        """The default range of a quantity.
 
         Friction is up to a fifth less than the simulator's, the speed limit a tenth less or more;
         noise is up to 0.2 m, delay up to 0.1 s, the start within 0.3 m and 0.03 rad.
@@ -142,11 +141,11 @@ _USUAL: Final[Mapping[str, tuple[float, float]]] = {
 def draw_conditions(
     variations: Sequence[Variation], times: int, seed: int
 ) -> tuple[Conditions, ...]:
-    """So many worlds in which the quantities are drawn from their ranges.
+    """Worlds with quantities drawn from their ranges.
 
-    A Latin hypercube: cut into ``times`` equal parts, the range of each quantity gives one value
-    from each part. So the worlds cover the ranges evenly, and the interval of a share is, if
-    anything, too wide. With noise, each world has errors of its own.
+    They are a Latin hypercube: the range of each quantity is cut into ``times`` equal parts and
+    gives one value from each. So the worlds cover the ranges evenly, and the interval of a share
+    is, if anything, too wide. With noise, each world has its own errors.
 
     Raises:
         ValueError: ``times`` is no positive whole number, or a quantity is there twice.
@@ -159,7 +158,7 @@ def draw_conditions(
             raise ValueError(f"{name} is varied twice: give one range for it")
     rng = np.random.default_rng(seed)
     worlds = [USUAL] * times
-    # In one order, whatever the order in which they were given.
+    # In a fixed order, independent of the given one.
     for variation in sorted(variations, key=lambda v: list(QUANTITIES).index(v.quantity)):
         shares = (rng.permutation(times) + rng.random(times)) / times
         values = variation.low + (variation.high - variation.low) * shares
@@ -178,9 +177,9 @@ class Repeat:
     world: Conditions
     outcome: Outcome
     moobd: float | None
-    """m, minimum oob distance; None unless PASS or FAIL."""
+    """Minimum oob distance, in m; None unless PASS or FAIL."""
     departure_distance: float | None = None
-    """m along the road where the car left its lane, None if it did not."""
+    """Distance along the road where the car left its lane in m, None if it did not."""
     departure_side: Side | None = None
     trouble: str | None = None
     """Why it could not be judged, None if it was."""
@@ -213,7 +212,7 @@ class Repeat:
 
     @property
     def margin(self) -> float:
-        """M to failing: the MOOBD of a drive that passed; all that failed are equally bad.
+        """Distance to failing, in m: the MOOBD of a drive that passed; all failed ones are equal.
 
         How far out a car is when its drive is ended says more of its speed than of the road.
         """
@@ -390,7 +389,7 @@ def rerun(
         times: drives of each.
         variations: what differs between the drives; nothing by default.
         seed: from which the worlds are drawn.
-        workers: how many roads are driven at once, as for `Campaign`.
+        workers: number of roads driven at once, as for `Campaign`.
         drive_limit: s of wall time, likewise.
         on_progress: called after every drive.
         on_start: called when the simulator has started.

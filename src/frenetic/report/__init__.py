@@ -1,6 +1,6 @@
-"""Reports that people like to look at: pictures of roads and drives, a campaign as an HTML page.
+"""Reports: pictures of roads and drives, a campaign as an HTML page.
 
-Names are loaded when they are first used, since Matplotlib takes a moment to import.
+Names are imported on use, since Matplotlib imports slowly.
 """
 
 from __future__ import annotations

@@ -128,7 +128,7 @@ def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
     if low == high:  # it is shown how far they are from zero
         low, high = (0.0, 1.0) if low == 0.0 else (min(low, 0.0), max(high, 0.0))
     room = 0.06 * (high - low)
-    # Campaigns that found nothing have a place of their own behind a line, on the worse side.
+    # Campaigns without a value stand behind a line, on the worse side.
     worse = -1.0 if measure.more_is_better else 1.0
     edge = low if measure.more_is_better else high
     nowhere = edge + 3.0 * worse * room
@@ -147,7 +147,7 @@ def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
             )
             axes.add_patch(box)
             axes.plot([median, median], [y - 0.3, y + 0.3], color=colour, linewidth=2.0)
-        # Side by side where they would hide each other.
+        # Side by side where they would overlap.
         shifts = 0.2 * np.cos(np.pi * np.arange(len(places)))
         axes.plot(
             np.sort(places),

@@ -30,7 +30,7 @@ CONFIRMED: Final = "confirmed"
 GALLERY: Final = "gallery.png"
 """Picture in it of all of them at a glance."""
 RECORDED_COLOUR, OTHER_COLOUR = "#d1232a", "#1f6fb4"
-"""Of the path in the campaign and of the one in the other simulator; told apart also by dashes."""
+"""Colours of the paths in the campaign and in the other simulator; dashes differ, too."""
 
 _WIDTH: Final = 9.0  # inches
 _ACROSS: Final = 3  # pictures in a row of a gallery
@@ -54,14 +54,14 @@ class Pair:
 
 @dataclass(frozen=True)
 class Names:
-    """What the two simulators are called in a picture."""
+    """Names of the two simulators in a picture."""
 
     recorded: str
     other: str
 
 
 def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path | None:
-    """Draws all drives that a confirmation holds, and a gallery, into the campaign's folder.
+    """Draws all drives of a confirmation, and a gallery, into the campaign's folder.
 
     Returns:
         The gallery; None if nothing was driven.
@@ -115,7 +115,7 @@ def draw_pair(pair: Pair, path: Path, names: Names) -> None:
     """Writes one picture: the road from above with both paths, and both oob distances along it.
 
     Raises:
-        FreneticError: the file cannot be written, or its suffix is none of a picture.
+        FreneticError: the file cannot be written, or its suffix is not that of a picture.
     """
     form = form_of(path)
     with mpl.rc_context(STYLE):
@@ -139,7 +139,7 @@ def draw_pairs(pairs: Sequence[Pair], path: Path, names: Names) -> None:
     """Writes a gallery: many roads from above with both paths, each at its own scale.
 
     Raises:
-        FreneticError: the file cannot be written, or its suffix is none of a picture.
+        FreneticError: the file cannot be written, or its suffix is not that of a picture.
     """
     form = form_of(path)
     rows = math.ceil(len(pairs) / _ACROSS)
@@ -212,6 +212,6 @@ def _styles(pair: Pair) -> tuple[tuple[Drive, dict[str, Any]], tuple[Drive, dict
 
 
 def _path(road: Road, drive: Drive) -> FloatArray:
-    """(n, 2) m, up to the record that ended the drive."""
+    """Up to the record that ended the drive, (n, 2) in m."""
     n = len(assess(road, drive).distance)
     return np.column_stack([drive.trajectory.x[:n], drive.trajectory.y[:n]])

@@ -21,7 +21,7 @@ PICTURES: Final = "pictures"
 GALLERY: Final = "gallery.png"
 """Picture in that folder of all listed failures at a glance."""
 MOST_FILES: Final = 1000
-"""Failing roads that get a file of their own, the most severe first; all are in the database."""
+"""Most failing roads with their own file, the most severe first; the database holds all."""
 
 
 def file_stem(candidate_id: int) -> str:
@@ -65,15 +65,15 @@ def write_failures(
 
     Args:
         store: the campaign.
-        listed: the failures that get a picture each, and a place in the gallery of all of them.
+        listed: the failures with a picture each, and a place in the gallery.
 
     Returns:
-        Whether all pictures are there: Ctrl-C ends the drawing after the picture at hand.
+        Whether all pictures are drawn: Ctrl-C ends the drawing after the current one.
 
     Raises:
         CampaignError: a file cannot be written.
     """
-    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib takes its time
+    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib imports slowly
 
     folder = store.folder / FAILURES
     try:

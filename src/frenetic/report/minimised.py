@@ -1,4 +1,4 @@
-"""The files of a minimised road: a road file, its drive as a picture, and before and after."""
+"""Files of a minimised road: the road, a picture of its drive, and one of before and after."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ MINIMISED: Final = "minimised"
 
 @dataclass(frozen=True)
 class MinimisedFiles:
-    """Where a minimised road is found."""
+    """Paths of a minimised road's files."""
 
     road: Path
-    """JSON that `frenetic drive` reads."""
+    """JSON for `frenetic drive`."""
     picture: Path
-    """The drive on it."""
+    """Picture of the drive on it."""
     comparison: Path
-    """The drives on the original and on it, side by side."""
+    """Picture of the drives on the original and on it, side by side."""
 
     @classmethod
     def beside(cls, road: Path) -> MinimisedFiles:
@@ -35,7 +35,7 @@ class MinimisedFiles:
         return cls(road, road.with_name(f"{name}.png"), road.with_name(f"{name}-before-after.png"))
 
     def make_folder(self) -> None:
-        """Makes the folder that they lie in.
+        """Makes their folder.
 
         Raises:
             FreneticError: it cannot be made.
@@ -100,9 +100,9 @@ def minimised_document(
 
 
 def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
-    """Length in m of the road in a file, if that is a better one than a `minimised_document`.
+    """Length of the road in a file, in m, if it is better than a `minimised_document`.
 
-    It is if it is shorter and the same driver fails on it in the same simulator, for the same
+    A better road is shorter, and the same driver fails on it in the same simulator, for the same
     reason, with a guard that is not weaker.
     """
     document = json.loads(json.dumps(document))  # as it would be read
@@ -118,7 +118,7 @@ def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
 
 
 def _length(document: Mapping[str, Any]) -> float:
-    """M, of the road of a document."""
+    """Length of a document's road, in m."""
     return float(document["step"]) * (len(document["curvatures"]) - 1)
 
 
@@ -129,14 +129,14 @@ def write_minimised(
 
     Args:
         minimised: the road.
-        files: where to; what is there is replaced.
-        document: what the road file says, see `minimised_document`.
-        name: what the pictures call the original.
+        files: their paths; existing files are replaced.
+        document: contents of the road file, see `minimised_document`.
+        name: name of the original in the pictures.
 
     Raises:
         FreneticError: a file cannot be written.
     """
-    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib takes its time
+    from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib imports slowly
 
     write_file(files.road, json.dumps(document) + "\n", remedy="check its folder's permissions")
     before, after = minimised.original, minimised.smallest

@@ -1,9 +1,10 @@
 """Pictures of roads and drives, drawn with Matplotlib.
 
 A picture of a drive shows the road from above with the car's path coloured by oob distance, a
-close-up of the place that matters, and profiles along the road underneath. The file's suffix says
-what it becomes: PNG, SVG or PDF. The same road and drive give the same bytes (with the same version
-of Matplotlib), and a file is either written completely or not at all.
+close-up of the decisive place, and profiles along the road underneath. The file's suffix decides
+the
+format: PNG, SVG or PDF. The same road and drive give the same bytes (with the same version of
+Matplotlib), and a file is written completely or not at all.
 
 Only Matplotlib's figure objects are used, never `pyplot`, so no window system is asked for and no
 backend of the surrounding program changes. Matplotlib's settings are those of the whole process
@@ -210,7 +211,7 @@ def _look(road: Road, drive: Drive) -> _Seen:
 
 @dataclass(frozen=True)
 class _Focus:
-    """The record that a picture is about."""
+    """The main record of a picture."""
 
     record: int
     what: str  # headline of the close-up
@@ -219,7 +220,7 @@ class _Focus:
 
 
 def _focus(seen: _Seen) -> _Focus | None:
-    """The departure, else where the drive ended without passing, else the car's worst moment."""
+    """The departure, else the end of a drive that did not pass, else the car's worst moment."""
     if not len(seen):
         return None
     result, last = seen.result, len(seen) - 1
@@ -294,7 +295,7 @@ def _page(
 
     turn = _best_turn(road)
     wide = _box(road, seen, turn)
-    # A road that is shown that large already needs no close-up.
+    # A road that is shown that large needs no close-up.
     shown = min(_INNER / wide.width, _HIGHEST / wide.height)
     closer = focus is not None and shown < 0.6 * _CLOSE_UP / _ACROSS
     main_width = _INNER - (_CLOSE_UP + _GAP if closer else 0.0)
@@ -361,7 +362,7 @@ def _page(
 
 @dataclass(frozen=True)
 class _Paper:
-    """A figure on which things are placed in inches from the upper left corner."""
+    """A figure with positions in inches from the upper left corner."""
 
     figure: Figure
     width: float
@@ -413,7 +414,7 @@ class _Paper:
 
 
 def _printable(text: str) -> str:
-    """``text`` on one line, without what a picture file could not hold."""
+    """``text`` on one line, without characters that a picture file cannot hold."""
     return "".join(c for c in " ".join(text.split()) if c.isprintable())
 
 
@@ -441,7 +442,7 @@ class _Box:
 
 @dataclass(frozen=True)
 class _View:
-    """How metres become points on paper: turned, moved, scaled."""
+    """The mapping of metres to points on paper: turned, moved, scaled."""
 
     turn: float  # rad counter-clockwise
     x: float  # m, turned, in the middle of the view
@@ -477,12 +478,12 @@ def _turned(points: FloatArray, turn: float) -> FloatArray:
 
 
 def _sane(places: FloatArray) -> FloatArray:
-    """(n, 2) m, with places that are out of any picture brought near enough to draw."""
+    """Places, (n, 2) in m, with those out of any picture brought near enough to draw."""
     return np.clip(places, -1e6, 1e6)
 
 
 def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
-    """(n, 2) m, the road's outer edges."""
+    """The road's outer edges, (n, 2) in m."""
     spacing = max(spacing, road.length / _MAX_POINTS)
     return np.vstack(
         [road.sample(spacing, road.lane_width), road.sample(spacing, -road.lane_width)]
@@ -490,9 +491,9 @@ def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
 
 
 def _best_turn(road: Road) -> float:
-    """Angle in rad by which the map is turned on paper: 0 unless that wastes the paper.
+    """Angle by which the map is turned on paper, in rad: 0 unless that wastes paper.
 
-    A road that is long and narrow, upright or aslant, is laid down, driven from left to right.
+    A long and narrow road, upright or aslant, is laid down, driven from left to right.
     """
     outline = _outline(road, 4.0)
 
@@ -514,7 +515,7 @@ def _best_turn(road: Road) -> float:
 
 
 def _box(road: Road, seen: _Seen | None, turn: float) -> _Box:
-    """What has to be in sight: the road and the path, unless that goes far astray."""
+    """The box to show: the road and the path, unless the path goes far astray."""
     outline = _turned(_outline(road), turn)
     low, high = outline.min(axis=0), outline.max(axis=0)
     if seen is not None and len(seen):
@@ -528,7 +529,7 @@ def _box(road: Road, seen: _Seen | None, turn: float) -> _Box:
 
 @dataclass
 class _Labels:
-    """Places labels in a panel where they hide nothing and do not touch each other."""
+    """Places labels in a panel without hiding anything or touching each other."""
 
     axes: Any
     view: _View
@@ -642,7 +643,7 @@ def _draw_scene(
 
 
 def _draw_surface(axes: Any, view: _View, road: Road) -> None:
-    """Both lanes. They are lines as wide as they are, which no bend and no crossing can upset."""
+    """Both lanes, drawn as wide lines, which stay correct in bends and crossings."""
     lane, scale = road.lane_width, view.scale
     spacing = max(0.5, road.length / _MAX_POINTS)
 
@@ -691,13 +692,13 @@ def _add_coloured(
     """A line through (n, 2) ``places``, which are (n, 2) ``on_paper`` in points."""
     if len(places) < 2:
         return
-    # Shorter pieces than 1.5 points are not seen.
+    # Pieces shorter than 1.5 points are invisible.
     walked = np.cumsum(np.hypot(*np.diff(on_paper, axis=0, prepend=on_paper[:1]).T))
     some = np.unique(np.floor(walked / 1.5), return_index=True)[1]
     some = np.union1d(some[:: math.ceil(len(some) / _MAX_POINTS)], [len(places) - 1])
     if len(some) < 2:
         return
-    # One stroke per run of (nearly) one colour: strokes that meet overlap, which shows.
+    # One stroke per run of (nearly) one colour: overlapping ends of strokes would show.
     places, oob = places[some], oob[some]
     shades = np.round(24.0 * np.clip(0.5 * (oob[:-1] + oob[1:]) / half, -1.0, 1.0))
     breaks = np.flatnonzero(np.diff(shades)) + 1
@@ -716,7 +717,7 @@ def _add_coloured(
 
 
 def _some_records(seen: _Seen, focus: _Focus) -> list[int]:
-    """A few records at equal distances, none near to the one that the picture is about."""
+    """A few records at equal distances, none near the picture's main one."""
     driven = np.cumsum(np.hypot(*np.diff(_sane(seen.xy), axis=0, prepend=seen.xy[:1]).T))
     count = int(np.clip(driven[-1] / 15.0, 0.0, 6.0))
     some = np.searchsorted(driven, np.linspace(0.0, driven[-1], count + 2)[1:-1])
@@ -763,7 +764,7 @@ def _draw_map_edge(axes: Any, view: _View, map_size: float | None) -> None:
 
 
 def _map_edge(map_size: float) -> FloatArray:
-    """(n, 2) m, points all around the map."""
+    """Points all around the map, (n, 2) in m."""
     along = np.linspace(0.0, map_size, 201)
     near, far = np.zeros_like(along), np.full_like(along, map_size)
     x = np.concatenate([along, far, along[::-1], near])
@@ -772,10 +773,10 @@ def _map_edge(map_size: float) -> FloatArray:
 
 
 def _draw_close_up(axes: Any, view: _View, road: Road, seen: _Seen, focus: _Focus) -> None:
-    """The place that the picture is about, large enough to see the car on the lane."""
+    """The picture's main place, large enough to see the car on the lane."""
     _draw_surface(axes, view, road)
     _draw_path(axes, view, seen, 0.5 * road.lane_width, 4.0)
-    # Boxes a little more than a car apart, back and forth from the one that matters.
+    # Boxes a little more than a car apart, back and forth from the main one.
     away = np.abs(seen.distance - seen.distance[focus.record])
     step = 1.35 * seen.drive.car.length
     chosen = []

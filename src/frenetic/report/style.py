@@ -1,4 +1,4 @@
-"""How pictures look, and how they become files: what all pictures share."""
+"""Style and files of all pictures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from frenetic._support.files import replacing
 from frenetic.errors import FreneticError
 
 SUFFIXES: Final = (".png", ".svg", ".pdf")
-"""What a picture's file name may end with."""
+"""Valid suffixes of a picture's file."""
 DPI: Final = 110
 
 INK: Final = "#1d2733"
@@ -61,7 +61,7 @@ def form_of(path: Path) -> str:
 
 
 def write_figure(figure: Figure, path: Path, form: str) -> None:
-    """Draws first, then writes beside ``path`` and renames: no half picture is ever seen.
+    """Draws a picture and writes it whole or not at all.
 
     Raises:
         FreneticError: the file cannot be written.
@@ -74,7 +74,7 @@ def write_figure(figure: Figure, path: Path, form: str) -> None:
     }
     drawn = BytesIO()
     with warnings.catch_warnings():
-        # A title may be in letters that the font lacks; a box in their place is good enough.
+        # A title may have letters that the font lacks; boxes in their place suffice.
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(drawn, format=form, dpi=DPI, metadata=undated[form])
     path = Path(path)

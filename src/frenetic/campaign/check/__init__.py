@@ -1,9 +1,8 @@
 """Whether a campaign's database is sound, and what it holds.
 
-Everything is read, nothing is changed, and nothing is believed: SQLite checks its file, then every
-fact, candidate, result and trajectory is held against what a campaign writes and against the
-others, and each stored drive is judged again. A campaign may be running meanwhile: what is told
-after the check began is not looked at.
+A check reads everything, verifies it and changes nothing. SQLite checks its file; then every fact,
+candidate, result and trajectory is compared with what a campaign writes and with the others, and
+each stored drive is judged again. A campaign may be running meanwhile: later results are left out.
 """
 
 from frenetic.campaign.check.check import check_campaign

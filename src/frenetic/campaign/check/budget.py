@@ -1,10 +1,9 @@
-"""The part of a check that looks at the shares of the budget.
+"""The check of the shares of the budget.
 
-Each share follows from the results told by then, the campaign's time and the budget. A campaign
-that goes on with another budget leaves shares of more than one, and only the first and the last
-budget are known. So every share has to be that of the first budget up to some result, that of the
-last budget from some result on, and between these, where a campaign was extended and killed more
-than once, nothing is known.
+Each share follows from the results told by then, the campaign's time and the budget. A resumed
+campaign may have had several budgets, of which only the first and the last are known. So every
+share must be that of the first budget up to some result, and that of the last budget from some
+result on. Between these, where a campaign was extended and killed more than once, nothing is known.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ _SAME: Final = 1e-9
 
 
 def check_budget(series: Series, facts: Facts, ended: bool, findings: Findings) -> None:
-    """Looks at the share of the budget that each result says was spent.
+    """Checks the spent share of the budget in each result.
 
     Args:
         series: the results.
         facts: the campaign's budgets.
         ended: whether the campaign ended by itself with its last budget.
-        findings: takes what is found.
+        findings: collects the findings.
     """
     first = facts.first_budget
     last = facts.last_budget or first
@@ -42,7 +41,7 @@ def check_budget(series: Series, facts: Facts, ended: bool, findings: Findings) 
     by_first, by_last = _shares(first, series), _shares(last, series)
     is_first, is_last = _agrees(spent, by_first), _agrees(spent, by_last)
     count = len(spent)
-    # A share of 1 is that of any budget which is spent: it does not tell which one it was.
+    # A share of 1 fits every spent budget, so it does not tell which one it was.
     until = _last_true(is_first & (by_first < 1.0)) + 1
     after = np.flatnonzero(is_last & (by_last < 1.0) & (np.arange(count) >= until))
     if ended:
@@ -63,7 +62,7 @@ def check_budget(series: Series, facts: Facts, ended: bool, findings: Findings) 
 
 
 def _shares(budget: Budget, series: Series) -> FloatArray:
-    """(n,) share of a budget spent when each result was told; NaN where the time is not known."""
+    """Spent share of a budget at each result, (n,); NaN where the time is unknown."""
     free = (Outcome.INVALID, Outcome.DROPPED)
     simulations = np.cumsum([outcome not in free for outcome in series.outcomes])
     failures = np.cumsum([outcome is Outcome.FAIL for outcome in series.outcomes])
@@ -79,7 +78,7 @@ def _shares(budget: Budget, series: Series) -> FloatArray:
 
 
 def _agrees(spent: FloatArray, shares: FloatArray) -> npt.NDArray[np.bool_]:
-    """Whether shares are the same, or one of them is not known."""
+    """Whether shares are equal, or one of them is unknown."""
     return ~(np.abs(spent - shares) > _SAME)
 
 

@@ -1,4 +1,4 @@
-"""The part of a check that looks at the roads that were asked for."""
+"""The check of the candidates."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from frenetic.campaign.configuration import is_number, shown
 def check_candidates(
     connection: sqlite3.Connection, tables: Tables, last: int, told: int, findings: Findings
 ) -> None:
-    """Looks at each candidate on its own, and at the order in which they were asked.
+    """Checks each candidate on its own, and the order of asking.
 
     Args:
         connection: to the database.
         tables: that it has.
-        last: id up to which they are looked at.
-        told: how many results there are.
-        findings: takes what is found.
+        last: last id to check.
+        told: number of results.
+        findings: collects the findings.
     """
     generations: dict[int, int] = {}
     before = asked_after = 0
@@ -75,7 +75,7 @@ def _parents(text: object) -> list[int] | None:
 
 
 def _faults(row: CandidateRow) -> Iterator[str]:
-    """What is wrong with a candidate on its own."""
+    """Findings about a candidate on its own."""
     if not isinstance(row.operator, str):
         yield f"the operator is {shown(row.operator)}: a text is needed"
     if _parents(row.parents) is None:

@@ -1,4 +1,4 @@
-"""The check as a whole."""
+"""The whole check."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ def check_campaign(
     quick: bool = False,
     on_test: Callable[[int, int], None] | None = None,
 ) -> CheckReport:
-    """Checks the campaign in a folder; nothing of it is changed.
+    """Checks the campaign in a folder, without changing it.
 
     Args:
         folder: of the campaign.
         quick: do not judge the stored drives and refused roads again.
-        on_test: called after each test with the number of tests that are done, and of all.
+        on_test: called after each test with the number of checked tests, and of all.
 
     Raises:
         CampaignError: there is no campaign, the file is another program's or a newer version's, or
@@ -63,7 +63,7 @@ def check_campaign(
 
 
 def _text(data: bytes) -> str | bytes:
-    """A text as it is; what is none stays bytes, which is found where a text is needed."""
+    """Bytes as text, or unchanged if they are none, which is found where a text is needed."""
     try:
         return data.decode()
     except UnicodeDecodeError:
@@ -110,7 +110,7 @@ def _check(
 def _last_numbers(
     connection: sqlite3.Connection, tables: Tables, findings: Findings
 ) -> tuple[int, int]:
-    """The last candidate's id and the last result's number of telling, of the same moment."""
+    """The last candidate's id and the last result's number, at the same moment."""
     last = {"candidate": 0, "test": 0}
     with findings.reading("the numbers of the last candidate and result"):
         connection.execute("BEGIN")
@@ -166,7 +166,7 @@ def _holdings(
 
 
 def _state(facts: Facts, writer: str | None, elapsed: object) -> State:
-    """What the campaign does, given who writes it and the time of its last result in s."""
+    """State of the campaign, given its writer and the time of its last result in s."""
     if writer is not None:
         return State.RUNNING
     went_on = (

@@ -1,4 +1,4 @@
-"""The parts of a check that look at the file, its tables, and what it says about the campaign."""
+"""The checks of the file, its tables, and its facts about the campaign."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from frenetic.spec import Budget
 
 
 def check_file(connection: sqlite3.Connection, findings: Findings) -> None:
-    """Lets SQLite look at its pages, indexes and constraints."""
+    """Lets SQLite check its pages, indexes and constraints."""
     for (text,) in connection.execute("PRAGMA integrity_check"):
         for line in str(text).splitlines():
             if line != "ok":
@@ -37,7 +37,7 @@ def check_file(connection: sqlite3.Connection, findings: Findings) -> None:
 
 @dataclass(frozen=True)
 class Tables:
-    """The tables of a database that are whole, each with its columns."""
+    """The complete tables of a database, each with its columns."""
 
     columns: Mapping[str, frozenset[str]]
 
@@ -84,7 +84,7 @@ def _columns(connection: sqlite3.Connection, table: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a campaign's roads were driven with."""
+    """Terms of a campaign's drives."""
 
     lane_width: float
     """m."""
@@ -98,23 +98,23 @@ class Setting:
 
 @dataclass(frozen=True)
 class Facts:
-    """What a database says about its campaign, as far as it can be used."""
+    """Usable facts of a database about its campaign."""
 
     created_at: str = ""
     finished_at: str = ""
-    """Empty if it has not ended by itself."""
+    """Reason of its end, empty if it has not ended by itself."""
     interrupted: bool = False
     seconds: float | None = None
-    """s of the campaign's time when it ended."""
+    """Campaign time when it ended, in s."""
     first_budget: Budget | None = None
     last_budget: Budget | None = None
-    """The one it ended with."""
+    """The last budget."""
     setting: Setting | None = None
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
 def check_facts(connection: sqlite3.Connection, findings: Findings) -> Facts:
-    """Looks at the configuration and the other facts."""
+    """Checks the configuration and the other facts."""
     facts: dict[str, Any] = {}
     for key, text in connection.execute("SELECT key, value FROM campaign ORDER BY key"):
         try:
@@ -172,7 +172,7 @@ def _budget(value: Any) -> Budget | None:
 
 
 def _setting(config: Mapping[str, Any]) -> Setting | None:
-    """What was driven with, None if the configuration does not say it."""
+    """Terms of the drives, None if the configuration lacks them."""
     needed = ("lane_width", "map_size", "margin", "rules", "car")
     if any(name not in config or CONFIGURATION[name].check(config[name]) for name in needed):
         return None

@@ -1,4 +1,4 @@
-"""What is not as it should be."""
+"""Findings of a check."""
 
 from __future__ import annotations
 
@@ -11,44 +11,44 @@ from enum import StrEnum
 from typing import Final
 
 SHOWN: Final = 10
-"""Findings of a kind that are told one by one; of more, only their number is."""
+"""Most findings of a subject in detail; the rest are only counted."""
 
 
 class Severity(StrEnum):
-    """How bad a finding is."""
+    """Severity of a finding."""
 
     ERROR = "error"
     """Something is lost or wrong."""
     WARNING = "warning"
-    """All is there, but something cannot be done with it, or this version sees it otherwise."""
+    """Everything is there, but something cannot be used, or this version judges otherwise."""
 
 
 class Subject(StrEnum):
-    """What a finding is about."""
+    """Subject of a finding."""
 
     DATABASE = "database"
     """The file, as SQLite sees it."""
     SCHEMA = "schema"
     """Its tables and columns."""
     CONFIGURATION = "configuration"
-    """What it says about the campaign."""
+    """Its facts about the campaign."""
     CANDIDATE = "candidate"
     """A road that was asked for."""
     ORDER = "order"
-    """What was asked and told, in which order."""
+    """The order of asking and telling."""
     BUDGET = "budget"
-    """The share of the budget that was spent."""
+    """The spent share of the budget."""
     TEST = "test"
     """A result."""
     TRAJECTORY = "trajectory"
-    """What was driven."""
+    """A trajectory."""
     VERDICT = "verdict"
-    """A drive or a road that is judged otherwise now."""
+    """A drive or a road whose verdict differs now."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is not as it should be."""
+    """One thing that is wrong."""
 
     subject: Subject
     severity: Severity
@@ -57,20 +57,20 @@ class Finding:
 
 
 class Findings:
-    """Collects findings; of a subject that has many, the first are kept and the others counted."""
+    """Collects findings; of a subject with many, it keeps the first and counts the others."""
 
     def __init__(self) -> None:
         self._kept: list[Finding] = []
         self._counts: Counter[tuple[Subject, Severity]] = Counter()
 
     def add(self, subject: Subject, message: str, severity: Severity = Severity.ERROR) -> None:
-        """Takes note of a finding."""
+        """Adds a finding."""
         self._counts[subject, severity] += 1
         if self._counts[subject, severity] <= SHOWN:
             self._kept.append(Finding(subject, severity, " ".join(message.split())))
 
     def all(self) -> tuple[Finding, ...]:
-        """What was found, in that order; at the end how many more there are."""
+        """The findings in order; at the end the number of further ones."""
         return (
             *self._kept,
             *(
@@ -82,7 +82,7 @@ class Findings:
 
     @contextmanager
     def reading(self, what: str) -> Iterator[None]:
-        """Makes a finding of what SQLite complains about while something is read."""
+        """Turns SQLite's errors while reading into findings."""
         try:
             yield
         except sqlite3.Error as error:

@@ -1,4 +1,4 @@
-"""What a check tells."""
+"""The result of a check."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from frenetic.campaign.record import Counts
 
 
 class State(StrEnum):
-    """What a campaign does."""
+    """State of a campaign."""
 
     RUNNING = "running"
     """A process writes it."""
     FINISHED = "finished"
     """Its budget is spent."""
     INTERRUPTED = "interrupted"
-    """Somebody stopped it."""
+    """It was stopped."""
     UNFINISHED = "unfinished"
     """Its process was killed, or gave up."""
 
 
 @dataclass(frozen=True)
 class Holdings:
-    """What a campaign's database holds."""
+    """Contents of a campaign's database."""
 
     schema: int
     """Version of its tables."""
     state: State
     writer: str | None
-    """Who writes it right now, such as "process 123"; None if nobody does."""
+    """Its present writer, such as "process 123"; None without one."""
     created_at: str
-    """UTC, ISO 8601; empty if it does not say."""
+    """Time of its creation, UTC, ISO 8601; empty if unknown."""
     counts: Counts
     trajectories: int
     size: int
     """Bytes on disk."""
     versions: Mapping[str, str]
-    """Of Python and the packages with which it was made."""
+    """Versions of Python and the packages with which it was made."""
 
     @property
     def outstanding(self) -> int:
-        """Candidates asked and not told."""
+        """Number of candidates asked and not told."""
         return self.counts.asked - self.counts.told
 
     @property
@@ -55,14 +55,14 @@ class Holdings:
 
 @dataclass(frozen=True)
 class CheckReport:
-    """What a campaign's database holds, and what is wrong with it."""
+    """Contents of a campaign's database, and the findings about it."""
 
     folder: Path
     holdings: Holdings
     findings: tuple[Finding, ...]
-    """In the order of looking; of a subject that has many, only the first, and their number."""
+    """Findings in the order of checking; of a subject with many, the first, and their number."""
 
     @property
     def is_sound(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there are no findings."""
         return not self.findings

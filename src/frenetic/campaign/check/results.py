@@ -1,4 +1,4 @@
-"""The part of a check that looks at the results, each on its own and in their order."""
+"""The check of the results, each on its own and in their order."""
 
 from __future__ import annotations
 
@@ -61,16 +61,16 @@ _FORBIDDEN: Final[Mapping[Outcome, tuple[str, ...]]] = {
 
 @dataclass
 class Series:
-    """What of the results is looked at all together, in the order of telling."""
+    """Values of all results that are checked together, in the order of telling."""
 
     ids: list[int] = field(default_factory=list)
-    """Of the candidates."""
+    """Ids of the candidates."""
     outcomes: list[Outcome | None] = field(default_factory=list)
-    """None where there is no such outcome."""
+    """Outcomes, None for an unknown one."""
     spent: list[float] = field(default_factory=list)
     """Shares of the budget; NaN where it is no number, as for the next."""
     elapsed: list[float] = field(default_factory=list)
-    """s of the campaign's time."""
+    """Campaign time, in s."""
 
 
 def check_results(
@@ -83,16 +83,16 @@ def check_results(
     quick: bool,
     on_test: Callable[[int], None],
 ) -> Series:
-    """Looks at each result, its trajectory included, and at the order in which they were told.
+    """Checks each result with its trajectory, and the order of telling.
 
     Args:
         connection: to the database.
-        tables: what of it is whole.
-        last: number of telling up to which they are looked at.
-        facts: what the database says about the campaign.
-        findings: takes what is found.
-        quick: whether nothing is judged again.
-        on_test: called with the number of results that are done, after each.
+        tables: its complete tables.
+        last: last number of telling to check.
+        facts: of the database about the campaign.
+        findings: collects the findings.
+        quick: whether to skip judging again.
+        on_test: called after each result with their number so far.
     """
     series = Series()
     told, elapsed = 0, 0.0
@@ -106,7 +106,7 @@ def check_results(
             text = f"{name} was told as number {row.told}, before it was asked, after"
             findings.add(Subject.ORDER, f"{text} {row.asked_after} results")
         if is_number(row.elapsed):
-            # The clock's own rounding may take back a few nanoseconds where a campaign goes on.
+            # The clock's rounding may cost a few nanoseconds where a campaign is resumed.
             if row.elapsed < elapsed - 1e-6:
                 text = f"{name} was told at {row.elapsed} s, the one before it at {elapsed} s"
                 findings.add(Subject.ORDER, text)
@@ -131,7 +131,7 @@ def _outcome(value: object) -> Outcome | None:
 
 
 def _faults(row: ResultRow, outcome: Outcome | None, setting: Setting | None) -> Iterator[str]:
-    """What is wrong with a result on its own."""
+    """Findings about a result on its own."""
     if outcome is None:
         yield f"the outcome is {shown(row.outcome)}: one of {', '.join(Outcome)} is needed"
     if not isinstance(row.reason, str):
@@ -176,7 +176,7 @@ def _number_faults(row: ResultRow) -> Iterator[str]:
 
 
 def _departure_faults(row: ResultRow, setting: Setting | None) -> Iterator[str]:
-    """A car that was out further than tolerated left its lane, and no other did."""
+    """Checks that exactly the cars that were out further than tolerated left their lane."""
     missing = [column for column in _DEPARTURE if getattr(row, column) is None]
     if missing and len(missing) < len(_DEPARTURE):
         yield f"FAIL with a departure that lacks {', '.join(missing)}"
@@ -191,7 +191,7 @@ def _departure_faults(row: ResultRow, setting: Setting | None) -> Iterator[str]:
 
 
 def _trajectory(row: ResultRow, findings: Findings) -> Trajectory | None:
-    """The trajectory; None if there is none that can be read."""
+    """The trajectory; None if it is missing or unreadable."""
     if row.trajectory is None:
         return None
     name = f"the trajectory of test {row.candidate_id}"
@@ -218,7 +218,7 @@ def _judge_again(
     setting: Setting,
     findings: Findings,
 ) -> None:
-    """Holds a result against what the oracle says of its drive, or validity of its road."""
+    """Compares a result with the oracle's verdict on its drive, or the validity of its road."""
     if not is_number(row.step) or not isinstance(row.curvatures, bytes) or len(row.curvatures) % 8:
         return  # found already
     if row.points is not None and (not isinstance(row.points, bytes) or len(row.points) % 16):

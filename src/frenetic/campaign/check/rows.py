@@ -1,4 +1,4 @@
-"""Rows as a check reads them: a batch at a time, whatever they hold."""
+"""Unchecked rows of a database, read a batch at a time."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any, Final, NamedTuple
 
 from frenetic.campaign.check.database import Tables
 
-_BATCH: Final = 500  # read at once, so that no reader keeps a writer's log from being emptied
+_BATCH: Final = 500  # read at once, so that no reader blocks the emptying of a writer's log
 
 
 class CandidateRow(NamedTuple):
-    """A candidate, each value as it comes from the disk."""
+    """A candidate with its unchecked values."""
 
     id: Any
     operator: Any
@@ -26,7 +26,7 @@ class CandidateRow(NamedTuple):
 
 
 class ResultRow(NamedTuple):
-    """A result with its road and its trajectory, each value as it comes from the disk."""
+    """A result with its road and its trajectory, all values unchecked."""
 
     candidate_id: Any
     told: Any
@@ -65,7 +65,7 @@ _OLD: Final[Mapping[str, str]] = {
     "elapsed": "NULL AS elapsed",
     "points": "NULL AS points",
 }
-"""What stands for columns that databases of old versions lack."""
+"""Substitutes for columns that databases of old versions lack."""
 
 
 def candidate_rows(
@@ -105,6 +105,6 @@ def result_rows(connection: sqlite3.Connection, tables: Tables, last: int) -> It
 
 
 def _here(tables: Tables, table: str, names: Sequence[str]) -> list[str]:
-    """Columns of a table as they can be selected, whatever version it is of."""
+    """Columns of a table as they can be selected from any version."""
     here = tables.columns[table]
     return [name if name in here else _OLD[name] for name in names]

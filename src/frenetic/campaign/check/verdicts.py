@@ -1,10 +1,9 @@
-"""The part of a check that judges stored drives and roads again.
+"""The check that judges stored drives and roads again.
 
 A stored trajectory is rounded, see `frenetic.campaign.trajectory_codec`, so its numbers differ a
-little from those of the drive. Now and then, that moves a record across the limit of a rule: the
-drive then ends a record earlier or later, or not at all. So where the verdict is another one, it is
-given again with every limit a little tighter and a little looser; the stored one has to be among
-these.
+little from those of the drive. Rarely, this moves a record across the limit of a rule, and the
+drive ends a record earlier or later, or not at all. So a differing verdict is given again with
+every limit a little tighter and a little looser; the stored one must be among these.
 """
 
 from __future__ import annotations
@@ -24,24 +23,24 @@ from frenetic.road import Pose, Road, check_validity
 from frenetic.simulators.drive import Drive, Rules, Trajectory
 
 MOOBD_TOLERANCE: Final = 1e-4
-"""m by which the MOOBD may differ.
+"""Largest difference of MOOBD, in m.
 
 x and y are stored to within 0.05 mm each, which moves a car by at most 0.071 mm.
 """
 SHARE_TOLERANCE: Final = 2e-4
-"""By which oob shares may differ: a point of the car's box moves by less than 0.1 mm."""
+"""Largest difference of oob shares: a point of the car's box moves by less than 0.1 mm."""
 TIME_TOLERANCE: Final = 1e-4
-"""s by which times may differ; they are stored to within 0.05 ms."""
+"""Largest difference of times, in s; they are stored to within 0.05 ms."""
 DISTANCE_TOLERANCE: Final = 1e-3
-"""m along the road: the inside of a bend is shorter, so a place moves further there than a car."""
+"""Largest difference along the road, in m: inside a bend a place moves further than the car."""
 
 
 def judged_otherwise(
     row: ResultRow, outcome: Outcome, trajectory: Trajectory, setting: Setting
 ) -> str:
-    """How the verdict on a drive that was judged PASS or FAIL differs from the stored one.
+    """Difference of the verdict on a PASS or FAIL drive from the stored one.
 
-    Empty if it does not, but for what rounding explains.
+    Empty if there is none beyond rounding.
     """
     try:
         road = _road(row, setting)
@@ -65,7 +64,7 @@ def _rules(rules: Rules) -> Iterator[Rules]:
             rules,
             oob_tolerance=min(rules.oob_tolerance + sign * SHARE_TOLERANCE, 1.0),
             goal_distance=rules.goal_distance - sign * MOOBD_TOLERANCE,
-            # Both ends of the distance that the car moved are rounded.
+            # Both ends of the car's movement are rounded.
             stuck_distance=rules.stuck_distance - 2.0 * sign * MOOBD_TOLERANCE,
             stuck_time=rules.stuck_time + sign * TIME_TOLERANCE,
             timeout_base=rules.timeout_base + sign * TIME_TOLERANCE,
@@ -102,7 +101,7 @@ def _number(value: float | None, unit: str) -> str:
 
 
 def refused_otherwise(row: ResultRow, setting: Setting) -> str:
-    """What is wrong if a road that was refused is valid; empty if it is not."""
+    """Finding if a refused road is valid; otherwise empty."""
     try:
         if row.points is not None:
             points = np.frombuffer(row.points, dtype="<f8").reshape(-1, 2)

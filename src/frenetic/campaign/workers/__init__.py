@@ -1,4 +1,4 @@
-"""Those who test roads: this process, several local ones, or a Dask cluster."""
+"""Workers, which test roads: this process, several local ones, or a Dask cluster."""
 
 from frenetic.campaign.workers.here import ThisProcess
 from frenetic.campaign.workers.processes import LocalWorkers

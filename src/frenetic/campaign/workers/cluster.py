@@ -1,9 +1,9 @@
-"""Workers of a Dask cluster, on other computers, too.
+"""Workers of a Dask cluster, also on other computers.
 
-Whoever runs the cluster starts ``dask scheduler``, and on each computer ``dask worker ADDRESS
---nthreads 1 --resources simulator=1``. The resource says how many tests a worker may drive at once:
-these are its seats. A campaign opens each seat once, for as long as it runs, and hands it one
-candidate after the other, so it knows who drives what.
+The user starts ``dask scheduler``, and on each computer ``dask worker ADDRESS --nthreads 1
+--resources simulator=1``. The resource is the number of tests that a worker may drive at once: its
+seats. A campaign opens each seat once, for as long as it runs, and hands it one candidate after the
+other, so it knows the worker of each drive.
 
 What the seats do is in `seats`, what is said to Dask in `dask_link`; here is what follows from it.
 """
@@ -51,11 +51,11 @@ except ModuleNotFoundError as error:
     ) from error
 
 NO_SEATS_LIMIT: Final = 60.0
-"""s that a campaign waits while no worker of the cluster can be used."""
+"""Time that a campaign waits for a usable worker of the cluster, in s."""
 NO_SEATS_TOLD_AFTER: Final = 5.0
-"""s after which the log says so; a nanny takes less to start a worker again."""
+"""Wait after which the log says so, in s; a nanny restarts a worker faster."""
 TAKEN_INTERVAL: Final = 5.0
-"""s until a seat that another campaign uses is tried again."""
+"""Time between two tries of a seat that another campaign uses, in s."""
 
 logger = logging.getLogger(__name__)
 
@@ -72,15 +72,15 @@ def require_scheduler(address: str) -> None:
 class ClusterWorkers:
     """The seats of a Dask cluster's workers: as many as they offer of the resource ``simulator``.
 
-    Workers may come and go. One that dies costs its candidate an attempt. One that is at a drive
-    for longer than the limit is restarted if it has a nanny, which it has unless it was started
-    without; otherwise the seat is not used any more.
+    Workers may come and go. One that dies costs its candidate an attempt. One that exceeds the
+    limit in a drive is restarted if it has a nanny, as it has by default; otherwise the seat is not
+    used any more.
 
     Args:
         tester: copied to each seat, with the code of the user's own modules.
         address: of the cluster's scheduler, such as ``tcp://10.0.0.1:8786``.
-        drive_limit: s of wall time after which a worker that tests one candidate is taken to hang.
-        log: is told what happens to the workers.
+        drive_limit: s of wall time after which a worker that tests one candidate counts as hanging.
+        log: gets the events of the workers.
 
     Raises:
         CampaignError: driver or simulator cannot be copied.
@@ -107,16 +107,16 @@ class ClusterWorkers:
 
     @property
     def free(self) -> int:
-        """How many candidates can be submitted now."""
+        """Number of candidates that can be submitted now."""
         return 0 if self._disconnected else sum(1 for _ in self._idle_seats())
 
     @property
     def needed(self) -> int:
-        """As many: none waits in a worker."""
+        """The same number: none waits in a worker."""
         return self.free
 
     def states(self) -> Mapping[str, WorkerState]:
-        """What each seat does at the moment, by the name of its worker and its number."""
+        """Activity of each seat, by the name of its worker and its number."""
         now = time.monotonic()
         return {
             seat.name: WorkerState(seat.name, seat.state, seat.tests, now - seat.since)
@@ -132,7 +132,7 @@ class ClusterWorkers:
         seat.begin(self._link.call(seat.host, Seat.test, seat.handle, candidate, placement))
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        """Waits until something happens, for at most so many s; returns what has come back.
+        """Waits until something happens, for at most so many s; returns finished attempts.
 
         Raises:
             CampaignError: the scheduler is lost, or no worker can be used, for some time or for
@@ -163,7 +163,7 @@ class ClusterWorkers:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Leaves all seats: at once if an error is under way, else when they are done."""
+        """Releases all seats: at once during an error, else when they are done."""
         try:
             if error is None and not self._disconnected:
                 self._close_seats()
@@ -181,7 +181,7 @@ class ClusterWorkers:
         )
 
     def _received(self, deadline: float) -> Iterator[Message]:
-        """What has been heard, after waiting for it until the deadline."""
+        """New messages, after waiting for one until the deadline."""
         try:
             yield self._messages.get(timeout=max(0.0, deadline - time.monotonic()))
             while True:
@@ -211,7 +211,7 @@ class ClusterWorkers:
         return []
 
     def _look_at(self, hosts: Mapping[str, Host]) -> list[Attempt]:
-        """Takes note of the workers that there are."""
+        """Updates the known workers."""
         attempts: list[Attempt] = []
         for address in [address for address in self._seats if address not in hosts]:
             attempts += self._departed(address)
@@ -227,7 +227,7 @@ class ClusterWorkers:
         return attempts
 
     def _departed(self, address: str) -> list[Attempt]:
-        """Takes note that a worker is not there any more."""
+        """Removes a worker that has gone."""
         attempts: list[Attempt] = []
         for seat in self._seats.pop(address, ()):
             if seat.state != "lost":
@@ -236,7 +236,7 @@ class ClusterWorkers:
         return attempts
 
     def _open(self, seat: _Seat) -> None:
-        """Has a seat opened, unless that has failed too often."""
+        """Opens a seat, unless that has failed too often."""
         if self._failed_starts[seat.home] < STARTS:
             seat.turn("starting", START_LIMIT)
             seat.handle = seat.call = self._link.call(
@@ -244,7 +244,7 @@ class ClusterWorkers:
             )
 
     def _done(self, seat: _Seat, done: Done) -> list[Attempt]:
-        """Goes on with a seat whose call has come to its end."""
+        """Continues with a seat whose call has ended."""
         if done.seat_is_taken:
             seat.release()
             seat.is_taken = True
@@ -279,7 +279,7 @@ class ClusterWorkers:
         self._rest(seat)
 
     def _rest(self, seat: _Seat) -> None:
-        """Has a seat wait for its next candidate, if there is to be one."""
+        """Lets a seat wait for its next candidate, if any."""
         seat.turn("idle")
         if self._hosts[seat.host].is_leaving:
             self._lost(seat, "it is being closed")
@@ -296,7 +296,7 @@ class ClusterWorkers:
         return attempts
 
     def _hanging(self, seat: _Seat, seconds: float) -> list[Attempt]:
-        """Has the worker of a seat restarted, or leaves it alone if that cannot be done."""
+        """Restarts the worker of a seat, or leaves it alone if that is impossible."""
         what = "drive" if seat.state == "driving" else "start"
         attempts = self._lost(seat, f"its {what} took more than {seconds:.3g} s")
         if self._hosts[seat.host].nanny is None:
@@ -308,7 +308,7 @@ class ClusterWorkers:
         return attempts
 
     def _lost(self, seat: _Seat, reason: str) -> list[Attempt]:
-        """Takes note that a seat is lost; returns the attempt that is lost with it."""
+        """Records a lost seat; returns the attempt that is lost with it."""
         attempts = []
         fields: dict[str, JSONValue] = {"worker": seat.name, "reason": reason}
         loss = f"worker {seat.name} was lost: {reason}"
@@ -354,7 +354,7 @@ class ClusterWorkers:
             logger.warning("waiting at most %.0f s: %s", limit, self._why_no_seats())
 
     def _is_usable(self, seat: _Seat) -> bool:
-        """Whether something is to be expected of a seat."""
+        """Whether a seat may still answer."""
         if seat.state == "idle":
             return self._hosts[seat.host].is_running
         return seat.state != "lost" and not seat.is_taken
@@ -380,7 +380,7 @@ class ClusterWorkers:
         )
 
     def _close_seats(self) -> None:
-        """Ends the simulators, once they are done with what they drive."""
+        """Ends the simulators after their present drives."""
         hosts = {
             self._link.call(seat.host, Seat.close, seat.handle): seat.host
             for seat in self._all_seats()
@@ -400,20 +400,20 @@ class ClusterWorkers:
 
 
 class _Seat:
-    """What the campaign knows of a seat."""
+    """A seat, as the campaign knows it."""
 
     def __init__(self, host: Host, number: int) -> None:
         self.host = host.address
         self.home = host.nanny or host.address, number
-        """What stays when its worker is restarted."""
+        """Name that outlives restarts of its worker."""
         self.count = host.seats
         """How many of them there are on its worker."""
         self.name = host.name if host.seats == 1 else f"{host.name} seat {number}"
         self.state: WorkerStatus
         self.since: float
-        """When this state began."""
+        """Start of this state."""
         self.limit: float
-        """When this state has lasted too long, on the monotonic clock."""
+        """End of this state's allowed time, on the monotonic clock."""
         self.turn("starting", START_LIMIT)
         self.is_taken = False
         """Whether another campaign used it when we last tried."""
@@ -425,7 +425,7 @@ class _Seat:
         """What it drives or drove last."""
         self.tests = 0
         self.loss = ""
-        """How it was lost."""
+        """Reason of its loss."""
 
     def turn(self, state: WorkerStatus, limit: float = math.inf) -> None:
         self.state = state

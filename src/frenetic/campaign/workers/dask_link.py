@@ -1,7 +1,7 @@
-"""All that a campaign does with Dask: calls on seats, and what it hears of the cluster.
+"""The link of a campaign to Dask: calls on seats, and events of the cluster.
 
-Dask's client has a thread of its own. What happens there is put into a queue as messages, which the
-campaign's thread takes out; so the campaign waits for one thing only, and is woken at once.
+Dask's client has its own thread. It puts events into a queue as messages, which the campaign's
+thread takes out; so the campaign waits for one thing only, and is woken at once.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from frenetic.campaign.workers.serving import reason_of
 from frenetic.errors import CampaignError, describe_error
 
 RESOURCE: Final = "simulator"
-"""What a worker has to offer, as many as it has seats."""
+"""Resource of a worker, as many as it has seats."""
 CONNECT_LIMIT: Final = 10.0
-"""s to reach the scheduler."""
+"""Limit for reaching the scheduler, in s."""
 LOOK_INTERVAL: Final = 1.0
-"""s between two looks at the cluster's workers, beside those whenever one comes or goes."""
+"""Time between two listings of the cluster's workers, beside their joining and leaving, in s."""
 RESTART_LIMIT: Final = 30.0
-"""s that a nanny has to end a worker that hangs."""
+"""Time that a nanny has to end a hanging worker, in s."""
 
 _DISTRIBUTION: Final = "frenetic-roads"
 
@@ -44,19 +44,19 @@ class Host:
 
     address: str
     name: str
-    """What people call it: the name that it was given, else host and port."""
+    """Its given name, else host and port."""
     nanny: str | None
-    """Address of the process that starts it again when it dies."""
+    """Address of its nanny, which starts it again when it dies."""
     seats: int
-    """How many tests it can drive at once."""
+    """Number of tests that it can drive at once."""
     is_running: bool
-    """Whether it takes tasks; if not, it is short of memory or leaves."""
+    """Whether it takes tasks; otherwise it is short of memory or leaves."""
     is_leaving: bool
     """Whether it takes no more tasks."""
 
 
 class Call:
-    """Something that a seat is asked to do; compared by identity."""
+    """A task for a seat; compared by identity."""
 
     def __init__(self, link: DaskLink) -> None:
         self._link = link
@@ -64,13 +64,13 @@ class Call:
         """Of the link's thread alone."""
 
     def release(self) -> None:
-        """Lets go of what it brings, on the cluster, too; what has not begun never will."""
+        """Releases its result, on the cluster, too; a task that has not begun never will."""
         self._link.release(self)
 
 
 @dataclass(frozen=True)
 class Seen:
-    """The workers that there are."""
+    """The present workers."""
 
     hosts: dict[str, Host]
     """By address."""
@@ -85,7 +85,7 @@ class Gone:
 
 @dataclass(frozen=True)
 class Checked:
-    """What is wrong with the software of a worker; empty if nothing is."""
+    """Trouble with the software of a worker; empty if there is none."""
 
     address: str
     trouble: str
@@ -93,14 +93,14 @@ class Checked:
 
 @dataclass(frozen=True)
 class Done:
-    """A call has come to its end."""
+    """A call has ended."""
 
     call: Call
     value: Any = None
     trouble: str = ""
-    """Why it failed; empty if it did not."""
+    """Reason of its failure; empty if it succeeded."""
     seat_is_taken: bool = False
-    """Whether it failed only since another campaign uses the worker."""
+    """Whether it failed only because another campaign uses the worker."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Disconnected:
     """The connection to the scheduler is lost."""
 
     reason: str = ""
-    """Why, if that is known."""
+    """Reason, if known."""
 
 
 Message: TypeAlias = Seen | Gone | Checked | Done | Disconnected
@@ -119,7 +119,7 @@ class DaskLink:
 
     Args:
         address: of the scheduler.
-        messages: what happens is put in here.
+        messages: queue for the events.
 
     Raises:
         CampaignError: the scheduler cannot be reached, or has another version of Frenetic.
@@ -148,20 +148,20 @@ class DaskLink:
     def call(
         self, address: str, function: Callable[..., Any], *arguments: Any, keep: bool = False
     ) -> Call:
-        """Has a function called in a seat of a worker; its end comes as a `Done`.
+        """Calls a function in a seat of a worker; its end comes as a `Done`.
 
         Args:
             address: of the worker.
-            function: by its name, so the worker has to have its module.
-            arguments: a `Call` stands for what it has brought.
-            keep: leaves what it returns on the worker.
+            function: sent by name, so the worker must have its module.
+            arguments: a `Call` stands for its result.
+            keep: leaves the result on the worker.
         """
         call = Call(self)
         self._soon(self._submit, call, address, function, arguments, keep)
         return call
 
     def release(self, call: Call) -> None:
-        """Lets go of what a call brings, on the cluster, too; what has not begun never will."""
+        """Releases a call's result, on the cluster, too; a task that has not begun never will."""
         self._soon(self._release, call)
 
     def check(self, address: str) -> None:
@@ -169,11 +169,11 @@ class DaskLink:
         self._soon(self._begin, self._check, address)
 
     def restart(self, address: str) -> None:
-        """Has a worker ended and started again by its nanny, however it may resist."""
+        """Lets a worker's nanny kill and restart it."""
         self._soon(self._begin, self._restart, address)
 
     def close(self) -> None:
-        """Closes the connection; what still runs is finished by the workers and then forgotten."""
+        """Closes the connection; the workers finish running tasks and drop their results."""
         self._soon(self._closing.set)
         self._thread.join(CONNECT_LIMIT)
 
@@ -183,7 +183,7 @@ class DaskLink:
             self._loop.call_soon_threadsafe(function, *arguments)
 
     def _live(self, connected: concurrent.futures.Future[None]) -> None:
-        """What the link's thread does."""
+        """The work of the link's thread."""
         try:
             with asyncio.Runner(loop_factory=lambda: self._loop) as runner:
                 runner.run(self._stay(connected))
@@ -194,7 +194,7 @@ class DaskLink:
                 _logger.debug("the connection was not closed well", exc_info=True)
 
     async def _stay(self, connected: concurrent.futures.Future[None]) -> None:
-        """Connects, and stays so until the link is to be closed."""
+        """Connects, and stays connected until the link is closed."""
         self._client = Client(
             self.address, asynchronous=True, timeout=CONNECT_LIMIT, set_as_default=False
         )
@@ -269,7 +269,7 @@ class DaskLink:
             call.future.release()
 
     async def _watch(self) -> None:
-        """Looks at the workers, again and again."""
+        """Lists the workers periodically."""
         while True:
             if self._client.status != "running":
                 self._messages.put(Disconnected())
@@ -288,7 +288,7 @@ class DaskLink:
                 await asyncio.wait_for(self._look_now.wait(), LOOK_INTERVAL)
 
     def _hear(self, event: tuple[float, Any]) -> None:
-        """Takes note of what the scheduler tells all that listen."""
+        """Handles an event that the scheduler sends to all listeners."""
         match event[1]:
             case {"action": "remove-worker", "worker": str(address)}:
                 self._last_seen = None  # another worker may come to the same address
@@ -298,7 +298,7 @@ class DaskLink:
                 self._look_now.set()
 
     async def _await(self, call: Call, future: Future, keep: bool) -> None:
-        """Waits until a call has come to its end."""
+        """Waits until a call has ended."""
         try:
             error = await future.exception()
             if error is not None:
@@ -331,7 +331,7 @@ class DaskLink:
 
 @contextmanager
 def _silenced() -> Iterator[None]:
-    """Keeps to itself what Dask says of a scheduler that is gone while its client is closed."""
+    """Hides Dask's complaints about a lost scheduler while its client is closed."""
     logger = logging.getLogger("distributed.client")
     level = logger.level
     logger.setLevel(logging.CRITICAL)
@@ -342,11 +342,11 @@ def _silenced() -> Iterator[None]:
 
 
 def software_trouble(found: object, python: object) -> str:
-    """What keeps a computer from doing our tasks; empty if nothing does.
+    """Reason why a computer cannot run our tasks; empty if there is none.
 
     Args:
-        found: version of Frenetic that it has, or the error that came of asking.
-        python: version of Python that it has, likewise.
+        found: its version of Frenetic, or the error of asking for it.
+        python: its version of Python, likewise.
     """
     try:
         ours = version(_DISTRIBUTION)

@@ -23,10 +23,10 @@ logger = logging.getLogger(__name__)
 class ThisProcess:
     """Tests one candidate after the other, within `wait`.
 
-    A simulator that broke is started again when the next candidate comes.
+    A broken simulator is started again for the next candidate.
 
-    Nothing has to be sent anywhere, so driver and simulator may be any objects. A simulator or
-    driver that takes the process with it takes the campaign, which then has to be resumed.
+    Nothing is copied, so driver and simulator may be any objects. A simulator or driver that kills
+    the process kills the campaign, which can then be resumed.
     """
 
     def __init__(self, tester: RoadTester) -> None:
@@ -38,16 +38,16 @@ class ThisProcess:
 
     @property
     def free(self) -> int:
-        """1 unless a candidate has been submitted and not been waited for."""
+        """1 unless a submitted candidate waits for `wait`."""
         return 0 if self._task else 1
 
     @property
     def needed(self) -> int:
-        """As many: none waits in a worker."""
+        """The same number: none waits in a worker."""
         return self.free
 
     def states(self) -> Mapping[str, WorkerState]:
-        """What it does, seen between two tests."""
+        """Its activity between two tests."""
         state: WorkerStatus = "driving" if self._task else "idle"
         return {NAME: WorkerState(NAME, state, self._tests, time.monotonic() - self._since)}
 
@@ -58,7 +58,7 @@ class ThisProcess:
         self._since = time.monotonic()
 
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - it takes what it takes
-        """Tests the candidate that was submitted.
+        """Tests the submitted candidate.
 
         Raises:
             CampaignError: the simulator does not start again.

@@ -1,8 +1,8 @@
-"""What a campaign and its worker processes say to each other, as bytes.
+"""Messages between a campaign and its worker processes, as bytes.
 
-What is said for every test travels as plain values. Pickled as they are, records name their classes
-and modules, which are looked up on both sides: little, but a drive may take no more than a
-millisecond, and leaves the processor's caches full of other things.
+The messages of every test travel as plain values. Pickled records would name their classes and
+modules, which both sides look up: little, but a drive may take only a millisecond, and leaves the
+processor's caches full of other data.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Ready(NamedTuple):
 
 
 class WorkerFailed(NamedTuple):
-    """This process cannot go on: its simulator does not start, or a drive broke it, too."""
+    """This process must end: its simulator does not start, or a drive broke the process."""
 
     reason: str
 
@@ -55,9 +55,9 @@ def encode_message(message: Message) -> bytes:
 
 
 def decode_message(data: bytes) -> Message:
-    """What `encode_message` was given; any error if these are other bytes.
+    """The message in bytes from `encode_message`; any error for other bytes.
 
-    They come from a process of our own, so they may be unpickled.
+    They come from our own process, so they may be unpickled.
     """
     index, *values = pickle.loads(data)  # noqa: S301
     kind: Any = _KINDS[index]

@@ -1,4 +1,4 @@
-"""Driver and simulator in one parcel, for computers that may not have the user's files."""
+"""Driver and simulator in one parcel, for computers without the user's files."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from frenetic.registry import USER_MODULE, user_files
 def pack(tester: RoadTester) -> bytes:
     """The tester as a parcel with the code of the user's own modules in it.
 
-    Those are the modules in the current folder, in the folders of files that the user named, and
-    these files themselves. Whatever else is imported has to be installed where it is unpacked.
+    These are the modules in the current folder, in the folders of files that the user named, and
+    these files themselves. All other imports must be installed where it is unpacked.
 
     Raises:
         CampaignError: driver or simulator cannot be packed.
@@ -54,7 +54,7 @@ def _home(module: ModuleType) -> Path | None:
 
 @contextmanager
 def _by_value(modules: list[ModuleType]) -> Iterator[None]:
-    """Lets cloudpickle take the code of modules along, instead of their names."""
+    """Makes cloudpickle send the code of modules instead of their names."""
     known = cloudpickle.list_registry_pickle_by_value()
     fresh = [module for module in modules if module.__name__ not in known]
     for module in fresh:

@@ -1,7 +1,7 @@
 """Imported for its effect: compiles the kernels or loads them.
 
-Where worker processes are forked from a server (Linux), it has imported this, so that they have the
-kernels from the start.
+The server from which worker processes are forked (Linux) imports this, so they have the kernels
+from the start.
 """
 
 from frenetic.simulators.embedded import compile_kernels

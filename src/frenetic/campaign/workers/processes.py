@@ -1,4 +1,4 @@
-"""Workers in processes of their own on this machine."""
+"""Workers in their own processes on this machine."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
 
 STARTS: Final = 3
-"""How often in a row a worker may fail to start before it is given up."""
+"""Consecutive failed starts after which a worker is given up."""
 START_LIMIT: Final = 600.0
-"""s that a worker may take to start its simulator."""
+"""Time that a worker may take to start its simulator, in s."""
 CLOSING_LIMIT: Final = 30.0
-"""s that workers have to finish what they are at and to end their simulators."""
+"""Time that workers have to finish their tests and end their simulators, in s."""
 PREFETCH: Final = 8
-"""Candidates that a worker of quick tests has at most, the one that it drives included: falling
-asleep and waking up costs it more than the test of a road that is better chosen gains."""
+"""Most candidates of a worker with quick tests, including the one that it drives: waking an idle
+worker costs more than a fresher proposal gains."""
 PREFETCHED_TIME: Final = 0.02
-"""s that testing those which wait in a worker may take; where one takes longer, none waits."""
+"""Time that the candidates waiting in a worker may take, in s; none waits if one takes longer."""
 NEEDED: Final = 3
-"""Candidates that keep such a worker busy until the campaign hears that one is done."""
+"""Candidates that keep such a worker busy until the campaign learns that one is done."""
 MOST_ON_WINDOWS: Final = 60
-"""Workers: its kernel waits for so many objects at once."""
+"""Most workers on Windows, whose kernel waits for this many objects at once."""
 
 Task: TypeAlias = "tuple[Candidate, Placement | None]"
 """What is handed to a worker."""
@@ -69,11 +69,11 @@ _PRELOADED: Final = "frenetic.campaign.workers.preloading"
 class LocalWorkers:
     """Processes on this machine, each with a simulator and a driver of its own.
 
-    A worker that dies or that is at one drive for longer than the limit is replaced; so is one
-    whose simulator does not start again after it broke.
+    A worker is replaced if it dies, if a drive exceeds the limit, or if its simulator broke and
+    does not start again.
 
     Args:
-        tester: copied into each process, so driver and simulator have to be picklable.
+        tester: copied into each process, so driver and simulator must be picklable.
         count: of processes.
         drive_limit: s of wall time after which a worker that tests one candidate is taken to hang,
             and killed.
@@ -110,17 +110,17 @@ class LocalWorkers:
 
     @property
     def free(self) -> int:
-        """How many candidates can be submitted now."""
+        """Number of candidates that can be submitted now."""
         return max(0, sum(worker.room for worker in self._workers) - len(self._backlog))
 
     @property
     def needed(self) -> int:
-        """How many of these it takes to keep all workers busy: others only wait in them."""
+        """Number of these that keeps all workers busy: others only wait in them."""
         short = sum(min(one.room, max(0, NEEDED - len(one.queue))) for one in self._workers)
         return max(0, short - len(self._backlog))
 
     def states(self) -> Mapping[str, WorkerState]:
-        """What each worker does at the moment, by its name."""
+        """Activity of each worker, by its name."""
         now = time.monotonic()
         return {
             worker.name: WorkerState(worker.name, worker.state, worker.tests, now - worker.since)
@@ -140,7 +140,7 @@ class LocalWorkers:
             worker.connection.send_bytes(data)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        """Waits until something happens, for at most so many s; returns what has come back.
+        """Waits until something happens, for at most so many s; returns finished attempts.
 
         Raises:
             CampaignError: there are no workers left and none can be started.
@@ -168,7 +168,7 @@ class LocalWorkers:
         return attempts
 
     def __enter__(self) -> Self:
-        """Begins to start the workers."""
+        """Starts the workers without waiting."""
         try:
             for worker in self._workers:
                 self._start(worker)
@@ -183,7 +183,7 @@ class LocalWorkers:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends all workers: at once if an error is under way, else when they are done."""
+        """Ends all workers: at once during an error, else when they are done."""
         there = [worker for worker in self._workers if worker.state != "lost"]
         try:
             if error is None:
@@ -203,7 +203,7 @@ class LocalWorkers:
                 worker.end()
 
     def _start(self, worker: _Worker) -> None:
-        """Begins to start a worker, unless that has failed too often."""
+        """Starts a worker without waiting, unless that has failed too often."""
         while worker.failed_starts < STARTS:
             try:
                 self._start_process(worker)
@@ -245,7 +245,7 @@ class LocalWorkers:
             self._selector.register(process.sentinel, selectors.EVENT_READ, worker)
 
     def _hear(self, timeout: float) -> Mapping[_Worker, bool]:
-        """Waits for workers that have sent something (True) or just ended (False)."""
+        """Waits for workers that have sent something (True) or only ended (False)."""
         if self._selector is None:
             senders: dict[Any, _Worker] = {
                 one.connection: one for one in self._workers if one.state != "lost"
@@ -258,7 +258,7 @@ class LocalWorkers:
         return heard
 
     def _read(self, worker: _Worker) -> list[Attempt]:
-        """Reads a message that a worker has sent, or that its connection has ended."""
+        """Reads a worker's message, or the end of its connection."""
         try:
             message = decode_message(worker.connection.recv_bytes())
         except Exception:  # its end, or nonsense that a driver has written there
@@ -267,7 +267,7 @@ class LocalWorkers:
         return self._received(worker, message)
 
     def _departed(self, worker: _Worker) -> list[Attempt]:
-        """Reads what a worker has sent before it ended, while another may hold its connection."""
+        """Reads the last messages of an ended worker, while another may hold its connection."""
         attempts: list[Attempt] = []
         while worker.state != "lost" and worker.connection.poll():
             attempts += self._read(worker)
@@ -306,7 +306,7 @@ class LocalWorkers:
             worker.turn("idle")
 
     def _lost(self, worker: _Worker, reason: str) -> list[Attempt]:
-        """Ends a worker and starts another in its place; returns the attempt that is lost."""
+        """Replaces a worker; returns the lost attempt."""
         attempts = []
         if worker.state == "driving":
             seconds = time.monotonic() - worker.since
@@ -327,7 +327,7 @@ class LocalWorkers:
         return attempts
 
     def _note_loss(self, worker: _Worker, reason: str, **fields: JSONValue) -> str:
-        """Remembers and logs why a worker was lost; returns it in a sentence."""
+        """Remembers and logs the reason of a worker's loss; returns it in a sentence."""
         worker.loss = reason
         loss = f"{worker.name} was lost: {reason}"
         if self._log is not None:
@@ -337,7 +337,7 @@ class LocalWorkers:
 
 
 class _Worker:
-    """One worker and the process that it is at the moment."""
+    """One worker and its present process."""
 
     process: BaseProcess
     connection: Connection
@@ -346,32 +346,32 @@ class _Worker:
         self.name = name
         self.state: WorkerStatus = "lost"
         self.since = time.monotonic()
-        """When this state began."""
+        """Start of this state."""
         self.limit = math.inf
-        """When this state has lasted too long, on the monotonic clock."""
+        """End of this state's allowed time, on the monotonic clock."""
         self.queue: deque[Task] = deque()
-        """What it drives, and what it drives next."""
+        """The candidate that it drives, and the waiting ones."""
         self.tests = 0
         self.capacity = 1
-        """How many candidates it may have."""
+        """Most candidates that it may have."""
         self.pace = math.inf
-        """s that its tests take: the longest of late, forgotten slowly."""
+        """Time of its tests, in s: the longest recent one, forgotten slowly."""
         self.has_started = False
         """Whether its simulator ever has."""
         self.failed_starts = 0
         """In a row."""
         self.loss = ""
-        """How its last process was lost."""
+        """Reason of its last process's loss."""
 
     @property
     def room(self) -> int:
-        """How many candidates it can take now."""
+        """Number of candidates that it can take now."""
         if self.state not in ("idle", "driving"):
             return 0
         return max(0, self.capacity - len(self.queue))
 
     def finish(self, seconds: float) -> None:
-        """Takes note that a test is done."""
+        """Records a finished test."""
         self.queue.popleft()
         self.tests += 1
         self.pace = max(seconds, 0.9 * self.pace) if self.tests > 1 else seconds
@@ -387,20 +387,20 @@ class _Worker:
         self.limit = self.since + limit
 
     def dismiss(self) -> None:
-        """Lets it end its simulator when it has finished what it is at."""
+        """Lets it end its simulator after its present test."""
         with suppress(OSError):  # it has died
             self.connection.send_bytes(encode_task(None))
 
     def await_end(self, deadline: float) -> None:
-        """Waits until its simulator has ended; what it sends meanwhile comes too late."""
+        """Waits until its simulator has ended; messages meanwhile come too late."""
         with suppress(Exception):  # the connection's end is what is waited for
             while self.connection.poll(max(0.0, deadline - time.monotonic())):
                 self.connection.recv_bytes()
-        # Not for threads and processes of a driver, which may never end.
+        # Not for a driver's threads and processes, which may never end.
         self.process.join(max(0.0, min(_LEAVING_LIMIT, deadline - time.monotonic())))
 
     def kill(self) -> None:
-        """Kills its process with all that it has started, however it may resist."""
+        """Kills its process with all that it has started."""
         assert self.process.pid is not None
         kill_group(self.process.pid)
         self.process.kill()
@@ -415,17 +415,17 @@ class _Worker:
 
 
 def _selector() -> selectors.BaseSelector | None:
-    """What waits for connections and ends of processes; None on Windows, where it cannot.
+    """Selector for connections and ends of processes; None on Windows.
 
-    There few objects can be waited for, and a connection that is lost says it, too.
+    Windows waits for few objects at once, and a lost connection also tells of the end.
     """
     return None if sys.platform == "win32" else selectors.DefaultSelector()
 
 
 def _context() -> ForkServerContext | SpawnContext:
-    """How processes are made: in milliseconds, forked from a server that has loaded everything.
+    """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
 
-    Elsewhere forking is not there (Windows) or not safe with the system's libraries (macOS).
+    Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
     """
     if platform.system() == "Linux":
         return multiprocessing.get_context(_FORKED)
@@ -434,7 +434,7 @@ def _context() -> ForkServerContext | SpawnContext:
 
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
-    """Keeps Ctrl-C for a moment from this thread, and for good from processes that it starts."""
+    """Blocks Ctrl-C for a moment in this thread, and for good in processes started meanwhile."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -1,8 +1,8 @@
-"""What a worker of a Dask cluster does: in each of its seats, it tests one candidate at a time.
+"""Seats of a worker of a Dask cluster; each tests one candidate at a time.
 
-A seat is opened by a task of a campaign. It stays on the worker as that task's result, for as long
-as the campaign holds Dask's future of it. When the campaign lets go of it, ends or is killed, Dask
-drops the result, and the simulator is ended; so it is, at the latest, when the worker ends.
+A task of a campaign opens a seat. The seat stays on the worker as that task's result, for as long
+as the campaign holds Dask's future of it. When the campaign releases it, ends or is killed, Dask
+drops the result, and the simulator is ended, at the latest with the worker.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from frenetic.simulators.embedded import compile_kernels
 R = TypeVar("R")
 
 EXIT_LIMIT: Final = 10.0
-"""s that simulators have to end when their worker does."""
+"""Time that simulators have to end with their worker, in s."""
 
 logger = logging.getLogger(__name__)
 
 
 class SeatError(FreneticError):
-    """What went wrong in a seat, as a text: the error may be of a class that only exists there."""
+    """An error in a seat, as a text: its class may exist only there."""
 
 
 class SeatTakenError(SeatError):
-    """All seats of a worker are in use, by another campaign or by one that was just left."""
+    """All seats of a worker are in use, by another campaign or one that just ended."""
 
 
 class Driven(NamedTuple):
@@ -49,7 +49,7 @@ class Driven(NamedTuple):
 
     attempt: Attempt
     logged: list[Logged]
-    """What the seat has logged since the last one."""
+    """Log records of the seat since the last result."""
 
 
 class Seat:
@@ -57,7 +57,7 @@ class Seat:
 
     Args:
         worker: address of the worker.
-        limit: how many seats the worker has.
+        limit: number of the worker's seats.
         parcel: a `RoadTester`, see `frenetic.campaign.workers.packing`.
 
     Raises:
@@ -78,7 +78,7 @@ class Seat:
         """Tests a candidate, as by `RoadTester.test`.
 
         Raises:
-            SeatError: that failed, and not as drives do; the seat is closed.
+            SeatError: the test itself failed, not the drive; the seat is closed.
         """
         occupant = self._occupant
         return self._ask(lambda: occupant.test(candidate, placement))
@@ -120,9 +120,9 @@ def open_seat(limit: int, parcel: bytes) -> Seat:
 
 
 class _Occupant:
-    """The thread that uses a seat's driver and simulator, and all that it does.
+    """The thread that uses a seat's driver and simulator, with its jobs.
 
-    It is a daemon, so that a drive that hangs does not keep the worker from ending.
+    It is a daemon, so a hanging drive does not keep the worker from ending.
     """
 
     def __init__(self, worker: str, parcel: bytes) -> None:
@@ -138,17 +138,17 @@ class _Occupant:
         self._thread.start()
 
     def ask(self, job: Callable[[], R]) -> R:
-        """Has a job done in the thread.
+        """Runs a job in the thread.
 
         Raises:
-            SeatError: what the job raised.
+            SeatError: the job's error.
         """
         answer: Future[R] = Future()
         self._jobs.put((job, answer))
         return answer.result()
 
     def end(self) -> None:
-        """Lets the thread end the simulator, and then itself, when it has done its jobs."""
+        """Lets the thread end the simulator, and then itself, after its jobs."""
         self._jobs.put(None)
 
     def join(self, timeout: float | None = None) -> None:
@@ -158,7 +158,7 @@ class _Occupant:
     def start(self) -> None:
         """Unpacks driver and simulator and starts the simulator."""
         compile_kernels()
-        # Whoever may submit tasks to a worker may run anything on it: no less safe than the task.
+        # A task may run anything on the worker, so unpickling is as safe as the task.
         tester: RoadTester = pickle.loads(self._parcel)  # noqa: S301
         tester.simulator.__enter__()
         self._tester = tester
@@ -210,7 +210,7 @@ def _answer(job: Callable[[], R], answer: Future[R]) -> None:
 
 
 class _Collecting(logging.Handler):
-    """Keeps what one thread logs."""
+    """Keeps the log records of one thread."""
 
     def __init__(self, logged: list[Logged], thread: int) -> None:
         super().__init__(logging.INFO)

@@ -1,4 +1,4 @@
-"""What a worker process does: it tests the candidates that come through its connection."""
+"""The work of a worker process: it tests the candidates from its connection."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
 
     Args:
         connection: gives candidates, takes messages.
-        user_files: the user's own modules, which have to be loaded first.
+        user_files: the user's own modules, to load first.
         tester: a pickled `RoadTester`, from the process that started this one.
     """
     stand_alone()
@@ -66,7 +66,7 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
 
 
 def _serve_one_start(campaign: _Campaign, tester: RoadTester) -> bool:
-    """Serves while the simulator works; returns whether it has to be started again."""
+    """Serves while the simulator works; returns whether to start it again."""
     with tester.simulator:
         campaign.send(Ready())
         while True:
@@ -80,16 +80,16 @@ def _serve_one_start(campaign: _Campaign, tester: RoadTester) -> bool:
 
 
 def reason_of(error: BaseException) -> str:
-    """One line about an error of a simulator or driver; ours are written for the reader already."""
+    """One line about an error of a simulator or driver; our own errors stay as they are."""
     return str(error) if isinstance(error, FreneticError) else describe_error(error)
 
 
 class _GoneError(Exception):
-    """The campaign is gone, or has no more use for this worker."""
+    """The campaign has gone, or no longer needs this worker."""
 
 
 class _Campaign:
-    """The campaign as a worker sees it: the other end of its connection."""
+    """The campaign at the other end of a worker's connection."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -99,7 +99,7 @@ class _Campaign:
         """Sends a message, from any thread.
 
         Raises:
-            _GoneError: nobody is there. A simulator's own connection errors are no such thing.
+            _GoneError: the campaign has gone. A simulator's own connection errors are different.
         """
         data = encode_message(message)
         with self._lock:
@@ -117,7 +117,7 @@ class _Campaign:
 
 
 def stand_alone() -> None:
-    """Makes a process of this one that leaves Ctrl-C to its parent and ends with it.
+    """Makes this process leave Ctrl-C to its parent and end with it.
 
     It becomes the head of a group, which can be ended as a whole.
     """
@@ -129,7 +129,7 @@ def stand_alone() -> None:
 
 
 def _die_with_parent() -> None:
-    """Ends this process, and what it started, when the campaign's process has ended."""
+    """Ends this process, and all that it started, when the campaign's process has ended."""
     parent = parent_process()
     if parent is not None:
         _die_with(parent.sentinel)
@@ -141,7 +141,7 @@ def _die_with_parent() -> None:
 def _die_with(pipe: int) -> None:
     """Linux: lets the kernel kill the group when the pipe's other end is closed.
 
-    So it ends even if compiled code of a driver keeps every thread of this process from running.
+    So it ends even if a driver's compiled code blocks every thread of this process.
     """
     if sys.platform == "linux":
         with suppress(OSError):  # it is the pipe of an emulation, say

@@ -1,4 +1,4 @@
-"""The seam between a campaign and those who test its roads."""
+"""The protocol between a campaign and its workers."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from frenetic.search.records import Candidate
 
 
 class Workers(Protocol):
-    """Test candidates, as many at once as there are of them.
+    """Workers, which test candidates, each one at a time.
 
-    A context manager: entering it begins to start them, leaving it ends them in every case. It is
-    used from one thread. Whatever happens to a worker, each candidate that was submitted comes back
-    in an `Attempt`; a worker that was lost is replaced.
+    It is a context manager: entering it starts them without waiting, leaving it ends them in every
+    case. It is used from one thread. Each submitted candidate comes back in an `Attempt`, whatever
+    happens to its worker; a lost worker is replaced.
     """
 
     @property
     def free(self) -> int:
-        """How many candidates can be submitted now; 0 while workers are being started."""
+        """Number of candidates that can be submitted now; 0 while workers start."""
 
     @property
     def needed(self) -> int:
-        """How many of these it takes to keep all workers busy: others only wait in them."""
+        """Number of these that keeps all workers busy: others only wait in them."""
 
     def states(self) -> Mapping[str, WorkerState]:
-        """What each worker does at the moment, by its name."""
+        """Activity of each worker, by its name."""
 
     def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
         """Hands a candidate to a free worker, to be tested as by `RoadTester.test`."""
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
-        """Waits until something happens, for at most so many s; returns what has come back.
+        """Waits until something happens, for at most so many s; returns finished attempts.
 
         Raises:
             CampaignError: there are no workers left and none can be started; the message says why.
         """
 
     def __enter__(self) -> Self:
-        """Begins to start the workers."""
+        """Starts the workers without waiting."""
 
     def __exit__(
         self,
@@ -51,7 +51,7 @@ class Workers(Protocol):
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends all workers: at once if an error is under way, else when they are done."""
+        """Ends all workers: at once during an error, else when they are done."""
 
 
 def available_cores() -> int:

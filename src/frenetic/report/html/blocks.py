@@ -1,6 +1,6 @@
-"""What a page is made of: sections of blocks, as plain data.
+"""The parts of a page: sections of blocks, as plain data.
 
-All texts are shown as they are: nothing in them is HTML.
+Texts are plain: nothing in them is HTML.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from math import isfinite
 from typing import Any, ClassVar, Final, Literal, Protocol, TypeAlias
 
 Role: TypeAlias = Literal["accent", "fail", "pass", "invalid", "error", "quiet"]
-"""What a colour stands for; which one it is, the page knows, light or dark."""
+"""Meaning of a colour; the page chooses the colour, light or dark."""
 
 
 class Block(Protocol):
-    """A part of a section: a dataclass with the name of what draws it."""
+    """A part of a section: a dataclass with the name of the function that draws it."""
 
     kind: ClassVar[str]
 
@@ -45,7 +45,7 @@ class Facts:
     facts: tuple[Fact, ...]
     title: str = ""
     folded: bool = False
-    """Whether only the title is shown until it is clicked."""
+    """Whether it is folded until its title is clicked."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Command:
     kind: ClassVar[str] = "command"
     line: str
     text: str = ""
-    """What it does."""
+    """Its effect."""
 
 
 @dataclass(frozen=True)
@@ -65,21 +65,21 @@ class Column:
     title: str
     is_number: bool = False
     text: str = ""
-    """What it says, for those who ask."""
+    """Explanation, shown on demand."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Rows of texts; the values of a column of numbers stand right."""
+    """Rows of texts; columns of numbers are right-aligned."""
 
     kind: ClassVar[str] = "table"
     columns: tuple[Column, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     links: tuple[str | None, ...] = ()
-    """Relative address to which the first text of each row leads, as many as rows, or none."""
+    """Relative address of the link in each row's first text, as many as rows, or none."""
     tall: bool = False
-    """Whether it is scrolled rather than shown in full."""
+    """Whether it scrolls."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Bars:
     names: tuple[str, ...]
     values: tuple[float | None, ...]
     title: str
-    """Of the values, with their unit."""
+    """Name of the values, with their unit."""
     low: tuple[float | None, ...] = ()
     """Lower ends of the intervals, as many as names, or none."""
     high: tuple[float | None, ...] = ()
@@ -131,9 +131,9 @@ class Picture:
 
     kind: ClassVar[str] = "picture"
     source: str
-    """A ``data:`` URI: nothing else can be loaded."""
+    """A ``data:`` URI: the page can load nothing else."""
     text: str
-    """What it shows, for those who do not see it."""
+    """Description for readers who cannot see it."""
     caption: str = ""
 
 
@@ -153,12 +153,12 @@ _PLAIN: Final = frozenset({int, str, bool, type(None)})
 
 
 def percent(share: float) -> str:
-    """A share 0..1 in percent, as all texts of a page write it."""
+    """A share 0..1 in percent, in the form of a page's texts."""
     return f"{100.0 * share:.1f}\u00a0%"
 
 
 def to_json(value: Any) -> Any:
-    """A dataclass and all that it holds as JSON; numbers that are not finite become null."""
+    """A dataclass and its contents as JSON; numbers that are not finite become null."""
     if is_dataclass(value) and not isinstance(value, type):
         found = {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
         kind = getattr(value, "kind", None)

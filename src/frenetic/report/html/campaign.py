@@ -45,14 +45,13 @@ def write_report(
     clusters: Clusters | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
-    """Writes the report of a campaign: one HTML file that needs nothing else.
+    """Writes the report of a campaign: one self-contained HTML file.
 
     Args:
         campaign: open, or its folder.
-        path: where to; ``report.html`` in the campaign's folder by default. What is there is
-            replaced.
-        clusters: its distinct failures, if they are known already.
-        sections: to put after those of the campaign.
+        path: of the file, which is replaced; ``report.html`` in the campaign's folder by default.
+        clusters: its distinct failures, if known.
+        sections: to add after those of the campaign.
 
     Returns:
         The file.
@@ -78,7 +77,7 @@ def campaign_report(
     clusters: Clusters | None = None,
     sections: Sequence[Section] = (),
 ) -> Report:
-    """What the report of a campaign says.
+    """The report of a campaign.
 
     Raises:
         CampaignError: the campaign is damaged.
@@ -170,7 +169,7 @@ def _to_show(
 
 
 def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
-    """What reruns with the campaign's own parts say of its tests, and what is wrong with them."""
+    """Repeats of its tests with the campaign's own parts, and trouble with them."""
     driver, simulator = store.config.get("driver"), store.config.get("simulator")
     try:
         reruns = read_reruns(store.folder)
@@ -182,7 +181,7 @@ def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
 
 
 def _shell(path: Path) -> str:
-    """A path as it can be pasted into a shell."""
+    """A path for pasting into a shell."""
     return f'"{path}"' if sys.platform == "win32" else shlex.quote(str(path))
 
 

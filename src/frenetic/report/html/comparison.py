@@ -35,7 +35,7 @@ from frenetic.report.html.headline import Headline, Tile
 from frenetic.report.html.page import Report, made_by, write_page
 
 MOST_TILES: Final = 8
-"""Groups that the headline names at most."""
+"""Most groups in the headline."""
 
 _STATISTICS: Final = (
     Fact("median, quartiles", "Half of a group's campaigns lie between the quartiles."),
@@ -81,11 +81,11 @@ def write_comparison_page(
 
     Args:
         comparison: of one or more groups.
-        path: where to. What is there is replaced.
+        path: of the file, which is replaced.
         title: of the page; by default the names of the groups.
-        lead: a sentence or two before what was found.
-        facts: what else a reader should know of how the campaigns were made.
-        command: the command line that makes the page again.
+        lead: a sentence or two before the findings.
+        facts: other facts about the campaigns for the reader.
+        command: the command line that repeats the page.
 
     Returns:
         The file.
@@ -108,7 +108,7 @@ def comparison_report(
     facts: Sequence[Fact] = (),
     command: str | None = None,
 ) -> Report:
-    """What the page of a comparison says that is to lie in ``folder``.
+    """The page of a comparison, to lie in ``folder``.
 
     The other arguments are those of `write_comparison_page`.
     """
@@ -181,7 +181,7 @@ def _range(numbers: Sequence[int]) -> str:
     )
 
 
-# What it means, and where it comes from
+# Definitions and sources
 
 
 def _definitions(comparison: Comparison) -> Iterator[Block]:

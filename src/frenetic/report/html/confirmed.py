@@ -1,4 +1,4 @@
-"""What other simulators say of a campaign's failures."""
+"""A campaign's failures in other simulators."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from frenetic.report.html.blocks import Block, Column, Paragraph, Picture, Secti
 from frenetic.spec import part_text
 
 MOST_BYTES: Final = 2_000_000
-"""Of a picture that is put into the page; a larger one stays a file."""
+"""Most bytes of a picture in the page; a larger one stays a file."""
 
 _COLUMNS: Final = (
     Column("test", is_number=True),
@@ -27,7 +27,7 @@ _COLUMNS: Final = (
 
 
 def confirmed_sections(folder: Path, config: Mapping[str, JSONValue]) -> tuple[Section, ...]:
-    """A section about the failures that were driven in other simulators; none if none were.
+    """A section about the failures driven in other simulators; None without any.
 
     Args:
         folder: of the campaign.
@@ -84,7 +84,7 @@ def _blocks(
 
 
 def _picture(path: Path) -> str | None:
-    """A PNG file as a data URI; None if it is not there, too large, or something else."""
+    """A PNG file as a data URI; None if it is missing, too large, or no PNG."""
     try:
         if path.stat().st_size > MOST_BYTES:
             return None

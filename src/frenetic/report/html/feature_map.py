@@ -1,4 +1,4 @@
-"""Feature maps: which kinds of roads and drives were tried, and which of them fail."""
+"""Feature maps: the kinds of roads and drives that were tried, and those that fail."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from frenetic.report.html.blocks import Section
 from frenetic.report.html.tests import TestSummary
 
 MAPPED: Final = 3000
-"""Tests that are measured: all that failed, and others up to this number."""
+"""Measured tests: all failures, and others up to this number."""
 MAPPED_PASSED: Final = 1000
-"""Tests that passed that are measured, if there are so many, however many failed."""
+"""Least number of measured tests that passed, if there are as many."""
 MAPPED_FAILURES: Final = 10_000
-"""Failures that are measured at most: nearly always all, so that no cell hides one."""
+"""Most measured failures: nearly always all, so that no cell hides one."""
 NOT_MEASURED: Final = "."
-"""In place of a bin."""
+"""Letter in place of a bin."""
 
 _BINS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
 
@@ -42,18 +42,18 @@ class MapAxis:
 
 @dataclass(frozen=True)
 class FeatureMap:
-    """Two features to choose, and what was found in each cell of theirs."""
+    """A map of two chosen features, with the tests in each cell."""
 
     kind: ClassVar[str] = "featureMap"
     axes: tuple[MapAxis, ...]
     first: str
-    """Name of the feature to the right, to begin with."""
+    """Name of the first feature to the right."""
     second: str
-    """Upwards."""
+    """Name of the first feature upwards."""
     all_driven: bool
-    """Whether all tests that were driven are in it."""
+    """Whether it holds all driven tests."""
     all_failures: bool
-    """Whether all failures are."""
+    """Whether it holds all failures."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ class Measured:
 
 
 def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
-    """The tests that are measured: all failures, and others evenly over the campaign.
+    """The measured tests: all failures, and others evenly over the campaign.
 
-    Of more than `MAPPED_FAILURES` failures some are left out, evenly from the most severe on.
+    Of more than `MAPPED_FAILURES` failures, an even selection from the most severe on.
     """
     failed = sorted(
         (test for test in tests if test.outcome is Outcome.FAIL),
@@ -133,7 +133,7 @@ def map_section(
 
 
 def _mapped(failures: int, all_failures: int, passes: int, all_passes: int) -> str:
-    """Which tests are in the map, as a sentence."""
+    """A sentence about the tests in the map."""
     parts = []
     if all_failures:
         thinned = all_failures > MAPPED_FAILURES

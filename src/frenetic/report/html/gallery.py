@@ -1,4 +1,4 @@
-"""The failures, those that are the same problem together, and how they came about."""
+"""The distinct failures, and their ancestors."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from frenetic.report.html.blocks import Section
 
 @dataclass(frozen=True)
 class Repeats:
-    """How often a failure repeats when it is driven again."""
+    """Share of a failure's drives that fail again."""
 
     test: int
     stability: str
     share: float | None
-    """Of the drives that failed, 0..1."""
+    """Share of the drives that failed, 0..1."""
     low: float
-    """Ends of its 95 % interval."""
+    """Ends of the share's 95 % interval."""
     high: float
     text: str
 
@@ -35,12 +35,12 @@ class ClusterData:
     typical: int
     size: int
     shown: tuple[int, ...]
-    """Ids of those whose drive is in the page, the most severe first."""
+    """Ids of the failures with a drive in the page, the most severe first."""
     moobd: float
-    """m, the lowest."""
+    """Moobd in m, the lowest."""
     side: Side | None
     first: int
-    """Id of the one that was found first."""
+    """Id of the first one found."""
     description: str
 
 
@@ -55,7 +55,7 @@ class Gallery:
 
 @dataclass(frozen=True)
 class Family:
-    """Which operators led to a failure: a tree for the one that is chosen."""
+    """Operators that led to a failure: a tree for the chosen one."""
 
     kind: ClassVar[str] = "family"
     ids: tuple[int, ...]
@@ -74,9 +74,9 @@ def gallery_section(
     Args:
         clusters: the distinct failures.
         moobds: m, of each of their tests.
-        shown: ids of the tests whose drive is in the page.
+        shown: ids of the tests with a drive in the page.
         reruns: of those failures that were driven again.
-        failures: how many there are in all.
+        failures: number of all failures.
     """
     title = "Failures"
     if not failures:

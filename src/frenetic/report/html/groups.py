@@ -21,7 +21,7 @@ from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.html.blocks import percent
 
 POINTS: Final = 400
-"""Points of a curve that are kept at most."""
+"""Most points of a curve."""
 _CURVES: Final[tuple[tuple[Curve, str], ...]] = (
     ("distinct_after", "distinct failures"),
     ("failures_after", "failures"),
@@ -31,11 +31,11 @@ _CURVES: Final[tuple[tuple[Curve, str], ...]] = (
 
 @dataclass(frozen=True)
 class Group:
-    """What is held against others, in a colour of its own."""
+    """A compared group, with its own colour."""
 
     name: str
     colour: int
-    """From 0; the page repeats its colours, lighter or dashed, where they do not suffice."""
+    """Number of the colour from 0; the page repeats its colours, lighter or dashed, if needed."""
 
 
 @dataclass(frozen=True)
@@ -48,18 +48,18 @@ class GroupColumn:
     topic: str = ""
     """A title over neighbouring columns that share it."""
     text: str = ""
-    """What it is, for those who ask."""
+    """Explanation, shown on demand."""
 
 
 @dataclass(frozen=True)
 class GroupCell:
-    """What a measure is for a group."""
+    """Value of a measure for a group."""
 
     value: str
     note: str = ""
-    """Under the value, smaller."""
+    """Small text under the value."""
     strength: float = 0.0
-    """0..1, how much it stands out from its column."""
+    """Emphasis in its column, 0..1."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class GroupTable:
 
 @dataclass(frozen=True)
 class GroupCurve:
-    """What the campaigns of a group came to, over what was spent."""
+    """Results of a group's campaigns over the spent budget."""
 
     group: Group
     x: tuple[float, ...]
@@ -87,7 +87,7 @@ class GroupCurve:
     high: tuple[float, ...] = ()
     """Third quartile, likewise."""
     singles: tuple[tuple[float, ...], ...] = ()
-    """Each campaign, where they are too few for quartiles."""
+    """Each campaign, if they are too few for quartiles."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class CurvePanel:
 
 @dataclass(frozen=True)
 class Curves:
-    """Charts with a legend that they share; the first is the largest."""
+    """Charts with a common legend; the first is the largest."""
 
     kind: ClassVar[str] = "curves"
     x_title: str
@@ -114,7 +114,7 @@ class Spread:
 
     group: Group
     values: tuple[float | None, ...]
-    """One per campaign, ascending; None for what is worse than any number."""
+    """One value per campaign, ascending; None for one that is worse than any number."""
     texts: tuple[str, ...]
     """The same, for people."""
     median: str
@@ -125,12 +125,12 @@ class Spread:
 
 @dataclass(frozen=True)
 class SpreadPanel:
-    """How a measure is distributed in each group."""
+    """Distribution of a measure in each group."""
 
     title: str
     note: str
     none_is_low: bool
-    """Whether what is worse than any number stands left of all, not right."""
+    """Whether a value worse than any number stands on the left."""
     spreads: tuple[Spread, ...]
 
 
@@ -155,7 +155,7 @@ class Pair:
     p_corrected: str
     verdict: str
     better: int
-    """1 if the first is shown to be better, 2 if the second is, 0 if neither is."""
+    """1 if the first is better, 2 if the second is, 0 if no difference is shown."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ def _ranks(
 def _varying(
     comparison: Comparison,
 ) -> tuple[list[MeasureComparison], list[tuple[MeasureComparison, float]]]:
-    """The measures that differ between campaigns, and those that do not with their value."""
+    """The measures that differ between campaigns, and the constant ones with their value."""
     varying: list[MeasureComparison] = []
     constant: list[tuple[MeasureComparison, float]] = []
     shown = [one for one in comparison.measures if one.measure.name != "failures_per_100"]
@@ -264,7 +264,7 @@ def _column(measure: Measure) -> GroupColumn:
 
 
 def _quartiles(by: MeasureComparison, group: str) -> str:
-    """The quartiles of a group, in short; empty where they say no more than the median."""
+    """The quartiles of a group, in short; empty if they equal the median."""
     low, _, high = by.between(group).partition(" to ")
     return "" if low == high else f"{low}–{high}"
 
@@ -394,7 +394,7 @@ def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Pairs:
 
 
 def _in_order(by: MeasureComparison, groups: tuple[Group, ...]) -> list[PairComparison]:
-    """All pairs, those of the groups that come first in the page first."""
+    """All pairs, in the order of the groups in the page."""
     place = {group.name: i for i, group in enumerate(groups)}
 
     def key(pair: PairComparison) -> list[int]:

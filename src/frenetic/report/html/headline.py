@@ -1,4 +1,4 @@
-"""What was searched, and what came out, at a glance."""
+"""The search and its results at a glance."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from frenetic.report.html.blocks import Fact, Role, percent
 
 @dataclass(frozen=True)
 class Tile:
-    """A number that matters."""
+    """A headline number."""
 
     label: str
     value: str
@@ -34,7 +34,7 @@ class Headline:
     title: str
     lead: str
     warning: str
-    """That something is not as it should be: unfinished, for example. Mostly empty."""
+    """A warning, for example that the campaign is unfinished. Mostly empty."""
     tiles: tuple[Tile, ...]
     facts: tuple[Fact, ...]
 
@@ -56,9 +56,9 @@ def headline(
         facts: likewise.
         counts: likewise.
         clusters: its distinct failures.
-        folder: where it is.
-        elapsed: s of its time that were spent.
-        trouble: what else a reader has to know.
+        folder: of the campaign.
+        elapsed: s of its spent time.
+        trouble: other warnings for the reader.
     """
     number = counts.by_outcome
     failures, tests = number[Outcome.FAIL], counts.tests
@@ -120,7 +120,7 @@ def _title(clusters: Clusters, failures: int, simulations: int) -> str:
 
 
 def _named(config: Mapping[str, JSONValue], part: str) -> str:
-    """What a part was called on the command line, or its class, with what lies over it."""
+    """Name of a part on the command line, or its class, with its layers."""
     command = config.get("command")
     if isinstance(command, Mapping) and isinstance(command.get(part), str):
         text = str(command[part])

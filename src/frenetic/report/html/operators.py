@@ -1,4 +1,4 @@
-"""Which of the strategy's operators paid off."""
+"""Results of the strategy's operators."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from frenetic.search.operators import DOES
 
 @dataclass(frozen=True)
 class OperatorResult:
-    """What the candidates of one operator came to."""
+    """Results of one operator's candidates."""
 
     name: str
     tests: int
-    """Dropped ones not included."""
+    """Tests without dropped ones."""
     driven: int
-    """PASS or FAIL."""
+    """Drives that ended with PASS or FAIL."""
     failures: int
     distinct: int
     """Clusters with at least one of its failures."""
     first: int
-    """Clusters whose first failure is its."""
+    """Clusters whose first failure comes from it."""
     change: float | None
-    """m, mean of MOOBD minus the lowest of the parents'; None if there is nothing to compare."""
+    """Mean of MOOBD minus the parents' lowest, in m; None if there is nothing to compare."""
 
     @property
     def share(self) -> float | None:

@@ -1,4 +1,4 @@
-"""A page from its data: one HTML file with all that it needs."""
+"""A page from its data: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -41,30 +41,30 @@ _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
 
 @dataclass(frozen=True)
 class Report:
-    """All that a page says."""
+    """The contents of a page."""
 
     title: str
     sections: tuple[Section, ...]
     campaign: str = ""
-    """The campaign's folder as a shell wants it, for commands."""
+    """The campaign's folder, quoted for a shell."""
     drive_options: str | None = None
-    """Options with which its roads are driven as they were; None if a command line cannot."""
+    """Options that drive its roads as they were driven; None if a command line cannot."""
     made_by: str = ""
     """The program and its version."""
     lane_width: float = 4.0
     """m."""
     tests: TestTable | None = None
-    """The tests that blocks speak of by their ids."""
+    """The tests that blocks name by their ids."""
     drives: tuple[DriveData, ...] = ()
-    """Those of them that can be looked at."""
+    """Those of them with a drive in the page."""
 
 
 def render(report: Report) -> str:
-    """The page: HTML that needs nothing else, and may load nothing.
+    """The page: self-contained HTML that may load nothing.
 
     Raises:
-        ValueError: a section's id is none, or is there twice.
-        FreneticError: Plotly is not installed as it should be.
+        ValueError: a section's id is invalid or not unique.
+        FreneticError: Plotly is not properly installed.
     """
     ids = [section.id for section in report.sections]
     for name in ids:
@@ -86,7 +86,7 @@ def render(report: Report) -> str:
 
 
 def write_page(report: Report, path: Path | str) -> Path:
-    """Writes a page beside its place, then renames it: no half page is ever seen.
+    """Writes a page whole or not at all.
 
     Raises:
         FreneticError: it cannot be written.
@@ -105,15 +105,15 @@ def made_by() -> str:
 
 
 def _island(data: Any) -> str:
-    """JSON that ends no script element, whatever its texts say."""
+    """JSON whose texts cannot end a script element."""
     text = json.dumps(data, allow_nan=False, separators=(",", ":"))  # ASCII, so no U+2028 either
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _policy(scripts: Sequence[str]) -> str:
-    """A content security policy that lets these scripts run and nothing be loaded.
+    """A content security policy that allows these scripts and loads nothing.
 
-    Styles are free, since Plotly sets some of its own.
+    Styles are allowed, since Plotly sets its own.
     """
     hashes = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
@@ -150,6 +150,6 @@ def _plotly() -> str:
 
 
 def _unbreakable(script: str) -> str:
-    """A script as it may stand in a page: one line end, and nothing that ends its element."""
+    """A script for a page: one line end, and nothing that ends its element."""
     script = script.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "\\0")
     return re.sub(r"<(?=/script|script|!--)", r"\\x3c", script, flags=re.IGNORECASE)

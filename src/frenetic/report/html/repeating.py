@@ -1,4 +1,4 @@
-"""What a campaign was made with, and the command that makes it again."""
+"""A campaign's configuration, and the command that repeats it."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
 
 
 def repeat_command(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str | None:
-    """The command line that makes a campaign again, as a POSIX shell reads it.
+    """The command line that repeats a campaign, quoted for a POSIX shell.
 
-    None if the campaign was started from Python, or does not say how.
+    None if the campaign was started from Python, or does not record its command.
     """
     command = _command(config)
     budget: Any = facts.get("budget", config.get("budget"))
@@ -70,9 +70,9 @@ def repeat_command(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
 
 
 def drive_options(config: Mapping[str, JSONValue]) -> str | None:
-    """The options of `frenetic drive` with which a campaign's roads are driven as they were.
+    """The options of `frenetic drive` that drive a campaign's roads as they were driven.
 
-    None if the campaign was started from Python, or does not say how.
+    None if the campaign was started from Python, or does not record its command.
     """
     command = _command(config)
     return None if command is None else shlex.join(drive_words(command, config.get("map_size")))
@@ -84,7 +84,7 @@ def _command(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
 
 
 def _generator(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
-    """The generator whose run in a bench a campaign is; None if it is none."""
+    """The generator of a bench's run; None for other campaigns."""
     entrant: Any = config.get("entrant")
     if not isinstance(entrant, Mapping) or entrant.get("is_strategy") is not False:
         return None
@@ -105,7 +105,7 @@ def _bench_words(
 
 
 def drive_words(command: Mapping[str, Any], map_size: object) -> list[str]:
-    """The options of a command line by which driver, simulator, rules and map are chosen."""
+    """The options of a command line that choose driver, simulator, rules and map."""
     words = [*_part_words(command, "driver"), *_part_words(command, "simulator")]
     for name in _NUMBERS:
         if command.get(name) is not None:
@@ -121,7 +121,7 @@ def _part_words(command: Mapping[str, Any], part: str) -> list[str]:
 
 
 def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:
-    """Whether the campaign comes out the same when it is made again, and why not."""
+    """Whether the campaign repeats exactly, and if not, why."""
     sentences = []
     if not isinstance(config.get("command"), Mapping):
         sentences.append(
@@ -163,7 +163,7 @@ def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue
 
 
 def _setting(value: object) -> str:
-    """An option's value as the command line reads it back: JSON, or else a text."""
+    """An option's value for the command line: JSON, or else a text."""
     if isinstance(value, str):
         try:
             json.loads(value)

@@ -30,7 +30,7 @@ LETTERS: Final[Mapping[Outcome, str]] = {outcome: str(outcome)[0] for outcome in
 
 @dataclass(frozen=True, slots=True)
 class TestSummary:
-    """What a page needs of any test."""
+    """The data of any test for a page."""
 
     __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
 
@@ -39,7 +39,7 @@ class TestSummary:
     moobd: float | None
     """m."""
     elapsed: float | None
-    """s of the campaign's time when it was told."""
+    """Campaign time when it was told, in s."""
     origin: Origin
 
 
@@ -73,11 +73,11 @@ class TestTable:
     moobds: tuple[int | None, ...]
     """cm."""
     operators: tuple[str, ...]
-    """All there are."""
+    """All operators."""
     operators_do: tuple[str, ...]
-    """What each of them does; empty where that is not known."""
+    """Description of each of them; empty if unknown."""
     operator: tuple[int, ...]
-    """Which of them, per test."""
+    """Operator of each test, as an index."""
     parents: tuple[tuple[int, ...], ...]
 
     @classmethod
@@ -100,7 +100,7 @@ class TestTable:
 
 
 def ancestors(tests: Mapping[int, TestSummary], ids: Iterable[int]) -> list[int]:
-    """Ids of all tests from which others descend, the nearest first."""
+    """Ids of all ancestors of the given tests, the nearest first."""
     found: dict[int, None] = {}
     waiting = [parent for i in ids if i in tests for parent in tests[i].origin.parents]
     while waiting:
@@ -113,11 +113,11 @@ def ancestors(tests: Mapping[int, TestSummary], ids: Iterable[int]) -> list[int]
 # The drives, a few kilobytes of JSON each
 
 RATE: Final = 10.0
-"""Hz, records per second that are kept."""
+"""Kept records per second, in Hz."""
 MOST_RECORDS: Final = 1500
-"""Records of a drive that are kept at most."""
+"""Most kept records of a drive."""
 DRIVES_SIZE: Final = 3_500_000
-"""Bytes of JSON that all drives of a page may take, about."""
+"""Approximate bytes of JSON for all drives of a page."""
 
 _COLUMNS: Final[Mapping[str, float]] = {
     "time": 0.01,  # [s]
@@ -134,14 +134,14 @@ _COLUMNS: Final[Mapping[str, float]] = {
 
 @dataclass(frozen=True)
 class RoadData:
-    """A road as its curvatures, which are its exact shape."""
+    """A road as its curvatures, which give its exact shape."""
 
     step: float
     """m."""
     curvatures: tuple[float, ...]
     """1/m."""
     pose: tuple[float, float, float]
-    """m, m, rad."""
+    """M in m, rad."""
 
     @classmethod
     def of(cls, road: Road) -> RoadData:
@@ -160,7 +160,7 @@ class MinimisedData:
 
     road: RoadData
     file: str
-    """In the campaign's folder."""
+    """Path in the campaign's folder."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class DriveData:
     moobd: float | None
     """m."""
     moobd_distance: float | None
-    """m along the road."""
+    """Distance along the road, in m."""
     max_oob_share: float | None
     """0..1."""
     duration: float | None
@@ -189,24 +189,24 @@ class DriveData:
     columns: tuple[tuple[int, ...], ...]
     """Columns of `_COLUMNS` in multiples of their resolution, as second differences."""
     road_file: str | None
-    """The road's file in the campaign's folder, if there is one."""
+    """The road's file in the campaign's folder, if any."""
     minimised: MinimisedData | None
-    """The shortest road that was found to fail in the same way, if there is one."""
+    """The shortest known road that fails alike, if any."""
 
     @property
     def size(self) -> int:
-        """Bytes of JSON that it takes, about."""
+        """Approximate bytes of its JSON."""
         numbers = sum(len(column) for column in self.columns)
         return 400 + 10 * len(self.road.curvatures) + int(2.6 * numbers) + len(self.reason)
 
 
 def drive_data(record: TestRecord, segment: Segment, folder: Path) -> DriveData:
-    """What a page needs of a test.
+    """The data of a test for a page.
 
     Args:
         record: of the test.
         segment: of its drive, any.
-        folder: of the campaign, in which the test's files are looked for.
+        folder: of the campaign, which may hold the test's files.
     """
     drive, road = segment.drive, segment.road
     departure, test_id = record.departure, record.candidate.id
@@ -252,7 +252,7 @@ def _columns(path: Trajectory, seen: Assessment) -> tuple[tuple[int, ...], ...]:
 
 
 def _taken(time: FloatArray, worst: int) -> np.ndarray:
-    """(k,) records that are kept: at `RATE`, the last, and that of the minimum oob distance."""
+    """Kept records, (k,): at `RATE`, the last, and that of the minimum oob distance."""
     interval = max(1.0 / RATE, float(time[-1] - time[0]) / MOST_RECORDS)
     ticks = np.floor((time - time[0]) / interval + 1e-6)
     first = np.flatnonzero(np.diff(ticks, prepend=-1.0))
@@ -260,7 +260,7 @@ def _taken(time: FloatArray, worst: int) -> np.ndarray:
 
 
 def _minimised(folder: Path, file: str) -> MinimisedData | None:
-    """A minimised road from its file; one that is none is left out."""
+    """A minimised road from its file; None for any other file."""
     path = folder / file
     try:
         return MinimisedData(RoadData.of(read_road(path).road()), file) if path.is_file() else None

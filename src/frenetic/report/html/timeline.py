@@ -1,4 +1,4 @@
-"""Failures over simulations, tests and time, beside what random roads would have found."""
+"""Failures over simulations, tests and time, beside the random expectation."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from frenetic.report.html.tests import TestSummary
 from frenetic.search.random_search import RANDOM
 
 POINTS: Final = 1200
-"""Points of a curve that are kept at most."""
+"""Most points of a curve."""
 
 _UNITS: Final = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """What would have been found if all roads were as those of the random phase."""
+    """Expected failures if all roads were like those of the random phase."""
 
     share: float
-    """Of the random roads that failed, 0..1."""
+    """Share of the random roads that failed, 0..1."""
     low: float
     """Ends of Wilson's 95 % interval of the share."""
     high: float
     of: tuple[float, ...]
-    """How many roads the share is multiplied with, per point."""
+    """Number of roads to multiply the share with, per point."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One way to count what was spent."""
+    """One way to count the spent budget."""
 
     name: str
     title: str
@@ -49,7 +49,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Timeline:
-    """Failures found so far, over what was spent by then."""
+    """Failures found so far over the spent budget."""
 
     kind: ClassVar[str] = "timeline"
     failures: tuple[int, ...]
@@ -86,7 +86,7 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
     ]
     elapsed = [test.elapsed for test in tested]
     if None not in elapsed:
-        # Results may be told out of the order in which they were timed.
+        # Results may be told in another order than timed.
         seconds = np.maximum.accumulate(np.array(elapsed, dtype=np.float64))[shown]
         expected = _expectation(failures, int((driven & random).sum()), simulations)
         unit, length = next(one for one in _UNITS if seconds[-1] >= 3.0 * one[1] or one[1] == 1.0)
@@ -114,7 +114,7 @@ def _distinct(
     place = {test.id: i for i, test in enumerate(tested)}
     found = np.zeros(len(tested), dtype=np.int64)
     for cluster in clusters:
-        # A campaign that goes on may have more failures by now than were read.
+        # A running campaign may have more failures by now.
         places = [place[i] for i in cluster.ids if i in place]
         if places:
             found[min(places)] += 1
