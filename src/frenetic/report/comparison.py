@@ -17,13 +17,12 @@ from frenetic._support.words import counted
 from frenetic.analysis.comparison import Comparison, MeasureComparison
 from frenetic.analysis.metrics import curves
 from frenetic.analysis.statistics import LEAST_REPEATS
-from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, form_of, write_figure
+from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, WIDTH, form_of, write_figure
 
 # TestSummary apart with any kind of colour vision, and in grey by their order.
 _COLOURS: Final = ("#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200")
 
 # Sizes in inches.
-_WIDTH: Final = 11.0
 _LEFT: Final = 0.75
 _RIGHT: Final = 0.35
 _CURVES: Final = 3.3
@@ -56,23 +55,21 @@ def _page(comparison: Comparison) -> Figure:
     pitch = panel + 1.02
     top, legend = 0.62, 0.26 * math.ceil(len(comparison.groups) / 2)
     height = top + _CURVES + 0.55 + legend + rows * pitch + 0.1
-    figure = Figure(figsize=(_WIDTH, height), dpi=DPI, facecolor="white")
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
 
     def axes(x: float, y: float, width: float, tall: float) -> Any:
         """Axes by their upper left corner, in inches."""
-        return figure.add_axes(
-            (x / _WIDTH, 1.0 - (y + tall) / height, width / _WIDTH, tall / height)
-        )
+        return figure.add_axes((x / WIDTH, 1.0 - (y + tall) / height, width / WIDTH, tall / height))
 
     figure.text(
-        _LEFT / _WIDTH,
+        _LEFT / WIDTH,
         1.0 - 0.4 / height,
         "Failures found over simulations",
         size=14,
         weight="bold",
         color=INK,
     )
-    main = axes(_LEFT, top, _WIDTH - _LEFT - _RIGHT, _CURVES)
+    main = axes(_LEFT, top, WIDTH - _LEFT - _RIGHT, _CURVES)
     _draw_curves(main, comparison)
     main.legend(
         loc="upper left",
@@ -84,7 +81,7 @@ def _page(comparison: Comparison) -> Figure:
         handlelength=1.6,
         columnspacing=3.0,
     )
-    width = (_WIDTH - _LEFT - _RIGHT - (_COLUMNS - 1) * _GAP) / _COLUMNS
+    width = (WIDTH - _LEFT - _RIGHT - (_COLUMNS - 1) * _GAP) / _COLUMNS
     for i, measured in enumerate(shown):
         row, column = divmod(i, _COLUMNS)
         x = _LEFT + column * (width + _GAP)

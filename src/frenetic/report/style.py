@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import textwrap
 import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 
 from frenetic._support.files import replacing
 from frenetic.errors import FreneticError
@@ -16,6 +21,13 @@ from frenetic.errors import FreneticError
 SUFFIXES: Final = (".png", ".svg", ".pdf")
 """Valid suffixes of a picture's file."""
 DPI: Final = 110
+
+# Sizes of a page in inches.
+WIDTH: Final = 11.0
+MARGIN: Final = 0.45
+INNER: Final = WIDTH - 2.0 * MARGIN
+POINT: Final = 72.0
+"""Points per inch; lines and letters are measured in points."""
 
 INK: Final = "#1d2733"
 QUIET: Final = "#6a7684"
@@ -85,3 +97,76 @@ def write_figure(figure: Figure, path: Path, form: str) -> None:
         raise FreneticError(
             f"cannot write the picture {path}: {error.strerror or error}"
         ) from error
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A figure on which things are placed in inches from the upper left corner."""
+
+    figure: Figure
+    width: float
+    height: float
+
+    def text(self, x: float, y: float, text: str, *, size: float, **how: Any) -> Any:
+        """Writes a text."""
+        how.setdefault("va", "baseline")
+        return self.figure.text(
+            x / self.width, 1.0 - y / self.height, text, size=size, parse_math=False, **how
+        )
+
+    def axes(self, x: float, y: float, width: float, height: float) -> Any:
+        """Axes for a chart."""
+        return self.figure.add_axes(
+            (
+                x / self.width,
+                1.0 - (y + height) / self.height,
+                width / self.width,
+                height / self.height,
+            )
+        )
+
+    def bar(self, x: float, y: float, width: float, height: float, colour: str) -> None:
+        """A filled rectangle."""
+        self.figure.add_artist(
+            Rectangle(
+                (x / self.width, 1.0 - (y + height) / self.height),
+                width / self.width,
+                height / self.height,
+                facecolor=colour,
+                edgecolor="none",
+            )
+        )
+
+    def line(self, xs: Sequence[float], ys: Sequence[float], **how: Any) -> None:
+        """A line through points."""
+        self.figure.add_artist(
+            Line2D([x / self.width for x in xs], [1.0 - y / self.height for y in ys], **how)
+        )
+
+    def panel(self, x: float, y: float, width: float, height: float) -> Any:
+        """Axes of so many points (1/72 inch), whose data are points from their centre."""
+        axes = self.axes(x, y, width / POINT, height / POINT)
+        axes.set_facecolor(PANEL)
+        axes.set_xlim(-width / 2.0, width / 2.0)
+        axes.set_ylim(-height / 2.0, height / 2.0)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        return axes
+
+
+def _printable(text: str) -> str:
+    """``text`` on one line, without what a picture file could not hold."""
+    return "".join(c for c in " ".join(text.split()) if c.isprintable())
+
+
+def one_line(text: str, most: int) -> str:
+    """``text`` on one line of at most so many letters."""
+    text = _printable(text)
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
+def wrapped(text: str, width: int, most: int) -> list[str]:
+    """``text`` in at most so many lines."""
+    return textwrap.wrap(_printable(text), width, max_lines=most, placeholder=" …")

@@ -1,0 +1,551 @@
+"""A road seen from above with what was driven on it, as pictures draw it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.patches import Rectangle
+
+from frenetic._support.arrays import FloatArray
+from frenetic.oracle import Assessment, Result, assess, judge
+from frenetic.outcome import Outcome
+from frenetic.report.style import (
+    INK,
+    INNER,
+    MARGIN,
+    POINT,
+    QUIET,
+    WIDTH,
+    Paper,
+)
+from frenetic.road import Road
+from frenetic.simulators.drive import Drive, Trajectory
+
+_MAX_POINTS: Final = 4000  # more of a path or road than that is not seen
+
+# Sizes in inches.
+CLOSE_UP: Final = 3.2
+ACROSS: Final = 26.0  # m, width of what the close-up shows
+HIGHEST: Final = 5.7  # the road seen from above
+
+_CASING: Final = "#7f8b98"
+_OTHER_LANE: Final = "#d9dde3"
+EGO_LANE: Final = "#c6d7ea"
+ALARM: Final = "#d1232a"
+COLOURS: Final[Mapping[Outcome, str]] = {
+    Outcome.PASS: "#1b8a6b",
+    Outcome.FAIL: ALARM,
+    Outcome.INVALID: "#c98a00",
+    Outcome.ERROR: "#7a5aa6",
+}
+# Plasma without its yellow, which would vanish on white: blue in the lane, pink on its edge, orange
+# outside. Lightness rises evenly, so it reads in grey and with any kind of colour vision.
+_OOB_MAP: Final = LinearSegmentedColormap.from_list(
+    "oob", mpl.colormaps["plasma"](np.linspace(0.84, 0.0, 128))
+)
+
+
+# What is seen of a drive
+
+
+@dataclass(frozen=True)
+class SeenDrive:
+    """A drive with its verdict, cut to the records that count."""
+
+    drive: Drive
+    result: Result
+    distance: FloatArray  # (n,) m along the road
+    oob_distance: FloatArray  # (n,) m
+    xy: FloatArray  # (n, 2) m
+    heading: FloatArray  # (n,) rad
+    speed: FloatArray  # (n,) km/h
+    time: FloatArray  # (n,) s
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+def look(road: Road, drive: Drive) -> SeenDrive:
+    """A drive as its picture shows it."""
+    rows = drive.trajectory.to_rows()
+    odd = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if len(odd):  # a simulator that broke may leave records without meaning at the end
+        drive = replace(drive, trajectory=Trajectory.from_rows(rows[: odd[0]]))
+    t = drive.trajectory
+    seen = (
+        assess(road, drive)
+        if len(t)
+        else Assessment(0, *(np.empty(0) for _ in range(4)))  # nothing was recorded
+    )
+    n = len(seen.distance)
+    return SeenDrive(
+        drive=drive,
+        result=judge(road, drive),
+        distance=seen.distance,
+        oob_distance=seen.oob_distance,
+        xy=np.column_stack([t.x[:n], t.y[:n]]),
+        heading=t.heading[:n],
+        speed=t.speed[:n] * 3.6,
+        time=t.time[:n],
+    )
+
+
+@dataclass(frozen=True)
+class Focus:
+    """The record that a picture is about."""
+
+    record: int
+    what: str  # headline of the close-up
+    label: str  # beside the mark on the road
+    colour: str
+
+
+def focus_of(seen: SeenDrive) -> Focus | None:
+    """The departure, else where the drive ended without passing, else the car's worst moment."""
+    if not len(seen):
+        return None
+    result, last = seen.result, len(seen) - 1
+    colour = COLOURS[result.outcome]
+    if result.departure is not None:
+        return Focus(last, "Departure", f"departure to the {result.departure.side}", colour)
+    if result.outcome is Outcome.PASS:
+        worst = int(np.argmin(seen.oob_distance))
+        return Focus(worst, "Smallest oob distance", "", colour)
+    return Focus(last, "Where it ended", f"ended at {seen.distance[last]:.0f} m", colour)
+
+
+# The view from above
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle in the turned plane, in metres."""
+
+    x: float  # of its centre
+    y: float
+    width: float
+    height: float
+
+
+@dataclass(frozen=True)
+class View:
+    """How metres become points on paper: turned, moved, scaled."""
+
+    turn: float  # rad counter-clockwise
+    x: float  # m, turned, in the middle of the view
+    y: float
+    scale: float  # points per metre
+    width: float  # points
+    height: float  # points
+
+    @classmethod
+    def showing(cls, box: Box, turn: float, width: float, height: float) -> View:
+        """The view of ``width`` x ``height`` inches in which ``box`` fits."""
+        scale = POINT * min(width / box.width, height / box.height)
+        return cls(turn, box.x, box.y, scale, width * POINT, height * POINT)
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """(n, 2) points on paper of (n, 2) places in m."""
+        return self.scale * (_turned(points, self.turn) - (self.x, self.y))
+
+    def shows(self, place: FloatArray) -> bool:
+        """Whether (2,) ``place``, points on paper, is in sight."""
+        return bool(2.0 * abs(place[0]) < self.width and 2.0 * abs(place[1]) < self.height)
+
+    def zoomed(self, place: FloatArray, across: float, width: float, height: float) -> View:
+        """The view of ``width`` x ``height`` inches, ``across`` m wide, around (2,) ``place``."""
+        ((x, y),) = _turned(place[None], self.turn)
+        return View(self.turn, x, y, POINT * width / across, width * POINT, height * POINT)
+
+
+def _turned(points: FloatArray, turn: float) -> FloatArray:
+    c, s = math.cos(turn), math.sin(turn)
+    result: FloatArray = points @ np.array([[c, s], [-s, c]])
+    return result
+
+
+def sane(places: FloatArray) -> FloatArray:
+    """(n, 2) m, with places that are out of any picture brought near enough to draw."""
+    return np.clip(places, -1e6, 1e6)
+
+
+def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
+    """(n, 2) m, the road's outer edges."""
+    spacing = max(spacing, road.length / _MAX_POINTS)
+    return np.vstack(
+        [road.sample(spacing, road.lane_width), road.sample(spacing, -road.lane_width)]
+    )
+
+
+def best_turn(road: Road) -> float:
+    """Angle in rad by which the map is turned on paper: 0 unless that wastes the paper.
+
+    A road that is long and narrow, upright or aslant, is laid down, driven from left to right.
+    """
+    outline = _outline(road, 4.0)
+
+    def size(turn: float) -> tuple[float, float, float]:
+        w, h = np.ptp(_turned(outline, turn), axis=0)
+        return min((INNER - CLOSE_UP) / w, HIGHEST / h), w, h
+
+    scale = size(0.0)[0]
+    turns = np.radians(np.arange(-90.0, 90.0, 3.0))
+    best = max(turns, key=lambda turn: size(turn)[0])
+    flat = min(turns, key=lambda turn: size(turn)[2])
+    _, long, narrow = size(flat)
+    if long > 4.0 * narrow:
+        best = flat
+    elif size(best)[0] < 1.4 * scale:
+        return 0.0
+    start, end = _turned(np.array([road.pose_at(0.0)[:2], road.pose_at(road.length)[:2]]), best)
+    return float(best) if start[0] <= end[0] else float(best) + math.pi
+
+
+def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
+    """What has to be in sight: the road and the path, unless that goes far astray."""
+    outline = _turned(_outline(road), turn)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    if seen is not None and len(seen):
+        path = np.clip(_turned(seen.xy, turn), low - 15.0, high + 15.0)
+        low, high = np.minimum(low, path.min(axis=0)), np.maximum(high, path.max(axis=0))
+    around = 4.0 + 0.03 * float((high - low).max())
+    x, y = (low + high) / 2.0
+    width, height = high - low + 2.0 * around
+    return Box(float(x), float(y), float(width), float(height))
+
+
+@dataclass
+class _Labels:
+    """Places labels in a panel where they hide nothing and do not touch each other."""
+
+    axes: Any
+    view: View
+    obstacles: FloatArray  # (n, 2) points on paper
+    size: float = 9.0
+    taken: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def put(self, place: FloatArray, text: str, colour: str) -> None:
+        """Write ``text`` beside (2,) ``place`` (points on paper), with a leader if need be."""
+        half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])
+        best, chosen, cheapest = place, 0.0, math.inf
+        for reach in (11.0, 18.0, 28.0, 42.0, 60.0, 84.0):
+            for angle in np.arange(16) * (math.pi / 8.0):
+                direction = np.array([math.cos(angle), math.sin(angle)])
+                # From the label's edge to the place it is reach.
+                to_edge = min(
+                    h / abs(d) for h, d in zip(half, direction, strict=True) if abs(d) > 1e-9
+                )
+                centre = place + (reach + to_edge - 4.0) * direction
+                cost = self._cost(centre, half) + 0.25 * reach
+                if cost < cheapest:
+                    best, cheapest, chosen = centre, cost, reach
+        low, high = best - half, best + half
+        self.taken.append((*low, *high))
+        if chosen > 15.0:
+            near = np.clip(place, low + 1.0, high - 1.0)
+            away = (near - place) / max(float(np.hypot(*(near - place))), 1e-9)
+            tip = place + 6.0 * away
+            self.axes.plot(
+                [tip[0], near[0]], [tip[1], near[1]], color=colour, lw=0.7, alpha=0.7, zorder=8
+            )
+        self.axes.text(
+            *best, text, size=self.size, color=colour, ha="center", va="center", weight="bold",
+            parse_math=False, zorder=9,
+        )  # fmt: skip
+
+    def _cost(self, centre: FloatArray, half: FloatArray) -> float:
+        low, high = centre - half - 2.0, centre + half + 2.0
+        frame = np.array([self.view.width, self.view.height]) / 2.0
+        outside = np.maximum(high - frame, 0.0) + np.maximum(-frame - low, 0.0)
+        hidden = ((self.obstacles > low) & (self.obstacles < high)).all(axis=1).sum()
+        touching = sum(
+            low[0] < b[2] and b[0] < high[0] and low[1] < b[3] and b[1] < high[1]
+            for b in self.taken
+        )
+        return float(100.0 * outside.sum() + 20.0 * hidden + 500.0 * touching)
+
+    def keep_clear(self, centre: FloatArray, half: float) -> None:
+        """Let no label touch the square of 2 ``half`` points around (2,) ``centre``."""
+        self.taken.append((*(centre - half), *(centre + half)))
+
+
+def draw_scene(
+    axes: Any,
+    view: View,
+    road: Road,
+    seen: SeenDrive | None,
+    focus: Focus | None,
+    map_size: float | None,
+    *,
+    near: View | None = None,
+    labelled: bool = True,
+) -> None:
+    """The whole road from above with the drive on it, and a frame around what ``near`` shows."""
+    _draw_map_edge(axes, view, map_size)
+    _draw_surface(axes, view, road)
+    spacing = max(1.0, road.length / _MAX_POINTS)
+    start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
+    size, width = (7.0, 1.5) if labelled else (4.5, 1.1)
+    for place, marker, fill in ((start, "o", "white"), (end, "s", INK)):
+        axes.plot(*place, marker, ms=size, mfc=fill, mec=INK, mew=width, zorder=7)
+
+    # What labels must not hide.
+    drawn = [view.at(road.sample(spacing, k * road.lane_width)) for k in (-1, -0.5, 0, 0.5, 1)]
+    mark = None
+    if seen is not None and focus is not None:
+        _draw_path(axes, view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
+        drawn.append(view.at(sane(seen.xy)))
+        if labelled:
+            some = _some_records(seen, focus)
+            _draw_cars(axes, view, seen, some, INK)
+            _draw_cars(axes, view, seen, [focus.record], focus.colour, zorder=6.0)
+            drawn += _boxes(view, seen, [*some, focus.record])
+        mark = view.at(sane(seen.xy[[focus.record]]))[0]
+        if near is not None and near.scale > 2.0 * view.scale:
+            half = 0.5 * np.array([near.width, near.height]) * view.scale / near.scale
+            axes.add_patch(
+                Rectangle(
+                    mark - half, *(2.0 * half), fill=False, ec=QUIET, lw=0.8, alpha=0.7, zorder=6
+                )
+            )  # fmt: skip
+            sides = np.linspace(-1.0, 1.0, 41)[:, None]
+            for k in (-1.0, 1.0):
+                drawn.append(mark + half * np.hstack([sides, np.full_like(sides, k)]))
+                drawn.append(mark + half * np.hstack([np.full_like(sides, k), sides]))
+        if seen.result.outcome is Outcome.PASS or not view.shows(mark):
+            mark = None
+        else:
+            size, width = (15.0, 1.8) if labelled else (9.0, 1.4)
+            axes.plot(*mark, "o", ms=size, mfc="none", mec=focus.colour, mew=width, zorder=7)
+    if not labelled:
+        return
+    labels = _Labels(axes, view, np.vstack(drawn))
+    for place in (start, end):
+        labels.keep_clear(place, 4.0)
+    if focus is not None and mark is not None:
+        labels.keep_clear(mark, 9.0)
+        labels.put(mark, focus.label, focus.colour)
+    labels.put(start, "start", INK)
+    labels.put(end, "end", INK)
+
+
+def _draw_surface(axes: Any, view: View, road: Road) -> None:
+    """Both lanes. They are lines as wide as they are, which no bend and no crossing can upset."""
+    lane, scale = road.lane_width, view.scale
+    spacing = max(0.5, road.length / _MAX_POINTS)
+
+    def strip(offset: float, width: float, colour: str, zorder: float, **how: Any) -> None:
+        axes.plot(
+            *view.at(road.sample(spacing, offset)).T, color=colour, lw=width, zorder=zorder,
+            solid_capstyle="butt", dash_capstyle="butt", solid_joinstyle="round", **how,
+        )  # fmt: skip
+
+    strip(0.0, 2.0 * lane * scale + 1.8, _CASING, 1.0)
+    strip(0.0, 2.0 * lane * scale, _OTHER_LANE, 1.1)
+    strip(-0.5 * lane, lane * scale, EGO_LANE, 1.2)
+    width = max(0.9, 0.15 * scale)
+    dash = max(3.0 * scale, 3.0) / width
+    strip(0.0, width, "white", 1.3, dashes=(dash, dash))
+    _draw_arrows(axes, view, road)
+
+
+def _draw_arrows(axes: Any, view: View, road: Road) -> None:
+    """Arrows on the ego lane that point in driving direction."""
+    size = float(np.clip(1.3 * view.scale, 3.2, 11.0))
+    apart = max(130.0 / view.scale, road.length / 40.0)
+    count = max(1, int(road.length / apart))
+    distances = (np.arange(count) + 0.5) * road.length / count
+    shape = size * np.array([[1.0, 0.0], [-0.8, 0.9], [-0.35, 0.0], [-0.8, -0.9]])
+    polygons = []
+    for s in distances:
+        x, y, heading = road.pose_at(float(s))
+        half = 0.5 * road.lane_width
+        place = np.array([[x + half * math.sin(heading), y - half * math.cos(heading)]])
+        polygons.append(view.at(place) + _turned(shape, heading + view.turn))
+    axes.add_collection(
+        PolyCollection(polygons, facecolor="white", edgecolor="none", zorder=1.4), autolim=False
+    )
+
+
+def _draw_path(axes: Any, view: View, seen: SeenDrive, half: float, width: float) -> None:
+    """The path of the car's centre of mass, coloured by oob distance."""
+    places = view.at(sane(seen.xy))
+    draw_coloured(axes, places, places, seen.oob_distance, half, width)
+
+
+def draw_coloured(
+    axes: Any, places: FloatArray, on_paper: FloatArray, oob: FloatArray, half: float, width: float
+) -> None:
+    """A line through (n, 2) ``places``, which are (n, 2) ``on_paper`` in points."""
+    if len(places) < 2:
+        return
+    # Shorter pieces than 1.5 points are not seen.
+    walked = np.cumsum(np.hypot(*np.diff(on_paper, axis=0, prepend=on_paper[:1]).T))
+    some = np.unique(np.floor(walked / 1.5), return_index=True)[1]
+    some = np.union1d(some[:: math.ceil(len(some) / _MAX_POINTS)], [len(places) - 1])
+    if len(some) < 2:
+        return
+    # One stroke per run of (nearly) one colour: strokes that meet overlap, which shows.
+    places, oob = places[some], oob[some]
+    shades = np.round(24.0 * np.clip(0.5 * (oob[:-1] + oob[1:]) / half, -1.0, 1.0))
+    breaks = np.flatnonzero(np.diff(shades)) + 1
+    first, last = np.r_[0, breaks], np.r_[breaks, len(shades)]
+    line = LineCollection(
+        [places[a : b + 1] for a, b in zip(first, last, strict=True)],
+        cmap=_OOB_MAP,
+        norm=Normalize(-1.0, 1.0),
+        linewidths=width,
+        capstyle="round",
+        joinstyle="round",
+        zorder=4,
+    )
+    line.set_array(shades[first] / 24.0)
+    axes.add_collection(line, autolim=False)
+
+
+def _some_records(seen: SeenDrive, focus: Focus) -> list[int]:
+    """A few records at equal distances, none near to the one that the picture is about."""
+    driven = np.cumsum(np.hypot(*np.diff(sane(seen.xy), axis=0, prepend=seen.xy[:1]).T))
+    count = int(np.clip(driven[-1] / 15.0, 0.0, 6.0))
+    some = np.searchsorted(driven, np.linspace(0.0, driven[-1], count + 2)[1:-1])
+    away = np.hypot(*(seen.xy - seen.xy[focus.record]).T)
+    return [int(i) for i in some if away[i] > 8.0]
+
+
+def _boxes(view: View, seen: SeenDrive, records: Sequence[int]) -> list[FloatArray]:
+    """The car's box at some records: corners from the left rear clockwise, (4, 2) points each."""
+    car = seen.drive.car
+    x = car.centre_ahead + car.length * np.array([-0.5, 0.5, 0.5, -0.5])
+    corners = np.column_stack([x, car.width * np.array([0.5, 0.5, -0.5, -0.5])])
+    return [view.at(sane(seen.xy[i]) + _turned(corners, seen.heading[i])) for i in records]
+
+
+def _draw_cars(
+    axes: Any,
+    view: View,
+    seen: SeenDrive,
+    records: Sequence[int],
+    colour: str,
+    *,
+    width: float = 0.9,
+    zorder: float = 5.0,
+    fill: float = 0.0,
+) -> None:
+    """The boxes of the car at some records, with a line where the windscreen is."""
+    boxes = _boxes(view, seen, records)
+    screens = [np.array([0.3 * b[0] + 0.7 * b[1], 0.7 * b[2] + 0.3 * b[3]]) for b in boxes]
+    inside = (*to_rgb(colour), fill) if fill else (1.0, 1.0, 1.0, 0.35)
+    axes.add_collection(
+        PolyCollection(boxes, ec=colour, facecolor=inside, linewidths=width, zorder=zorder),
+        autolim=False,
+    )
+    axes.add_collection(
+        LineCollection(screens, colors=colour, linewidths=width, zorder=zorder), autolim=False
+    )
+
+
+def _draw_map_edge(axes: Any, view: View, map_size: float | None) -> None:
+    if map_size is not None:
+        edge = view.at(_map_edge(map_size))
+        axes.plot(*edge.T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+
+
+def _map_edge(map_size: float) -> FloatArray:
+    """(n, 2) m, points all around the map."""
+    along = np.linspace(0.0, map_size, 201)
+    near, far = np.zeros_like(along), np.full_like(along, map_size)
+    x = np.concatenate([along, far, along[::-1], near])
+    y = np.concatenate([near, along, far, along[::-1]])
+    return np.column_stack([x, y])
+
+
+def draw_close_up(axes: Any, view: View, road: Road, seen: SeenDrive, focus: Focus) -> None:
+    """The place that the picture is about, large enough to see the car on the lane."""
+    _draw_surface(axes, view, road)
+    _draw_path(axes, view, seen, 0.5 * road.lane_width, 4.0)
+    # Boxes a little more than a car apart, back and forth from the one that matters.
+    away = np.abs(seen.distance - seen.distance[focus.record])
+    step = 1.35 * seen.drive.car.length
+    chosen = []
+    for direction in (-1, 1):
+        i, due = focus.record, step
+        while 0 <= i < len(seen) and away[i] < 2.0 * ACROSS:
+            if away[i] >= due:
+                chosen.append(i)
+                due = away[i] + step
+            i += direction
+    _draw_cars(axes, view, seen, chosen, INK)
+    _draw_cars(axes, view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
+    axes.plot(
+        *view.at(sane(seen.xy[[focus.record]]))[0], "o", ms=4.5, color=focus.colour, zorder=7
+    )  # fmt: skip
+
+
+def draw_key(
+    page: Paper, y: float, view: View, road: Road, seen: SeenDrive | None, map_size: float | None
+) -> None:
+    """Below the view: scale, axes of the map, and what the colours mean."""
+    metres = 10.0 ** math.floor(math.log10(130.0 / view.scale))
+    metres *= max(k for k in (1, 2, 5) if k * metres * view.scale <= 130.0)
+    x = MARGIN
+    draw_scale(page, x, y + 0.24, view, metres)
+    x += metres * view.scale / POINT + 0.85
+    for name, angle in (("x", view.turn), ("y", view.turn + math.pi / 2.0)):
+        dx, dy = 0.15 * math.cos(angle), -0.15 * math.sin(angle)
+        page.line([x, x + dx], [y + 0.24, y + 0.24 + dy], color=QUIET, lw=1.1)
+        page.text(
+            x + 1.55 * dx,
+            y + 0.24 + 1.55 * dy,
+            name,
+            size=8,
+            color=QUIET,
+            ha="center",
+            va="center",
+        )
+    if map_size is not None and any(view.shows(place) for place in view.at(_map_edge(map_size))):
+        x += 0.65
+        page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=QUIET, lw=1.0, dashes=(5.0, 3.0))
+        page.text(x + 0.45, y + 0.24, "edge of the map", size=8.5, color=QUIET)
+    if seen is not None and len(seen):
+        width = 3.2
+        bar = page.axes(WIDTH - MARGIN - width, y + 0.07, width, 0.11)
+        half = 0.5 * road.lane_width
+        draw_colour_bar(bar, half)
+        page.text(
+            WIDTH - MARGIN - width - 0.15,
+            y + 0.17,
+            "oob distance (m)",
+            size=8.5,
+            color=QUIET,
+            ha="right",
+        )
+
+
+def draw_colour_bar(axes: Any, half: float) -> None:
+    """What the colours of a path mean; ``half`` is half a lane, in m."""
+    axes.figure.colorbar(
+        ScalarMappable(Normalize(-half, half), _OOB_MAP),
+        cax=axes,
+        orientation="horizontal",
+        extend="min",
+        extendfrac=0.04,
+        ticks=[-half, 0.0, half],
+    ).outline.set_visible(False)
+    axes.tick_params(length=0.0, pad=3.0)
+    labels = axes.set_xticklabels([f"−{half:g}", "0 lane edge", f"{half:g} lane centre"])
+    labels[-1].set_horizontalalignment("right")
+
+
+def draw_scale(page: Paper, x: float, y: float, view: View, metres: float) -> None:
+    """A line as long as so many metres are in a view."""
+    length = metres * view.scale / POINT
+    page.line([x, x, x + length, x + length], [y - 0.06, y, y, y - 0.06], color=QUIET, lw=1.2)
+    page.text(x + length + 0.08, y, f"{metres:g} m", size=8.5, color=QUIET)
