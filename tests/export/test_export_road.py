@@ -200,5 +200,16 @@ def test_opendrive_of_others_is_driven_and_what_is_not_supported_said(frenetic: 
     driven = json.loads(frenetic("drive", "theirs.xodr", "--json").out)
     assert driven["outcome"] == "PASS"
     assert driven["length"] == pytest.approx(100.0)
+    outer = lane.replace("-1", "-2")
+    Path("lanes.xodr").write_text(text.replace(lane, lane + outer))
+    exported = ("export-road", "lanes.xodr", "--format", "json", "--out", "-")
+    y = json.loads(frenetic(*exported, "--lane", "-2").out)["pose"][1]
+    assert y == pytest.approx(-3.5)
+    assert frenetic("validate", "lanes.xodr", "--lane", "-2").code == 0
+    driven = json.loads(frenetic("drive", "lanes.xodr", "--lane", "-2", "--json").out)
+    assert driven["length"] == pytest.approx(100.0 + 0.02 * 40.0 * 3.5, abs=0.01)
+    refused(frenetic("drive", "lanes.xodr", "--lane", "-3"), "lane -3", "is missing", "-1, -2")
+    road = write("bend.json", {"curvatures": [0, 0.03, 0]})
+    refused(frenetic("validate", road, "--lane", "-2"), "no OpenDRIVE file")
     Path("city.xodr").write_text(text.replace("</OpenDRIVE>", '<junction id="3"/></OpenDRIVE>'))
     refused(frenetic("drive", "city.xodr"), "city.xodr cannot be read as OpenDRIVE", "junction")

@@ -535,6 +535,171 @@ def test_what_is_no_single_flat_road_gets_one_line(data: bytes, complaint: str) 
     assert "\n" not in str(caught.value)
 
 
+# Chains of roads, and lanes
+
+
+def linked(
+    name: str, plan: str, before: str = "", after: str = "", lanes: str = LANE, left: str = ""
+) -> str:
+    """A road of 20 m; ``before`` and ``after`` are the id and the end of its neighbours."""
+    links = ""
+    for kind, there in (("predecessor", before), ("successor", after)):
+        if there:
+            other, contact = there.split()
+            link = f'elementType="road" elementId="{other}" contactPoint="{contact}"'
+            links += f"<{kind} {link}/>"
+    section = f'<laneSection s="0"><left>{left}</left><right>{lanes}</right></laneSection>'
+    return (
+        f'<road length="20" id="{name}" junction="-1"><link>{links}</link>'
+        f"<planView>{plan}</planView><lanes>{section}</lanes></road>"
+    )
+
+
+def file_of(*roads: str) -> bytes:
+    return f'<OpenDRIVE><header revMajor="1"/>{"".join(roads)}</OpenDRIVE>'.encode()
+
+
+def along(x: float, heading: float, shape: str = "<line/>", y: float = 0.0) -> str:
+    return f'<geometry s="0" x="{x}" y="{y}" hdg="{heading}" length="20">{shape}</geometry>'
+
+
+def test_a_chain_of_roads_is_read_as_one() -> None:
+    plan, points = chain([(20.0, 0.0, 0.0), (20.0, 0.0, 0.05), (20.0, 0.05, 0.05)])
+    first, second, third = re.findall("<geometry.*?</geometry>", plan)
+    roads = (
+        linked("c", third, before="b end"),
+        linked("a", first, after="b start"),
+        linked("b", second, before="a end", after="c start"),
+    )
+    for order in itertools.permutations(roads):
+        road = from_opendrive(file_of(*order))
+        assert (road.step, road.length) == (20.0, 60.0)
+        assert road.curvatures == pytest.approx([0.0, 0.0, 0.05, 0.05], abs=1e-12)
+        assert away(road, points) < 1e-3
+
+
+def test_a_road_that_is_drawn_backwards_in_a_chain_has_its_lane_on_the_left() -> None:
+    left = f'<lane id="1" type="driving">{WIDTH}</lane>'
+    roads = (
+        linked("a", along(0.0, 0.0), after="b end"),
+        linked("b", along(40.0, math.pi), after="a end", before="c start", left=left, lanes=""),
+        linked("c", along(40.0, 0.0), before="b start"),
+    )
+    road = from_opendrive(file_of(*roads))
+    assert road.length == pytest.approx(60.0)
+    assert away(road, np.column_stack([np.linspace(0.0, 60.0, 61), np.zeros(61)])) < 1e-3
+
+
+def test_any_lane_can_be_chosen() -> None:
+    radius = 40.0
+    narrow = '<width sOffset="0" a="2.5"/>'
+    right = (
+        f'<lane id="-1" type="median">{narrow}</lane>'
+        f'<lane id="-2" type="driving">{narrow}</lane>'
+        f'<lane id="-3" type="driving">{WIDTH}</lane>'
+    )
+    left = f'<lane id="2" type="driving">{WIDTH}</lane><lane id="1" type="driving">{narrow}</lane>'
+    data = file_of(
+        linked("a", along(0.0, 0.0, f'<arc curvature="{1 / radius}"/>'), "", "", right, left)
+    )
+    for lane, shift, width in ((-2, -2.5, 2.5), (-3, -5.0, 3.5), (1, 0.0, 2.5), (2, 2.5, 3.5)):
+        road = from_opendrive(data, lane=lane)
+        assert road.lane_width == width
+        assert road.length == pytest.approx(20.0 * (radius - shift) / radius, abs=1e-3)
+        distances = np.hypot(*(road.points - [0.0, radius]).T)
+        assert distances == pytest.approx(radius - shift, abs=0.005)
+        ends = road.points[[0, -1]] if lane < 0 else road.points[[-1, 0]]
+        assert ends[0] == pytest.approx([0.0, shift], abs=0.005)
+        mean = float(road.curvature_at(0.5 * road.length))
+        assert mean == pytest.approx(math.copysign(1.0 / (radius - shift), -lane), rel=0.01)
+    with pytest.raises(RoadError, match=r"lane -1.*'median'.*chosen as 'lane': -2, -3, 2, 1\)"):
+        from_opendrive(data)
+    with pytest.raises(RoadError, match=r"lane -4, right of the centre, is missing"):
+        from_opendrive(data, lane=-4)
+    with pytest.raises(RoadError, match=r"lane 0 is the centre"):
+        from_opendrive(data, lane=0)
+
+
+def test_inner_lanes_whose_width_changes_move_the_lane() -> None:
+    wider = '<width sOffset="0" a="3"/><width sOffset="5" a="3" c="0.03" d="-0.002"/>'
+    wider += '<width sOffset="15" a="4"/>'
+    right = (
+        f'<lane id="-1" type="driving">{wider}</lane><lane id="-2" type="driving">{WIDTH}</lane>'
+    )
+    road = from_opendrive(file_of(linked("a", along(0.0, 0.0), lanes=right)), lane=-2)
+    points = road.sample(0.5)
+    p = np.clip(points[:, 0] - 5.0, 0.0, 10.0)
+    assert points[:, 1] == pytest.approx(-3.0 - 0.03 * p**2 + 0.002 * p**3, abs=0.01)
+    assert road.lane_width == 3.5
+
+
+def test_the_links_of_lanes_are_followed() -> None:
+    on_the_inside = f'<lane id="-1" type="driving">{WIDTH}</lane>'
+    kept = '<lane id="-1" type="driving"><link><successor id="-2"/></link>' + WIDTH + "</lane>"
+    roads = (
+        linked("a", along(0.0, 0.0), after="b start", lanes=kept),
+        linked(
+            "b",
+            along(20.0, 0.0, y=3.5),
+            before="a end",
+            lanes=f'{on_the_inside}<lane id="-2" type="driving">{WIDTH}</lane>',
+        ),
+    )
+    road = from_opendrive(file_of(*roads))
+    assert away(road, np.column_stack([np.linspace(0.0, 40.0, 41), np.zeros(41)])) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("roads", "complaint"),
+    [
+        (
+            (linked("a", along(0.0, 0.0)), linked("b", along(20.0, 0.0))),
+            "it has 2 roads, of which 1",
+        ),
+        ((linked("a", ""), linked("a", "")), "same id"),
+        (
+            (linked("a", "", "b end", "b start"), linked("b", "", "a end", "a start")),
+            "closed loop",
+        ),
+        ((linked("a", "", after="c start"), linked("b", "")), "successor of road 'a' is missing"),
+        ((linked("a", "", after="b middle"), linked("b", "")), "or where the two meet"),
+        (
+            (linked("a", "", after="b start"), linked("b", "", before="c end"), linked("c", "")),
+            "is another one than the other road says",
+        ),
+        (
+            (
+                linked("a", "", after="b start").replace('Type="road"', 'Type="junction"'),
+                linked("b", ""),
+            ),
+            "successor of road 'a' is a 'junction'",
+        ),
+        (
+            (linked("a", along(0.0, 0.0), after="b start"), linked("b", along(25.0, 0.0))),
+            "jumps by 5.000 m 20.00 m along",
+        ),
+        (
+            (
+                linked("a", along(0.0, 0.0), after="b start"),
+                linked("b", along(20.0, 0.0), lanes=LANE.replace("3.5", "3")),
+            ),
+            "3 to 3.5 m wide",
+        ),
+        (
+            (
+                linked("a", along(0.0, 0.0), after="b end"),
+                linked("b", along(40.0, math.pi)),
+            ),
+            "its lane 1, left of the centre, is missing",
+        ),
+    ],
+)
+def test_roads_that_are_no_chain_get_one_line(roads: tuple[str, ...], complaint: str) -> None:
+    with pytest.raises(RoadError, match=complaint) as caught:
+        from_opendrive(file_of(*roads))
+    assert "\n" not in str(caught.value)
+
+
 # Reading what means harm
 
 
@@ -571,6 +736,10 @@ VALUE = re.compile(r'="[^"]*"')
 OURS = [
     to_opendrive(Road([0.0, 0.0, 0.01, 0.05, 0.05, -0.02]), shoulder=1.0),
     foreign(LINE.replace("<line/>", '<paramPoly3 bU="1" cV="0.01" pRange="arcLength"/>')).decode(),
+    file_of(
+        linked("a", along(0.0, 0.0), after="b end"),
+        linked("b", along(40.0, 3.14), left=LANE.replace("-1", "1")),
+    ).decode(),
     foreign(
         before_lanes='<elevationProfile><elevation s="0" a="7"/></elevationProfile>'
         '<lateralProfile><superelevation s="0" a="0"/></lateralProfile>',

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from frenetic.cli.options import lane_option
+
 if TYPE_CHECKING:
     from frenetic.export import ExportedRoad
 
@@ -46,6 +48,7 @@ EXPORTS: Final = "exports"
     metavar="LATITUDE LONGITUDE",
     help="OpenDRIVE: where on the globe x = y = 0 lies, in degrees. [default: 49 8.4]",
 )
+@lane_option
 def export_road(
     source: Path,
     test_id: int | None,
@@ -53,6 +56,7 @@ def export_road(
     out: Path | None,
     shoulder: float | None,
     origin: tuple[float, float] | None,
+    lane: int | None,
 ) -> None:
     """Write the road of a CAMPAIGN's test, or of a ROAD file, for other tools.
 
@@ -70,7 +74,9 @@ def export_road(
     for option, given in (("--shoulder", shoulder), ("--origin", origin)):
         if given is not None and name != "opendrive":
             raise click.UsageError(f"{option} is for --format opendrive, not {name}")
-    exported, default = _exported(source, test_id)
+    if lane is not None and test_id is not None:
+        raise click.UsageError("--lane is for an OpenDRIVE file, not for a campaign's test")
+    exported, default = _exported(source, test_id, lane)
     exported = replace(exported, shoulder=shoulder or 0.0, origin=origin or exported.origin)
     the_format = road_format(name)
     if out is not None and str(out) == "-":
@@ -85,7 +91,7 @@ def export_road(
     click.echo(path)
 
 
-def _exported(source: Path, test_id: int | None) -> tuple[ExportedRoad, Path]:
+def _exported(source: Path, test_id: int | None, lane: int | None) -> tuple[ExportedRoad, Path]:
     """The road, and the path of its file without the suffix."""
     from frenetic.export import ExportedRoad
 
@@ -96,7 +102,7 @@ def _exported(source: Path, test_id: int | None) -> tuple[ExportedRoad, Path]:
             raise click.UsageError(
                 f"{source} is a folder: say which test of the campaign, or name a road file"
             )
-        road = read_road(source).road()
+        road = read_road(source, lane=lane).road()
         return ExportedRoad(road, source.stem), source.with_suffix("")
     from frenetic.campaign import CampaignStore
     from frenetic.report.failures import file_stem

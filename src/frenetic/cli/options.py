@@ -153,6 +153,13 @@ drive_limit_option = click.option(
     help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
     " 10 s]",
 )
+lane_option = click.option(
+    "--lane",
+    type=int,
+    metavar="ID",
+    help="OpenDRIVE: lane to drive on; one on the left (above 0) is driven against the road."
+    " [default: -1]",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 

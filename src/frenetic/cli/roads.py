@@ -11,7 +11,7 @@ import click
 
 from frenetic.cli.console import Log, announced_compilation, complain, facts_of_drive, print_facts
 from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import check_map_size, driver_options, json_option
+from frenetic.cli.options import check_map_size, driver_options, json_option, lane_option
 from frenetic.cli.parts import make_driver, make_simulator
 from frenetic.errors import FreneticError
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Draw the drive into this PNG, SVG or PDF file.",
 )
+@lane_option
 @click.option("--anyway", is_flag=True, help="Drive the road even if it is invalid.")
 @json_option
 def drive(
@@ -45,6 +46,7 @@ def drive(
     map_size: float,
     wall_limit: float,
     plot: Path | None,
+    lane: int | None,
     anyway: bool,
     as_json: bool,
 ) -> None:
@@ -52,8 +54,9 @@ def drive(
 
     ROAD is JSON with curvatures (1/m) and optionally a step (m), or with road_points, or a test
     file of the competition or of a campaign's failures; or it is OpenDRIVE with a single road
-    (.xodr). A road that lies elsewhere is moved into the map; an invalid one is not driven. The
-    exit code is 0 if it was driven, 1 if it is INVALID or the simulator or driver broke (ERROR).
+    or a chain of linked ones (.xodr). A road that lies elsewhere is moved into the map; an invalid
+    one is not driven. The exit code is 0 if it was driven, 1 if it is INVALID or the simulator or
+    driver broke (ERROR).
     """
     from frenetic.campaign import RoadTester
     from frenetic.oracle import Result, judge
@@ -64,7 +67,7 @@ def drive(
     the_simulator = make_simulator(
         simulator, dict(simulator_options), speed_limit, oob_tolerance, wall_limit
     )
-    loaded = read_road(road).road()
+    loaded = read_road(road, lane=lane).road()
     check_map_size(map_size)
     fitted, verdict = loaded.placed(map_size)
     the_road = fitted or loaded
@@ -111,8 +114,9 @@ def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None) 
 @click.option(
     "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."
 )
+@lane_option
 @json_option
-def validate(files: tuple[Path, ...], map_size: float, as_json: bool) -> None:
+def validate(files: tuple[Path, ...], map_size: float, lane: int | None, as_json: bool) -> None:
     """Say for each road file whether it is valid by the competition's rules.
 
     Points are judged where they lie, curvatures where they fit the map. The exit code is 1 if any
@@ -125,7 +129,7 @@ def validate(files: tuple[Path, ...], map_size: float, as_json: bool) -> None:
     unreadable = []
     for path in files:
         try:
-            verdict = read_road(path).check_validity(map_size)
+            verdict = read_road(path, lane=lane).check_validity(map_size)
         except FreneticError as error:
             unreadable.append(str(error))
             continue

@@ -65,13 +65,14 @@ class RoadFile:
         return verdict
 
 
-def read_road(path: Path | str) -> RoadFile:
+def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
     """Reads a road from a JSON or an OpenDRIVE file.
 
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
-    ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] in
-    m each), which a test file of the competition is; or just a list of points. An OpenDRIVE file,
-    known by its suffix ``.xodr`` or by being XML, holds one road, see `from_opendrive`.
+    ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
+    {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
+    An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road or a chain of
+    them, see `from_opendrive`; ``lane`` is the id of the lane to drive on there.
 
     Raises:
         RoadError: the file is missing, unreadable, too large, neither JSON nor OpenDRIVE, or holds
@@ -80,7 +81,9 @@ def read_road(path: Path | str) -> RoadFile:
     path = Path(path)
     data = _load(path)
     if path.suffix.lower() == ".xodr" or data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        return _read_opendrive(path, data)
+        return _read_opendrive(path, data, -1 if lane is None else lane)
+    if lane is not None:
+        raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
     content = _parse_json(path, data)
     if isinstance(content, list):
         content = {"road_points": content}
@@ -107,9 +110,9 @@ def read_road(path: Path | str) -> RoadFile:
     )
 
 
-def _read_opendrive(path: Path, data: bytes) -> RoadFile:
+def _read_opendrive(path: Path, data: bytes, lane: int) -> RoadFile:
     try:
-        road = from_opendrive(data)
+        road = from_opendrive(data, lane=lane)
     except RoadError as error:
         raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
     return RoadFile(path, road.curvatures, road.step, road.pose, None, road.lane_width)

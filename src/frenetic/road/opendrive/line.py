@@ -231,6 +231,53 @@ def trace(geometries: Sequence[Geometry], offsets: Sequence[Offset]) -> FloatArr
     return _shifted(line, offsets) if offsets else line
 
 
+def joined(lines: Sequence[FloatArray]) -> FloatArray:
+    """One line (n, 4) of several that follow each other.
+
+    Raises:
+        RoadError: there is a gap or a kink between two.
+    """
+    parts: list[FloatArray] = []
+    for line in lines:
+        part = line.copy()
+        if parts:
+            part[:, DISTANCE] += parts[-1][-1, DISTANCE]
+            _join(parts[-1][-1], part)
+            part = part[1:]
+        parts.append(part)
+    return np.concatenate(parts)
+
+
+def backwards(line: FloatArray) -> FloatArray:
+    """A line (n, 4) from its end to its start."""
+    turned = line[::-1].copy()
+    turned[:, DISTANCE] = line[-1, DISTANCE] - turned[:, DISTANCE]
+    turned[:, DIRECTION] += math.pi
+    return turned
+
+
+def stacked(layers: Sequence[Sequence[Offset]]) -> list[Offset]:
+    """The offsets that are the sums of several layers of them."""
+    ordered = [sorted(layer, key=lambda offset: offset.distance) for layer in layers]
+    places = sorted({offset.distance for layer in ordered for offset in layer})
+    total = []
+    for place in places:
+        shift = np.zeros(4)
+        for layer in ordered:
+            held = [offset for offset in layer if offset.distance <= place]
+            if held:
+                a, b, c, d = held[-1].shift
+                p = place - held[-1].distance
+                shift += (
+                    a + p * (b + p * (c + p * d)),
+                    b + p * (2.0 * c + p * 3.0 * d),
+                    c + p * 3.0 * d,
+                    d,
+                )
+        total.append(Offset(place, (float(shift[0]), *map(float, shift[1:]))))  # type: ignore[arg-type]
+    return total
+
+
 def _join(end: FloatArray, part: FloatArray) -> None:
     """Continues a part's heading where the one before ended, if they meet."""
     place = f"{end[DISTANCE]:.2f} m along the road"

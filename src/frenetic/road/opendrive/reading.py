@@ -1,8 +1,9 @@
-"""Reading an OpenDRIVE file that holds a single road.
+"""Reading an OpenDRIVE file that holds a single road, or a chain of roads that are linked.
 
-It reads the line between the two innermost lanes, and the width of lane -1, the innermost one on
-the right, which the car drives. It ignores other lanes, road marks, signals and objects. It refuses
-anything that would make another road (a junction, a slope, a lane of changing width).
+What is read is one lane, by default lane -1, the innermost one on the right: its width, and its
+edge on the side of the road's centre, which becomes the centre line of the road that is returned.
+Other lanes, road marks, signals and objects are left out. Whatever would make another road of it (a
+junction, a slope, a lane of changing width) is refused.
 """
 
 from __future__ import annotations
@@ -16,6 +17,14 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from frenetic.errors import RoadError
+from frenetic.road.opendrive.chain import (
+    Stretch,
+    driven_stretches,
+    driving_lane,
+    lane_ids,
+    lane_of,
+    sections_of,
+)
 from frenetic.road.opendrive.elements import MAX_NUMBER, number, parse_xml
 from frenetic.road.opendrive.line import (
     Clothoid,
@@ -24,8 +33,11 @@ from frenetic.road.opendrive.line import (
     Offset,
     Polynomial,
     are_of_road,
+    backwards,
     exact_road,
     follow,
+    joined,
+    stacked,
     trace,
 )
 from frenetic.road.opendrive.writing import CURVATURES_CODE, STEP_CODE
@@ -46,35 +58,53 @@ LEVEL: Final = 1e-3
 """Largest lean of a level road to a side, in rad."""
 
 
-def from_opendrive(data: bytes) -> Road:
+def from_opendrive(data: bytes, *, lane: int = -1) -> Road:
     """The road in an OpenDRIVE file.
 
     A file that `to_opendrive` wrote gives the same road: curvatures, step, pose and lane width bit
-    for bit. Of any other file, the road is at most 1 cm away from
-    the line in it; see `frenetic.road.opendrive.line`.
+    for bit. Of any other file, the road is at most 1 cm away from the line in it; see
+    `frenetic.road.opendrive.line`.
 
     Args:
         data: the file's content.
+        lane: which lane becomes the ego lane, by its id where the first road starts. One on the
+            left (a positive id) is driven against the road, from its end to its start.
 
     Raises:
-        RoadError: it is no such file, or its road has a property that a `Road` cannot have; the
+        RoadError: it is no such file, or the road in it has something that a `Road` has not; the
             message does not name the file.
     """
-    root = parse_xml(data)
-    road = _only_road(root)
-    _require_flat(road)
-    lane_width = _ego_lane_width(road)
-    geometries = _geometries(road)
-    offsets = _offsets(road)
-    if not offsets:
-        exact = _noted_road(road, geometries, lane_width)
-        exact = exact or exact_road(geometries, _step(road), lane_width)
+    if lane == 0:
+        raise RoadError("lane 0 is the centre of a road: choose a lane to drive on")
+    stretches = driven_stretches(_roads(parse_xml(data)), backwards=lane > 0)
+    _require_flat([stretch.road for stretch in stretches])
+    lanes = lane_ids(stretches, lane)
+    lane_width = _ego_lane_width(stretches, lanes)
+    parts = [
+        (_geometries(stretch.road), _offsets(stretch.road, ids))
+        for stretch, ids in zip(stretches, lanes, strict=True)
+    ]
+    length = sum(geometry.length for geometries, _ in parts for geometry in geometries)
+    if length > MAX_LENGTH:
+        raise RoadError(f"its road is longer than the {MAX_LENGTH:.0f} m that can be read")
+    as_drawn = not any(stretch.backwards for stretch in stretches)
+    if as_drawn and not any(offsets for _, offsets in parts):
+        geometries = [geometry for pieces, _ in parts for geometry in pieces]
+        first, single = stretches[0].road, len(stretches) == 1
+        exact = _noted_road(first, geometries, lane_width) if single else None
+        exact = exact or exact_road(geometries, _step(first) if single else None, lane_width)
         if exact is not None:
             return exact
-    return follow(trace(geometries, offsets), lane_width)
+    lines = [trace(geometries, offsets) for geometries, offsets in parts]
+    driven = [
+        backwards(line) if stretch.backwards else line
+        for stretch, line in zip(stretches, lines, strict=True)
+    ]
+    return follow(joined(driven), lane_width)
 
 
-def _only_road(root: Element) -> Element:
+def _roads(root: Element) -> list[Element]:
+    """The roads of a file that has no junction."""
     if root.tag != "OpenDRIVE":
         raise RoadError(f"it is XML, but no OpenDRIVE: its root is <{root.tag:.40}>")
     header = root.find("header")
@@ -83,17 +113,19 @@ def _only_road(root: Element) -> Element:
         raise RoadError(f"its header says revMajor {major!r:.40}, but only OpenDRIVE 1.x is read")
     junctions, roads = root.findall("junction"), root.findall("road")
     if junctions:
-        raise RoadError("it has a junction: only a file with a single road is read")
-    if len(roads) != 1:
-        raise RoadError(f"it has {len(roads)} roads: only a file with a single road is read")
-    (road,) = roads
-    if road.get("junction", "-1") != "-1":
-        raise RoadError("its road belongs to a junction: only a road on its own is read")
-    if road.get("rule", "RHT") != "RHT":
         raise RoadError(
-            f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
+            "it has a junction: only a file with a single road, or a chain of them, is read"
         )
-    return road
+    if not roads:
+        raise RoadError("it has 0 roads: a single road, or a chain of linked ones, is read")
+    for road in roads:
+        if road.get("junction", "-1") != "-1":
+            raise RoadError("its road belongs to a junction: only a road on its own is read")
+        if road.get("rule", "RHT") != "RHT":
+            raise RoadError(
+                f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
+            )
+    return roads
 
 
 def _noted_road(road: Element, geometries: list[Geometry], lane_width: float) -> Road | None:
@@ -143,64 +175,88 @@ def _stretches(
         yield element, following - here
 
 
-def _require_flat(road: Element) -> None:
-    length = number(road, "length")
+def _require_flat(roads: Sequence[Element]) -> None:
     heights = [
         value
-        for element, span in _stretches(road.findall("elevationProfile/elevation"), "s", length)
+        for road in roads
+        for element, span in _stretches(
+            road.findall("elevationProfile/elevation"), "s", number(road, "length")
+        )
         for value in _range(_cubic(element), span)
     ]
     if heights and not max(heights) - min(heights) <= FLAT:
         raise RoadError("its road rises or falls (elevation): only a flat road is read")
-    for kind in ("superelevation", "crossfall"):
-        elements = road.findall(f"lateralProfile/{kind}")
-        for element, span in _stretches(elements, "s", length):
-            low, high = _range(_cubic(element), span)
-            if not max(-low, high) <= LEVEL:
-                raise RoadError(f"its road leans to a side ({kind}): only a level road is read")
-    if any(any(_cubic(shape)) for shape in road.findall("lateralProfile/shape")):
-        raise RoadError("its road is not level across (shape): only a level road is read")
+    for road in roads:
+        for kind in ("superelevation", "crossfall"):
+            elements = road.findall(f"lateralProfile/{kind}")
+            for element, span in _stretches(elements, "s", number(road, "length")):
+                low, high = _range(_cubic(element), span)
+                if not max(-low, high) <= LEVEL:
+                    raise RoadError(f"its road leans to a side ({kind}): only a level road is read")
+        if any(any(_cubic(shape)) for shape in road.findall("lateralProfile/shape")):
+            raise RoadError("its road is not level across (shape): only a level road is read")
 
 
-def _ego_lane_width(road: Element) -> float:
-    """Width of lane -1 in m, which must be a driving lane of constant width."""
-    sections = road.findall("lanes/laneSection")
-    if not sections:
-        raise RoadError("its road has no lanes")
+def _ego_lane_width(stretches: Sequence[Stretch], lanes: Sequence[Sequence[int]]) -> float:
+    """Width in m of the ego lane, which has to be a driving lane of constant width."""
     widths: list[float] = []
-    for section, span in _stretches(sections, "s", number(road, "length")):
-        lanes = [lane for lane in section.findall("right/lane") if lane.get("id") == "-1"]
-        kind = lanes[0].get("type") if lanes else None
-        if kind != "driving":
-            what = "missing" if kind is None else f"of type {kind!r:.40}"
-            raise RoadError(
-                f"its lane -1, right of the centre, is {what}: a driving lane is needed there"
-            )
-        if lanes[0].get("direction", "standard") != "standard":
-            raise RoadError("its lane -1 is driven against the road: right-hand traffic is read")
-        elements = lanes[0].findall("width")
-        if not elements:
-            raise RoadError("its lane -1 has no width (borders instead of widths are not read)")
-        for element, stretch in _stretches(elements, "sOffset", span):
-            widths.extend(_range(_cubic(element), stretch))
+    for stretch, ids in zip(stretches, lanes, strict=True):
+        sections = sections_of(stretch.road)
+        spans = _stretches(sections, "s", number(stretch.road, "length"))
+        for lane, (section, span) in zip(ids, spans, strict=True):
+            element = driving_lane(section, lane)
+            for cubic, _, length in _widths(element, span):
+                widths.extend(_range(cubic, length))
     if not max(widths) - min(widths) <= FLAT:
         raise RoadError(
-            f"its lane -1 is {min(widths):.3g} to {max(widths):.3g} m wide: only a lane of"
-            " constant width is read"
+            f"its lane {lanes[0][0]} is {min(widths):.3g} to {max(widths):.3g} m wide: only a lane"
+            " of constant width is read"
         )
     return widths[0]
 
 
-def _offsets(road: Element) -> list[Offset]:
-    """Shifts of the lanes, empty if there are none."""
+def _widths(lane: Element, span: float) -> Iterator[tuple[Cubic, float, float]]:
+    """Width of a lane in a section of ``span`` m: each polynomial, from where, for how many m."""
+    elements = lane.findall("width")
+    if not elements:
+        raise RoadError(
+            f"its lane {lane.get('id')} has no width (borders instead of widths are not read)"
+        )
+    for element, length in _stretches(elements, "sOffset", span):
+        yield _cubic(element), number(element, "sOffset"), length
+
+
+def _offsets(road: Element, lanes: Sequence[int]) -> list[Offset]:
+    """How far the ego lane's edge towards the centre is shifted, empty if it is not.
+
+    That is the lane offset and the widths of the lanes in between.
+
+    Args:
+        road: an element of the file.
+        lanes: (sections,) the ego lane's id in each of the road's sections.
+    """
+    end = number(road, "length")
     elements = road.findall("lanes/laneOffset")
-    ranges = [
-        _range(_cubic(element), span)
-        for element, span in _stretches(elements, "s", number(road, "length"))
-    ]
+    ranges = [_range(_cubic(element), span) for element, span in _stretches(elements, "s", end)]
+    shifts = [Offset(number(element, "s"), _cubic(element)) for element in elements]
     if all(max(-low, high) <= MIN_DISTANCE for low, high in ranges):
-        return []
-    return [Offset(number(element, "s"), _cubic(element)) for element in elements]
+        shifts = []
+    layers = [shifts] if shifts else []
+    most = max(abs(lane) for lane in lanes)
+    for inner in range(1, most):
+        layer: list[Offset] = []
+        sections = _stretches(sections_of(road), "s", end)
+        for lane, (section, span) in zip(lanes, sections, strict=True):
+            start, side = number(section, "s"), math.copysign(1.0, lane)
+            if inner >= abs(lane):
+                layer.append(Offset(start, (0.0, 0.0, 0.0, 0.0)))
+                continue
+            between = lane_of(section, int(side) * inner)
+            for cubic, offset, _ in _widths(between, span):
+                a, b, c, d = (side * coefficient for coefficient in cubic)
+                layer.append(Offset(start + offset, (a, b, c, d)))
+        layers.append(layer)
+    return stacked(layers)
 
 
 def _geometries(road: Element) -> list[Geometry]:
