@@ -8,8 +8,14 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from interpreters import Interpreter
+
+pytest_plugins = ["interpreters"]
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
@@ -23,49 +29,51 @@ SHOWN = {"toml", "console"}
 SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
 
 
-def run_page(page: Path, folder: Path) -> None:
+def run_page(page: Path, interpreter: Interpreter, folder: Path) -> None:
     for kind, text in BLOCK.findall(page.read_text(encoding="utf-8")):
         if kind == "python":
-            run_python(text, folder)
+            run_python(text, interpreter, folder)
         elif kind == "sh":
             for line in text.splitlines():
-                run_command(line.split("  # ")[0].strip(), folder)
+                run_command(line.split("  # ")[0].strip(), interpreter, folder)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
 
 
-def run_python(text: str, folder: Path) -> None:
+def run_python(text: str, interpreter: Interpreter, folder: Path) -> None:
     name = re.match(r"# file: (\S+)\n", text)
-    if name is not None:
-        (folder / name[1]).write_text(text, encoding="utf-8")
-        if name[1].startswith("test_"):
-            run(["-m", "pytest", "-q", "-p", "no:cacheprovider", name[1]], folder)
+    if name is None:
+        ended = interpreter.python(text, folder=folder)
+        assert ended.code == 0, f"{text}\n{ended.output}"
         return
-    run(["-W", "error", "-c", text], folder)
+    (folder / name[1]).write_text(text, encoding="utf-8")
+    if name[1].startswith("test_"):
+        run_tests(name[1], folder)
 
 
-def run_command(line: str, folder: Path) -> None:
+def run_command(line: str, interpreter: Interpreter, folder: Path) -> None:
     if not line or line.startswith(SET_UP):
         return
     program, *arguments = shlex.split(line)
     assert program == "frenetic", f"a page asks for {line!r}, which no test runs"
-    run(["-m", "frenetic", *arguments], folder)
+    ended = interpreter.frenetic(*arguments, folder=folder)
+    assert ended.code == 0, f"{line}\n{ended.output}"
 
 
-def run(arguments: list[str], folder: Path) -> None:
+def run_tests(name: str, folder: Path) -> None:
     done = subprocess.run(
-        [sys.executable, *arguments],
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", name],
         cwd=folder,
         capture_output=True,
         text=True,
         env=os.environ | {"PYTHONPATH": str(folder)},
     )
-    assert done.returncode == 0, f"{arguments}\n{done.stdout}\n{done.stderr}"
+    assert done.returncode == 0, f"{name}\n{done.stdout}\n{done.stderr}"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_code_runs(page: Path, tmp_path: Path) -> None:
-    run_page(page, tmp_path)
+def test_code_runs(page: Path, interpreter: Interpreter, tmp_path: Path) -> None:
+    run_page(page, interpreter, tmp_path)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -1,0 +1,149 @@
+"""Commands and code that run in processes of their own, yet at once.
+
+A process imports Frenetic and loads its kernels once. Whatever is to run gets a fork of it, so that
+nothing leaks from one to the next, and ends as an interpreter of its own does.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import types
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import pytest
+
+# What takes long to import, in Frenetic where it is needed only.
+LOADED = (
+    "frenetic.cli",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.figure",
+    "rich.live",
+    "scipy.cluster.hierarchy",
+    "scipy.stats",
+)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended."""
+
+    code: int
+    """Its exit code; minus the signal's number if one ended it."""
+    output: str
+    """What it wrote to stdout and stderr."""
+
+
+class Interpreter:
+    """Runs each job in an interpreter that is started for it; works everywhere."""
+
+    def frenetic(self, *arguments: str, folder: Path) -> Ended:
+        """Runs a command line of Frenetic in a folder."""
+        return self._run({"arguments": arguments}, folder)
+
+    def python(self, code: str, *, folder: Path) -> Ended:
+        """Runs code in a folder as `python -W error -c` does; files of the folder are modules."""
+        return self._run({"code": code}, folder)
+
+    def close(self) -> None:
+        """Ends what it has started."""
+
+    def _run(self, job: dict[str, Any], folder: Path) -> Ended:
+        arguments = ["-W", "error", "-c", job["code"]] if "code" in job else ["-m", "frenetic"]
+        done = subprocess.run(
+            [sys.executable, *arguments, *job.get("arguments", ())],
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": str(folder)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+        )
+        return Ended(done.returncode, done.stdout.decode(errors="replace"))
+
+
+class WarmInterpreter(Interpreter):
+    """Runs each job in a fork of an interpreter that has started before."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-W", "error", __file__],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    def close(self) -> None:
+        """Ends it."""
+        self._process.communicate()
+
+    def _run(self, job: dict[str, Any], folder: Path) -> Ended:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with tempfile.NamedTemporaryFile() as output:
+            line = json.dumps(job | {"folder": str(folder), "output": output.name})
+            print(line, file=self._process.stdin, flush=True)
+            code = int(self._process.stdout.readline())
+            return Ended(code, output.read().decode(errors="replace"))
+
+
+@pytest.fixture(scope="session")
+def interpreter() -> Iterator[Interpreter]:
+    """Runs command lines and code in processes of their own."""
+    one = WarmInterpreter() if sys.platform == "linux" else Interpreter()
+    yield one
+    one.close()
+
+
+def _serve() -> None:
+    """Forks for each line of stdin, which holds a job, and answers with its exit code."""
+    for name in LOADED:
+        importlib.import_module(name)
+    importlib.import_module("frenetic.compilation").compile_kernels()
+    gc.collect()
+    gc.freeze()  # or each fork would look through all of this when it ends
+    for line in sys.stdin:
+        with warnings.catch_warnings():
+            # Python 3.12 warns of threads; those of the linear algebra library are idle.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            child = os.fork()
+        if child == 0:
+            _do(**json.loads(line))
+        sys.stdout.write(f"{os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])}\n")
+        sys.stdout.flush()
+
+
+def _do(
+    folder: str, output: str, arguments: list[str] | None = None, code: str | None = None
+) -> NoReturn:
+    """Becomes what an interpreter that was started for this job would be."""
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    file = os.open(output, os.O_WRONLY | os.O_APPEND)
+    os.dup2(file, 1)
+    os.dup2(file, 2)
+    os.chdir(folder)
+    os.environ["PYTHONPATH"] = folder
+    sys.path[0] = folder  # instead of this file's
+    sys.modules["__main__"] = main = types.ModuleType("__main__")
+    if code is None:
+        sys.warnoptions.clear()  # also of the processes that it starts
+        warnings.resetwarnings()
+        assert arguments is not None
+        sys.argv = ["frenetic", *arguments]
+        code = "from frenetic.cli import main; main()"
+    else:
+        sys.argv = ["-c"]
+    exec(compile(code, "<string>", "exec"), main.__dict__)
+    sys.exit()
+
+
+if __name__ == "__main__":
+    _serve()
