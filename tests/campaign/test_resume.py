@@ -78,17 +78,18 @@ def test_interrupted_again_and_again_it_ends_as_if_it_had_not_been(
     assert contents(tmp_path) == uninterrupted
 
 
+@pytest.mark.endurance
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
 @pytest.mark.parametrize(("workers", "ordered"), [(1, False), (2, True)])
 def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
-    tmp_path: Path, workers: int, ordered: bool
+    tmp_path: Path, workers: int, ordered: bool, endurance: bool
 ) -> None:
     marks, folder, whole = (tmp_path / name for name in ("marks", "campaign", "whole"))
     marks.mkdir()
     killing.campaign(whole, marks, ordered=ordered).run()
     rng = random.Random(11 + workers)
     together = LOOKAHEAD if ordered else 1  # results in one transaction at most
-    for kills in range(1, KILLS + 1):
+    for kills in range(1, (25 if endurance else 8) + 1):
         blow = random_blow(rng, first=kills == 1)
         exit_code = go_on(folder, marks, workers, ordered, blow)
         assert exit_code == -signal.SIGKILL, f"{blow} has not come"
@@ -103,9 +104,6 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
     assert contents(folder) == contents(whole)
     assert check_campaign(folder).findings == ()
     until_gone(set(Marks(marks).pids()) - {os.getpid()})
-
-
-KILLS = 25
 
 
 def random_blow(rng: random.Random, *, first: bool) -> killing.Blow:

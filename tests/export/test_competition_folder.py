@@ -18,6 +18,8 @@ from frenetic.road.validity import check_validity
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
 
+pytest_plugins = ["made_campaign"]
+
 FIELDS = list(SimulationRecord.__dataclass_fields__)
 
 

@@ -23,6 +23,8 @@ from frenetic.export import campaigns, data_frame, export_campaign
 from frenetic.export.columns import TABLES, TESTS, TRAJECTORIES
 from frenetic.export.tables import Which
 
+pytest_plugins = ["made_campaign"]
+
 
 @pytest.fixture(scope="module")
 def exported(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:

@@ -18,6 +18,8 @@ from frenetic.export import data_frame, tables
 from frenetic.export.columns import TESTS, TRAJECTORIES, Kind
 from frenetic.outcome import Outcome
 
+pytest_plugins = ["made_campaign"]
+
 
 def expected(record: Any) -> dict[str, Any]:
     """A row of the table, made from a record."""

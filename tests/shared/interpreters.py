@@ -103,11 +103,21 @@ def interpreter() -> Iterator[Interpreter]:
     one.close()
 
 
+def load_kernels() -> None:
+    """Drives and judges a road, so that everything compiled is there."""
+    from frenetic import EmbeddedSimulator, Planner, Road, judge
+
+    road, verdict = Road([0.0, 0.01, -0.01, 0.0]).placed()
+    assert road is not None
+    assert verdict.valid
+    judge(road, EmbeddedSimulator().drive(road, Planner()))
+
+
 def _serve() -> None:
     """Forks for each line of stdin, which holds a job, and answers with its exit code."""
     for name in LOADED:
         importlib.import_module(name)
-    importlib.import_module("frenetic.compilation").compile_kernels()
+    load_kernels()
     gc.collect()
     gc.freeze()  # or each fork would look through all of this when it ends
     for line in sys.stdin:

@@ -1,0 +1,128 @@
+"""How all tests run: on every core, and alike whatever the process is like that starts them."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+HERE = Path(__file__).parent
+DURATIONS = HERE / "durations.txt"
+APART = ("test_docs.py", "test_compatibility.py")
+"""Files whose tests share nothing that takes long to make: any process may take any of them."""
+CALLERS = (
+    *("CLICOLOR", "CLICOLOR_FORCE", "COLORTERM", "COLUMNS", "FORCE_COLOR", "LINES", "NO_COLOR"),
+    *("TERM", "TTY_COMPATIBLE", "TTY_INTERACTIVE", "MATPLOTLIBRC", "MPLBACKEND", "PYTHONWARNINGS"),
+    *("BNG_HOME", "FRENETIC_SEED", "FRENETIC_STRATEGY_OPTIONS"),
+)
+"""Variables by which a caller says what programs are to look like and to use."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--keep-durations", action="store_true", help=f"write s per file to tests/{DURATIONS.name}"
+    )
+
+
+# On every core
+
+
+def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
+    """A process per core for all tests; none for chosen ones, which begin at once so."""
+    chosen = {Path(name).resolve() for name in config.args}
+    cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    return cores if chosen & {HERE, HERE.parent} else 0
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if hasattr(config, "workerinput"):
+        return
+    if config.getoption("numprocesses", None):
+        # Kernels are compiled once, before the processes start that would all compile them.
+        load = "from interpreters import load_kernels; load_kernels()"
+        path = os.pathsep.join([str(HERE / "shared"), os.environ.get("PYTHONPATH", "")])
+        environment = os.environ | {"PYTHONPATH": path}
+        subprocess.run([sys.executable, "-c", load], env=environment, check=True)
+    if config.getoption("--keep-durations"):
+        config.pluginmanager.register(Durations())
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    from xdist.scheduler.loadscope import LoadScopeScheduling  # type: ignore[import-untyped]
+
+    class ByFile(LoadScopeScheduling):  # type: ignore[misc]
+        """A process takes a file at a time, as its tests share what takes long to make."""
+
+        def _split_scope(self, nodeid: str) -> str:
+            file = file_of(nodeid)
+            return nodeid if file.endswith(APART) else file
+
+    config.option.loadscopereorder = False  # they are in order
+    return ByFile(config, log)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """The longest files come first, so that all processes end together."""
+    if hasattr(config, "workerinput"):
+        lines = DURATIONS.read_text(encoding="utf-8").splitlines()
+        seconds = {file: float(number) for number, file in map(str.split, lines)}
+        items.sort(key=lambda item: -seconds.get(file_of(item.nodeid), 0.0))
+
+
+class Durations:
+    """Writes down how long the tests of each file took."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self.seconds[file_of(report.nodeid)] += report.duration  # type: ignore[assignment]
+
+    def pytest_sessionfinish(self) -> None:
+        lines = [f"{seconds:6.1f} {file}\n" for file, seconds in self.seconds.most_common()]
+        DURATIONS.write_text("".join(lines), encoding="utf-8")
+
+
+def file_of(nodeid: str) -> str:
+    return nodeid.partition("::")[0]
+
+
+# Alike for every caller
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _whoever_calls() -> Iterator[None]:
+    """Neither the caller's variables nor the signals that it ignores reach a test.
+
+    `nohup` ignores SIGHUP and a script's background job SIGINT, and processes inherit that.
+    """
+    ignored = {
+        number: signal.SIG_IGN
+        for number in signal.valid_signals()
+        if signal.getsignal(number) is signal.SIG_IGN
+        # Python itself ignores these, but not in the processes that it starts.
+        and number not in (getattr(signal, "SIGPIPE", None), getattr(signal, "SIGXFSZ", None))
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        for name in CALLERS:
+            patch.delenv(name, raising=False)
+        for number in ignored:
+            # The tests go on under nohup; what they start begins with the default.
+            is_ctrl_c = number == signal.SIGINT
+            signal.signal(number, signal.default_int_handler if is_ctrl_c else lambda *_: None)
+        yield
+        for number, handler in ignored.items():
+            signal.signal(number, handler)
+
+
+@pytest.fixture
+def endurance(request: pytest.FixtureRequest) -> bool:
+    """Whether a test is to run in full: `pytest -m endurance`; else in a short form."""
+    return "endurance" in str(request.config.getoption("markexpr"))
