@@ -5,11 +5,11 @@ The names are imported on use, so asking for one imports no more than it needs.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from frenetic._support.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from frenetic.analysis.bends import Bend, find_bends
     from frenetic.analysis.comparison import Comparison, compare, compare_measured
     from frenetic.analysis.competition import (
         CompetitionFeatures,
@@ -27,7 +27,14 @@ if TYPE_CHECKING:
     from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
     from frenetic.analysis.groups import find_campaigns, group_campaigns
     from frenetic.analysis.metrics import MEASURES, CampaignMeasures, Measure, measure_campaign
-    from frenetic.analysis.segments import Segment, segment_of, segment_profile, segments_of
+    from frenetic.analysis.segments import (
+        Bend,
+        Segment,
+        find_bends,
+        segment_of,
+        segment_profile,
+        segments_of,
+    )
     from frenetic.analysis.sparseness import (
         CompetitionSparseness,
         Diversity,
@@ -38,37 +45,56 @@ if TYPE_CHECKING:
     from frenetic.redrive.regression import Replay, replay, write_junit
     from frenetic.redrive.robustness import Rerun, Variation, read_reruns, rerun, telling_reruns
 
-_HOMES = {
-    "frenetic.analysis.bends": ("Bend", "find_bends"),
-    "frenetic.analysis.failures": (
-        "Cluster",
-        "Clusters",
-        "Failure",
-        "cluster_failures",
-        "failures_of",
-    ),
-    "frenetic.analysis.comparison": ("Comparison", "compare", "compare_measured"),
-    "frenetic.analysis.competition": (
-        "CompetitionFeatures",
-        "CompetitionSegment",
-        "competition_features",
-        "competition_segment",
-    ),
-    "frenetic.analysis.features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
-    "frenetic.analysis.groups": ("find_campaigns", "group_campaigns"),
-    "frenetic.analysis.metrics": ("MEASURES", "CampaignMeasures", "Measure", "measure_campaign"),
-    "frenetic.redrive.regression": ("Replay", "replay", "write_junit"),
-    "frenetic.redrive.robustness": ("Rerun", "Variation", "read_reruns", "rerun", "telling_reruns"),
-    "frenetic.analysis.segments": ("Segment", "segment_of", "segment_profile", "segments_of"),
-    "frenetic.analysis.sparseness": (
-        "CompetitionSparseness",
-        "Diversity",
-        "competition_sparseness",
-        "diversity",
-        "edit_distance",
-    ),
-}
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.analysis.failures": (
+            "Cluster",
+            "Clusters",
+            "Failure",
+            "cluster_failures",
+            "failures_of",
+        ),
+        "frenetic.analysis.comparison": ("Comparison", "compare", "compare_measured"),
+        "frenetic.analysis.competition": (
+            "CompetitionFeatures",
+            "CompetitionSegment",
+            "competition_features",
+            "competition_segment",
+        ),
+        "frenetic.analysis.features": ("FEATURES", "Feature", "Features", "feature", "features_of"),
+        "frenetic.analysis.groups": ("find_campaigns", "group_campaigns"),
+        "frenetic.analysis.metrics": (
+            "MEASURES",
+            "CampaignMeasures",
+            "Measure",
+            "measure_campaign",
+        ),
+        "frenetic.redrive.regression": ("Replay", "replay", "write_junit"),
+        "frenetic.redrive.robustness": (
+            "Rerun",
+            "Variation",
+            "read_reruns",
+            "rerun",
+            "telling_reruns",
+        ),
+        "frenetic.analysis.segments": (
+            "Bend",
+            "Segment",
+            "find_bends",
+            "segment_of",
+            "segment_profile",
+            "segments_of",
+        ),
+        "frenetic.analysis.sparseness": (
+            "CompetitionSparseness",
+            "Diversity",
+            "competition_sparseness",
+            "diversity",
+            "edit_distance",
+        ),
+    },
+)
 
 __all__ = [
     "FEATURES",
@@ -114,14 +140,6 @@ __all__ = [
     "telling_reruns",
     "write_junit",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(importlib.import_module(_HOME[name]), name)
-    globals()[name] = value
-    return value
 
 
 def __dir__() -> list[str]:

@@ -27,11 +27,12 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted
-from frenetic.analysis.bends import Bend, find_bends
 from frenetic.analysis.segments import (
     PROFILE_SPACING,
     REACH,
+    Bend,
     Segment,
+    find_bends,
     segment_profile,
     segments_of,
 )

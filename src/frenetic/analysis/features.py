@@ -12,8 +12,7 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.analysis.bends import heading_range
-from frenetic.analysis.segments import Segment
+from frenetic.analysis.segments import Segment, heading_range
 from frenetic.errors import UnknownNameError
 
 HEADING_BINS: Final = 10

@@ -5,25 +5,20 @@ Names are imported on use, since Matplotlib imports slowly.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from frenetic._support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.report.html import write_comparison_page, write_report
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
 
-_HOME = {
-    "draw_drive": "frenetic.report.picture",
-    "draw_gallery": "frenetic.report.picture",
-    "draw_road": "frenetic.report.picture",
-    "write_comparison_page": "frenetic.report.html",
-    "write_report": "frenetic.report.html",
-}
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.report.html": ("write_comparison_page", "write_report"),
+        "frenetic.report.picture": ("draw_drive", "draw_gallery", "draw_road"),
+    },
+)
 
 __all__ = ["draw_drive", "draw_gallery", "draw_road", "write_comparison_page", "write_report"]
-
-
-def __getattr__(name: str) -> object:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
