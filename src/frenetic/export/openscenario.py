@@ -72,7 +72,7 @@ def to_openscenario(
     _add_speed(
         _add_event(maneuver, "speed up"), speed, shape="linear", seconds=speed / ACCELERATION
     )
-    _add_time(_add_condition(_add(act, "StartTrigger"), "at once"), -1.0)
+    _add_time(_add_condition(_add(act, "StartTrigger"), "at once"), 0.0)
     # esmini ends with the storyboard, CARLA's runner with the act.
     for parent in (act, storyboard):
         stop = _add(parent, "StopTrigger")
@@ -160,7 +160,7 @@ def _add_event(maneuver: ElementTree.Element, name: str) -> ElementTree.Element:
     """The action of a new event that happens at once."""
     event = _add(maneuver, "Event", name=name, priority="parallel")
     action = _add(_add(event, "Action", name=name), "PrivateAction")
-    _add_time(_add_condition(_add(event, "StartTrigger"), name), -1.0)
+    _add_time(_add_condition(_add(event, "StartTrigger"), name), 0.0)
     return action
 
 

@@ -29,9 +29,7 @@ ORIGIN: Final = (49.0, 8.4)
 
 Kilometres from the next border of a UTM zone or of its 100 km squares, at which maps are cut.
 """
-PROJECTION: Final = (
-    "+proj=tmerc +lat_0={} +lon_0={} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
-)
+PROJECTION: Final = "+proj=tmerc +lat_0={} +lon_0={} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 """Text of ``geoReference``: the transverse Mercator projection that touches the globe there."""
 EDGE_MARK: Final = 0.15  # m, width of the solid line at each edge
 CENTRE_MARK: Final = 0.12  # m, width of the broken line in the middle
