@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 from frenetic._support.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from frenetic.bench.bench import Bench, BenchProgress, RunState, new_folder, read_bench
+    from frenetic.bench.bench import Bench, BenchProgress, new_folder, read_bench
     from frenetic.bench.entrants import Entrant
-    from frenetic.bench.runs import Run, RunEnd, Terms, run_entrant
+    from frenetic.bench.runs import Run, RunEnd, RunState, Terms, run_entrant
     from frenetic.bench.strategy import End, Ending
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "frenetic.bench.bench": ("Bench", "BenchProgress", "RunState", "new_folder", "read_bench"),
+        "frenetic.bench.bench": ("Bench", "BenchProgress", "new_folder", "read_bench"),
         "frenetic.bench.entrants": ("Entrant",),
-        "frenetic.bench.runs": ("Run", "RunEnd", "Terms", "run_entrant"),
+        "frenetic.bench.runs": ("Run", "RunEnd", "RunState", "Terms", "run_entrant"),
         "frenetic.bench.strategy": ("End", "Ending"),
     },
 )

@@ -6,7 +6,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import cache
@@ -24,9 +24,9 @@ from frenetic.analysis.metrics import measure_campaign
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant, folder_names, read_path
 from frenetic.bench.processes import run_all
-from frenetic.bench.runs import Run, RunEnd, Terms, ending_of, try_out
-from frenetic.bench.strategy import End, Ending
-from frenetic.campaign.campaign import prepare
+from frenetic.bench.runs import Run, RunState, Terms, ending_of, try_out
+from frenetic.bench.strategy import End
+from frenetic.campaign import campaign
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.versions import package_versions
@@ -72,25 +72,6 @@ class BenchProgress:
             f" {self.failures}, {self.simulations / max(seconds, 1e-3):.0f} simulations/s,"
             f" {left} left"
         )
-
-
-@dataclass(frozen=True)
-class RunState:
-    """A run and its result."""
-
-    run: Run
-    ending: Ending | None
-    """None if it is not complete."""
-
-    def as_json(self) -> dict[str, Any]:
-        """The run as a JSON object."""
-        return {
-            "generator": self.run.entrant.name,
-            "run": self.run.repeat,
-            "seed": self.run.seed,
-            "folder": str(self.run.folder),
-            "ending": None if self.ending is None else self.ending.as_json(),
-        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,10 +165,10 @@ class Bench:
         workers: int = 1,
         on_start: Callable[[], None] | None = None,
         on_progress: Callable[[BenchProgress], None] | None = None,
-        on_end: Callable[[RunEnd], None] | None = None,
+        on_end: Callable[[RunState], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
-    ) -> list[RunEnd]:
-        """Completes all runs; returns their results.
+    ) -> list[RunState]:
+        """Completes all runs; returns their states.
 
         Each generator is built once beforehand, so an unbuildable one is noticed at once.
 
@@ -204,7 +185,7 @@ class Bench:
                 cannot be built, or the simulator does not start.
         """
         with ExitStack() as stack:
-            prepare(self.terms.simulator)
+            campaign.prepare(self.terms.simulator)
             compile_kernels()
             _compile_measures()
             if resume:
@@ -226,51 +207,36 @@ class Bench:
         self,
         workers: int,
         on_progress: Callable[[BenchProgress], None] | None,
-        on_end: Callable[[RunEnd], None] | None,
+        on_end: Callable[[RunState], None] | None,
         on_interrupt: Callable[[], None] | None,
-    ) -> list[RunEnd]:
+    ) -> list[RunState]:
         states = self.states()
         to_do = [state.run for state in states if state.ending is None]
         done = len(states) - len(to_do)
-        so_far: dict[Path, Progress] = {}
-        ends: list[RunEnd] = []
-
-        def note() -> None:
-            if on_progress is None:
-                return
-            ended = {end.run.folder for end in ends}
-            under_way = sum(
-                progress.budget_spent for folder, progress in so_far.items() if folder not in ended
-            )
-            on_progress(
-                BenchProgress(
-                    runs=done + len(ends),
-                    runs_in_all=len(states),
-                    simulations=sum(one.simulations for one in so_far.values()),
-                    failures=sum(one.failed for one in so_far.values()),
-                    share=(done + len(ends) + under_way) / len(states),
+        progress: dict[Path, Progress] = {}
+        ends: dict[Path, RunState] = {}
+        events = run_all(to_do, self.terms, workers=workers, on_interrupt=on_interrupt)
+        with closing(events):
+            for run, event in events:
+                if isinstance(event, Progress):
+                    progress[run.folder] = event
+                else:
+                    ends[run.folder] = event
+                    if on_end is not None:
+                        on_end(event)
+                if on_progress is None:
+                    continue
+                shares = (p.budget_spent for f, p in progress.items() if f not in ends)
+                on_progress(
+                    BenchProgress(
+                        runs=done + len(ends),
+                        runs_in_all=len(states),
+                        simulations=sum(one.simulations for one in progress.values()),
+                        failures=sum(one.failed for one in progress.values()),
+                        share=(done + len(ends) + sum(shares)) / len(states),
+                    )
                 )
-            )
-
-        def moved(run: Run, progress: Progress) -> None:
-            so_far[run.folder] = progress
-            note()
-
-        def ended(end: RunEnd) -> None:
-            ends.append(end)
-            if on_end is not None:
-                on_end(end)
-            note()
-
-        run_all(
-            to_do,
-            self.terms,
-            workers=workers,
-            on_progress=moved,
-            on_end=ended,
-            on_interrupt=on_interrupt,
-        )
-        return ends
+        return list(ends.values())
 
     def comparison(self) -> Comparison:
         """The comparison of the entrants by their complete runs.
@@ -393,9 +359,7 @@ def _compile_measures() -> None:
 
 def new_folder() -> Path:
     """A new folder for a bench, named after the date and time."""
-    from frenetic.campaign.campaign import new_folder as new_campaign_folder
-
-    return new_campaign_folder(BENCHES)
+    return campaign.new_folder(BENCHES)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ import platform
 import time
 import traceback
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.interrupt import catch_interrupt
-from frenetic.bench.runs import Run, RunEnd, Terms, run_entrant
+from frenetic.bench.runs import Run, RunState, Terms, run_entrant
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.workers.serving import stand_alone
 from frenetic.errors import CampaignError, FreneticError, describe_error
@@ -37,14 +37,12 @@ def run_all(
     terms: Terms,
     *,
     workers: int,
-    on_progress: Callable[[Run, Progress], None],
-    on_end: Callable[[RunEnd], None],
     on_interrupt: Callable[[], None] | None = None,
-) -> bool:
-    """Runs all, several at once; returns whether that was interrupted.
+) -> Generator[tuple[Run, Progress | RunState]]:
+    """Runs all, several at once; gives the messages of each, at last its state.
 
     After the first Ctrl-C no run begins and running ones are finished; the second ends them at
-    once.
+    once, as closing the generator does.
 
     Raises:
         FreneticError: driver or simulator cannot be copied into another process.
@@ -58,14 +56,14 @@ def run_all(
         ) from error
     context = _context()
     waiting = deque(runs)
-    at_work: dict[Any, tuple[Run, BaseProcess]] = {}
+    at_work: dict[Any, tuple[Run, BaseProcess]] = {}  # by the connection with each
     with catch_interrupt(on_interrupt) as interrupt:
         try:
             while at_work or (waiting and not interrupt.requested):
                 while waiting and len(at_work) < workers and not interrupt.requested:
                     run = waiting.popleft()
                     ours, theirs = context.Pipe(duplex=False)
-                    process = context.Process(
+                    process: BaseProcess = context.Process(
                         target=_serve,
                         args=(theirs, user_files(), packed, run),
                         name=str(run.folder),
@@ -74,17 +72,18 @@ def run_all(
                     theirs.close()
                     at_work[ours] = (run, process)
                 for heard in wait(list(at_work), _POLL):
-                    its_run, its_process = at_work[heard]
-                    end = _heard(heard, its_run, its_process, on_progress)  # type: ignore[arg-type]
-                    if end is not None:
+                    run, process = at_work[heard]
+                    message = _message(heard, run, process)  # type: ignore[arg-type]
+                    if isinstance(message, RunState):
+                        process.join()
+                        heard.close()  # type: ignore[union-attr]
                         del at_work[heard]
-                        on_end(end)
+                    yield run, message
         finally:
             for connection, (_, left) in at_work.items():
                 left.kill()
                 left.join()
                 connection.close()
-        return interrupt.requested and bool(waiting)
 
 
 def _context() -> ForkServerContext | SpawnContext:
@@ -96,24 +95,13 @@ def _context() -> ForkServerContext | SpawnContext:
     return multiprocessing.get_context("spawn")
 
 
-def _heard(
-    connection: Connection,
-    run: Run,
-    process: BaseProcess,
-    on_progress: Callable[[Run, Progress], None],
-) -> RunEnd | None:
-    """Takes a message of a run; returns its end if that is it."""
+def _message(connection: Connection, run: Run, process: BaseProcess) -> Progress | RunState:
+    """The next message of a run."""
     try:
-        message = connection.recv()
+        message: Progress | RunState = connection.recv()
     except Exception:  # its end without a word
         process.join()
-        message = RunEnd(run, None, f"its process ended with exit code {process.exitcode}")
-    if isinstance(message, Progress):
-        on_progress(run, message)
-        return None
-    process.join()
-    connection.close()
-    assert isinstance(message, RunEnd)
+        return RunState(run, None, f"its process ended with exit code {process.exitcode}")
     return message
 
 
@@ -139,12 +127,12 @@ def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, ru
             ending = run_entrant(
                 run.entrant, terms, seed=run.seed, folder=run.folder, on_progress=say
             )
-        end = RunEnd(run, ending)
+        end = RunState(run, ending)
     except FreneticError as error:
-        end = RunEnd(run, None, str(error))
+        end = RunState(run, None, str(error))
     except Exception as error:
         traceback.print_exc()  # a mistake of ours, or of a simulator
-        end = RunEnd(run, None, describe_error(error))
+        end = RunState(run, None, describe_error(error))
     with suppress(OSError):
         connection.send(end)
     connection.close()

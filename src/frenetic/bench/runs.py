@@ -125,14 +125,28 @@ class Run:
 
 
 @dataclass(frozen=True)
-class RunEnd:
-    """Result of a run."""
+class RunState:
+    """A run and its result."""
 
     run: Run
     ending: Ending | None
-    """None if the run could not be completed."""
+    """None if it is not complete."""
     trouble: str = ""
-    """The reason why not, in one line."""
+    """Why the last try did not complete it, in one line."""
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The run as a JSON object."""
+        return {
+            "generator": self.run.entrant.name,
+            "run": self.run.repeat,
+            "seed": self.run.seed,
+            "folder": str(self.run.folder),
+            "ending": None if self.ending is None else self.ending.as_json(),
+        }
+
+
+RunEnd = RunState
+"""The state in which `Bench.run` leaves a run."""
 
 
 def run_entrant(

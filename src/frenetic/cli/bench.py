@@ -33,7 +33,7 @@ from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
-    from frenetic.bench import Bench, BenchProgress, Entrant, RunEnd, RunState
+    from frenetic.bench import Bench, BenchProgress, Entrant, RunState
 
 SIMULATIONS: Final = 200
 SECONDS_PER_TEST: Final = 36.0
@@ -332,7 +332,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
     names = ", ".join(entrant.name for entrant in the_bench.entrants)
     terms = the_bench.terms
 
-    def ended(end: RunEnd) -> None:
+    def ended(end: RunState) -> None:
         if end.ending is None or end.ending.end not in ("over", "returned"):
             what = end.trouble or end.ending
             log.print(f"{end.run.entrant.name}, run {end.run.repeat}: {what}", markup=False)
@@ -384,7 +384,7 @@ def _resume_line(the_bench: Bench) -> str:
     return f"frenetic bench --resume --out {shell(the_bench.folder)}"
 
 
-def _show_results(the_bench: Bench, ends: Sequence[RunEnd], log: Log, as_json: bool) -> None:
+def _show_results(the_bench: Bench, ends: Sequence[RunState], log: Log, as_json: bool) -> None:
     """Compares the entrants; prints and writes the comparison."""
     states = the_bench.states()
     comparison: Comparison | None = None
@@ -412,7 +412,7 @@ def _show_results(the_bench: Bench, ends: Sequence[RunEnd], log: Log, as_json: b
     _end(the_bench, ends, states)
 
 
-def _end(the_bench: Bench, ends: Sequence[RunEnd], states: Sequence[RunState]) -> None:
+def _end(the_bench: Bench, ends: Sequence[RunState], states: Sequence[RunState]) -> None:
     """Says what is left to do, if anything."""
     missing = sum(state.ending is None for state in states)
     if not missing:
