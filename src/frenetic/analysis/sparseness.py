@@ -186,9 +186,11 @@ def _largest_later(
             bounds[j - i - 1] = _at_most(
                 angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1]
             )
-        for place in np.argsort(-bounds):
-            if bounds[place] <= largest[i]:
-                break
+        # Not sorted: numba's names for the parts of a sort are unique in one process only, so two
+        # cached kernels that sort would call each other's.
+        while bounds.max() > largest[i]:
+            place = bounds.argmax()
+            bounds[place] = 0.0
             j = i + 1 + place
             edits = _distance(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1])
             largest[i] = max(largest[i], edits)

@@ -1,0 +1,24 @@
+"""Numba's sorts have names that are unique within one process only, but are cached for all."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import frenetic
+
+SORTS = ("sort(", "sorted(", "unique(", "median(")
+
+
+def test_one_kernel_at_most_sorts() -> None:
+    sorting = [
+        f"{file.name}: {function.name}"
+        for file in Path(frenetic.__file__).parent.rglob("*.py")
+        for function in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
+        if isinstance(function, ast.FunctionDef)
+        and any("njit" in ast.unparse(decorator) for decorator in function.decorator_list)
+        and any(
+            name in ast.unparse(function) for name in ("sort(", "sorted(", "unique(", "median(")
+        )
+    ]
+    assert sorting == ["fitting.py: _smallest_square"], "cached, they would call each other's parts"
