@@ -189,7 +189,7 @@ def _largest_later(
         # Not sorted: numba's names for the parts of a sort are unique in one process only, so two
         # cached kernels that sort would call each other's.
         while bounds.max() > largest[i]:
-            place = bounds.argmax()
+            place = int(bounds.argmax())
             bounds[place] = 0.0
             j = i + 1 + place
             edits = _distance(angles, lengths, starts[i], starts[i + 1], starts[j], starts[j + 1])
