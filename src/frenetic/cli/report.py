@@ -20,8 +20,8 @@ import click
 def report(campaign: Path, out: Path | None, shown: bool) -> None:
     """Write the report of a CAMPAIGN: its failures, with pictures and replays.
 
-    It is one file that loads nothing, so you can keep it, send it and open it offline. 'frenetic
-    run' and 'frenetic resume' write it at their end, too.
+    It is one file that you can keep, send, and open without a network. 'frenetic run' and 'frenetic
+    resume' write it at their end, too.
     """
     from frenetic.report.html import write_report
 
