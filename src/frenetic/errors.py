@@ -37,4 +37,4 @@ class DriverError(FreneticError):
 
 
 class UnknownNameError(FreneticError, LookupError):
-    """A strategy, driver or simulator that nobody registered."""
+    """The name of an unregistered strategy, driver or simulator."""

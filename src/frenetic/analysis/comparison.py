@@ -213,7 +213,7 @@ class Comparison:
 
     @property
     def simulations(self) -> int | None:
-        """Of every campaign, if all have as many; None otherwise."""
+        """Simulations of every campaign if all have as many; None otherwise."""
         spent = {c.simulations for campaigns in self.groups.values() for c in campaigns}
         return spent.pop() if len(spent) == 1 else None
 
@@ -316,7 +316,7 @@ def compare_measured(
 def _compare_by(
     measure: Measure, groups: Mapping[str, tuple[CampaignMeasures, ...]]
 ) -> MeasureComparison | None:
-    """None if a campaign does not have the measure."""
+    """Comparison by a measure; None if a campaign lacks it."""
     values: dict[str, tuple[float, ...]] = {}
     for name, campaigns in groups.items():
         found = [measure.of(campaign) for campaign in campaigns]

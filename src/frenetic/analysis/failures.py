@@ -64,7 +64,7 @@ class Failure:
     """The compared part of a failure: road and drive, seen from the place of departure."""
 
     id: int
-    """Of the test."""
+    """Id of the test."""
     moobd: float
     """Minimum oob distance, in m."""
     side: Side | None
@@ -271,7 +271,7 @@ def _labels(vectors: FloatArray, moobds: FloatArray, threshold: float) -> IntArr
     labels = np.full(len(shapes), -1, dtype=np.int64)
     waiting = np.argsort(worst, kind="stable")
     while len(waiting):
-        # Sorted, so that ties are broken by what the failures are, whatever their order was.
+        # Sorted, so that ties do not depend on the given order.
         batch, waiting = np.sort(waiting[:BATCH]), waiting[BATCH:]
         first = labels.max() + 1
         linked = _link(shapes[batch], threshold)
@@ -324,7 +324,7 @@ _SLOWS: Final = 3.0  # [m/s] less at the place than before, to be mentioned
 
 
 def describe(failure: Failure) -> str:
-    """What happens, in one phrase: ``leaves to the left at 41 km/h at the end of a ...``."""
+    """Description in one phrase: ``leaves to the left at 41 km/h at the end of a ...``."""
     what = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
     fastest, now = failure.speeds.max() * 3.6, failure.speeds[-1] * 3.6
     how = f"at {now:.0f} km/h"
@@ -334,7 +334,7 @@ def describe(failure: Failure) -> str:
 
 
 def _where(curvatures: FloatArray) -> str:
-    """Where on the road the place is, given its `segment_profile`."""
+    """Description of the place on the road, from its `segment_profile`."""
     places = np.linspace(-REACH, REACH, len(curvatures))
     assert places[1] - places[0] == PROFILE_SPACING
     found = find_bends(places, curvatures)

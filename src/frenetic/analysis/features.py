@@ -21,7 +21,7 @@ HEADING_BINS: Final = 10
 
 @dataclass(frozen=True)
 class Features:
-    """What a stretch of road and the drive along it are like; see `FEATURES` for the ranges.
+    """Features of a stretch of road and the drive along it; see `FEATURES` for the ranges.
 
     Moving or turning the road changes none of them; mirroring it flips the signs of the offsets.
     """
@@ -54,7 +54,7 @@ class Feature:
     """A feature's published range, cut into equal bins: an axis of a feature map."""
 
     name: str
-    """Of the field in `Features`."""
+    """Name of the field in `Features`."""
     description: str
     unit: str
     """Empty for a share or a number."""

@@ -499,7 +499,7 @@ class _Failure:
     compared: Failure
     cell: Cell
     competition_cell: Cell | None
-    """None if the competition leaves the failure out."""
+    """Cell in the competition's form; None if it leaves the failure out."""
     points: FloatArray
     """The segment, (n, 2) in m."""
     cut: FloatArray | None

@@ -48,11 +48,11 @@ class Magnitude(StrEnum):
 
     NEGLIGIBLE = "negligible"
     SMALL = "small"
-    """From 0.56."""
+    """A12 from 0.56."""
     MEDIUM = "medium"
-    """From 0.64."""
+    """A12 from 0.64."""
     LARGE = "large"
-    """From 0.71."""
+    """A12 from 0.71."""
 
 
 def quartiles(values: npt.ArrayLike) -> Quartiles:

@@ -44,7 +44,7 @@ BENCH: Final = "bench.json"
 """Name of the file in a bench's folder that describes it."""
 LOCK: Final = "bench.lock"
 VERSION: Final = 1
-"""Of the file's form."""
+"""Version of the file's form."""
 TERMS: Final = ("budget", "seconds_per_test", "counts_computing", "patience", "records")
 """Names of the terms in it that stand there as they are."""
 
@@ -57,7 +57,7 @@ class BenchProgress:
     """Complete ones."""
     runs_in_all: int
     simulations: int
-    """Of this session's runs."""
+    """Number of simulations in this session's runs."""
     failures: int
     share: float
     """0..1 of all runs' budgets."""
@@ -364,7 +364,7 @@ def new_folder() -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class _Recorded:
-    """What a bench's file says of it, as far as it is needed to go on."""
+    """The part of a bench's file that resuming needs."""
 
     entrants: tuple[Entrant, ...]
     repeats: int

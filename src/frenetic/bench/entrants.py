@@ -38,7 +38,7 @@ class Entrant:
     python: Path | None = None
     """The interpreter of a generator; by default the current one."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Of a strategy."""
+    """Options of a strategy."""
 
     def __post_init__(self) -> None:
         if not self.name.strip() or len(self.name) > LONGEST_NAME or not self.name.isprintable():
@@ -130,7 +130,7 @@ class Entrant:
 
 
 def read_path(kind: type, value: str) -> Path:
-    """What msgspec makes of a text where an entrant has a path."""
+    """Decoder hook of msgspec for an entrant's paths."""
     return kind(value)  # type: ignore[no-any-return]
 
 

@@ -1,4 +1,4 @@
-"""A generator of the official pipeline in a process of its own."""
+"""A generator of the official pipeline in its own process."""
 
 from __future__ import annotations
 
@@ -182,7 +182,7 @@ class GeneratorProcess:
             while data := stream.read1(65536):  # type: ignore[attr-defined]
                 if room > 0 and file is not None:
                     text = data if len(data) < room else data[:room] + _LEFT_OUT
-                    with suppress(OSError):  # it goes on, even if nobody can read what it prints
+                    with suppress(OSError):  # it goes on even without its output
                         file.write(text)
                 room -= len(data)
         if file is not None:

@@ -1,4 +1,4 @@
-"""Runs of a bench side by side, each in a process of its own."""
+"""Runs of a bench side by side, each in its own process."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, ru
         now = time.monotonic()
         if now - said >= _REPORT:
             said = now
-            with suppress(OSError):  # nobody listens any more: what is found still counts
+            with suppress(OSError):  # nobody listens, but the results still count
                 connection.send(progress)
 
     try:
@@ -136,4 +136,4 @@ def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, ru
     with suppress(OSError):
         connection.send(end)
     connection.close()
-    os._exit(0)  # a driver's threads may be left, which nobody waits for
+    os._exit(0)  # without waiting for a driver's threads

@@ -73,7 +73,7 @@ class Terms:
     records: Which = "failures"
     """Tests in the competition's results folders that hold records of their drives."""
     spec: Spec | None = None
-    """What simulator and driver are called on a command line; None if they came from Python."""
+    """Names of simulator and driver on a command line; None if they came from Python."""
 
     @classmethod
     def of(cls, spec: Spec, **others: Any) -> Self:
@@ -119,7 +119,7 @@ class Run:
 
     entrant: Entrant
     repeat: int
-    """From 1."""
+    """Number from 1."""
     seed: int
     folder: Path
 
@@ -132,7 +132,7 @@ class RunState:
     ending: Ending | None
     """None if it is not complete."""
     trouble: str = ""
-    """Why the last try did not complete it, in one line."""
+    """Reason why the last try did not complete it, in one line."""
 
     def as_json(self) -> dict[str, JSONValue]:
         """The run as a JSON object."""
@@ -249,7 +249,7 @@ def _campaign_of_strategy(
 def hosted(
     entrant: Entrant, terms: Terms, clock: VirtualTime, seed: int, folder: Path, results: Path
 ) -> Iterator[GeneratorStrategy]:
-    """A generator in a process of its own; its ``ending`` says if it could not be built.
+    """A generator in its own process; its ``ending`` tells if it could not be built.
 
     Args:
         entrant: the generator.

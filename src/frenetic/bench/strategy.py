@@ -131,7 +131,7 @@ class GeneratorStrategy:
         self._ledger = Ledger()
         self._attempt: Attempt | None = None  # that is to be told
         self._since = time.monotonic()
-        """When it was answered last."""
+        """Time of the last answer."""
 
     def start(self) -> None:
         """Waits until the generator is built, or has ended at that."""

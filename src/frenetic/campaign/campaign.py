@@ -147,7 +147,7 @@ class Campaign:
         """Whether its folder and database exist."""
         self.description = dict(description or {})
         self.named: Spec | None = None
-        """What its parts are called; None if they came from Python."""
+        """Names of its parts; None if they came from Python."""
 
     @classmethod
     def of(
@@ -198,7 +198,7 @@ class Campaign:
         return self.spec().to_json() | self.description
 
     def spec(self) -> Spec:
-        """What the campaign is made of."""
+        """The spec of the campaign."""
         simulator, driver = self.tester.simulator, self.tester.driver
         named = self.named or Spec(driver=Part(), simulator=Part(), seed=self.seed)
         return replace(
@@ -283,7 +283,7 @@ class Campaign:
             self._require_same_parts(store.config)
             store.require_whole()
             tally, outstanding = replay(store, self.strategy, self.budget)
-            # Whatever ends this process, the campaign goes on to this budget afterwards.
+            # However this process ends, the campaign is resumed to this budget.
             store.reopen(budget=asdict(self.budget))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
@@ -428,7 +428,7 @@ _LOGGED: Final = (
     "lookahead",
     "versions",
 )
-"""What the log's first line says of the configuration."""
+"""The configuration in the log's first line."""
 
 
 @contextmanager

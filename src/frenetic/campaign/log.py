@@ -69,7 +69,7 @@ RETRY_INTERVAL: Final = 5.0
 FIRST: Final = 1000
 """Number of lines of an event and level that are always written."""
 THINNED: Final = 100
-"""From then on, one of this many is written."""
+"""After that, one line of this many is written."""
 MAX_TEXT: Final = 4000
 """Most characters of a text; its middle is cut."""
 MAX_ITEMS: Final = 1000
@@ -120,7 +120,7 @@ class Event(StrEnum):
 
 
 ENDINGS: Final = frozenset({Event.FINISHED, Event.INTERRUPTED, Event.GAVE_UP})
-"""What the last line of a campaign's process tells."""
+"""Events of the last line of a campaign's process."""
 
 
 @dataclass(frozen=True)
@@ -423,7 +423,7 @@ def _plain(value: object, depth: int) -> JSONValue:
             case Path():
                 return _cut(str(value))
         return _cut(repr(value))
-    except Exception:  # whatever somebody's class does when it is looked at
+    except Exception:  # a foreign class may raise anything
         return f"<{type(value).__name__}>"
 
 

@@ -29,8 +29,8 @@ MAX_ERRORS_IN_A_ROW: Final = 10
 MAX_INVALID_IN_A_ROW: Final = 5_000
 """Consecutive refused roads after which a campaign gives up."""
 
-_SURE, _DOUBTFUL, _DOOMED = range(3)  # what is to be expected of a candidate that waits
-_HEARTBEAT: Final = 1.0  # s after which the log is looked after while nothing comes back
+_SURE, _DOUBTFUL, _DOOMED = range(3)  # prospects of a waiting candidate
+_HEARTBEAT: Final = 1.0  # s between two checks of the log while nothing comes back
 
 
 @dataclass(frozen=True)

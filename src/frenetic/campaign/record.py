@@ -1,7 +1,7 @@
-"""What becomes of a candidate: an `Attempt` to test it, and the `TestRecord` that is kept of it.
+"""Records of a candidate's test: an `Attempt` of a worker, and the `TestRecord` that is stored.
 
-The columns of a campaign's database are declared here, each with what its values have to be, and
-rows are read here: whatever comes from a disk is validated once, on its way into a record.
+The columns of a campaign's database are declared here with their valid values, and rows are decoded
+here: input is validated once, on its way into a record.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ class Attempt:
 
     candidate_id: int
     result: Result
-    """Of a road that was not driven: only outcome and reason."""
+    """Verdict; of an undriven road only outcome and reason."""
     pose: Pose | None = None
     """Start of the road on the map; None if it fits nowhere."""
     trajectory: Trajectory | None = None
-    """None if nothing was driven, or if another process did and it is packed."""
+    """Trajectory; None if nothing was driven, or if it is packed."""
     packed: bytes | None = None
     """Encoded trajectory, small enough to travel between processes."""
     simulator_broke: bool = False
@@ -157,7 +157,7 @@ class TestRecord:
     trajectory: Trajectory | None = None
     """Trajectory; None if nothing was driven, or if the record was read without it."""
     setting: Setting | None = None
-    """What it was driven with; None if the campaign does not say it."""
+    """Setting of its drive; None if the campaign does not record it."""
 
     @property
     def id(self) -> int:
@@ -180,7 +180,7 @@ class TestRecord:
 
     @cached_property
     def road(self) -> Road:
-        """Where it lay on the map; at its default place if it fitted nowhere.
+        """Road in its place on the map; at its default place if it fitted nowhere.
 
         Raises:
             CampaignError: the campaign does not say how wide its lanes are.
@@ -194,7 +194,7 @@ class TestRecord:
 
     @cached_property
     def drive(self) -> Drive | None:
-        """None if nothing was driven, or if the record was read without its trajectory.
+        """Drive; None if nothing was driven, or if the record was read without its trajectory.
 
         Raises:
             CampaignError: the campaign does not say which car it was.
@@ -253,7 +253,7 @@ class Setting:
 
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
-        """What a campaign's configuration says, see `setting_faults`."""
+        """The setting in a campaign's configuration, see `setting_faults`."""
         return cls(
             lane_width=float(config["lane_width"]),
             map_size=float(config["map_size"]),
@@ -264,7 +264,7 @@ class Setting:
 
 
 def setting_faults(config: Mapping[str, Any]) -> list[str]:
-    """What keeps a configuration from telling its `Setting`, each in one line."""
+    """Faults that keep a configuration from giving its `Setting`, each in one line."""
     return faults_of({field.name: CONFIGURATION[field.name] for field in fields(Setting)}, config)
 
 
@@ -272,7 +272,7 @@ def setting_faults(config: Mapping[str, Any]) -> list[str]:
 
 
 class Kind(Enum):
-    """What the values of a column are."""
+    """Type of a column's values."""
 
     WHOLE = auto()
     """Whole numbers."""
@@ -475,7 +475,7 @@ RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
 
 
 class Fault(NamedTuple):
-    """What is wrong with a value of a row."""
+    """Fault of a value in a row."""
 
     column: str
     text: str

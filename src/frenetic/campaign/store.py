@@ -327,7 +327,7 @@ class CampaignStore:
 
     @property
     def setting(self) -> Setting:
-        """What the campaign's roads were driven with.
+        """The setting of the campaign's drives.
 
         Raises a `CampaignError` if the configuration does not say it.
         """

@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a road lies that is driven again, and what is different this time."""
+    """Place of a road that is driven again, and its changed conditions."""
 
     pose: Pose
     """At which the road starts."""

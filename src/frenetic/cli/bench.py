@@ -79,7 +79,7 @@ class _AskedEntrant:
     options: dict[str, Any] = field(default_factory=dict)
 
     def entrant(self) -> Entrant:
-        """What that is."""
+        """The entrant."""
         from frenetic.bench import Entrant
 
         return Entrant(

@@ -41,7 +41,7 @@ class AskedVariation:
     """None for the default range."""
 
     def variation(self, simulator: Simulator) -> Variation:
-        """What that is in the simulator's world."""
+        """The range for the simulator."""
         from frenetic.redrive.robustness import Variation
 
         if self.limits is None:

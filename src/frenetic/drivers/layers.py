@@ -90,7 +90,7 @@ class Noisy:
 
     @property
     def options(self) -> dict[str, float]:
-        """What it was made with."""
+        """Its options."""
         return {
             "offset": self.offset,
             "heading": self.heading,
@@ -136,7 +136,7 @@ class ErrorSequence:
         self._rows = np.empty((0, 2))
 
     def upto(self, n: int) -> FloatArray:
-        """(m, 2) errors in m and rad, m >= n; the same rows whatever was asked before."""
+        """Errors, (m, 2) in m and rad, m >= n; the same rows in every call."""
         while len(self._rows) < n:
             fresh = self._rng.standard_normal((_BLOCK, 2))
             last = self._rows[-1] if len(self._rows) else self._rng.standard_normal(2)
@@ -182,7 +182,7 @@ class Delayed:
 
     @property
     def options(self) -> dict[str, float]:
-        """What it was made with."""
+        """Its options."""
         return {"seconds": self.seconds}
 
     def periods(self, period: float) -> int:
@@ -219,7 +219,7 @@ class LimitedView:
 
     @property
     def options(self) -> dict[str, float]:
-        """What it was made with."""
+        """Its options."""
         return {"distance": self.distance}
 
     @property

@@ -1,7 +1,7 @@
 """Drivers by name, with their options and layers.
 
-The table `LAYERS` says what a layer is called; command line, campaigns' records and reports take it
-from there. It imports no layer before one is laid, so that help takes no time.
+The table `LAYERS` declares the layers; command line, campaigns' records and reports read it. A
+layer is imported when it is laid, so help takes no time.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ class Layer:
     """A kind of layer over any driver, with one number: its amount."""
 
     name: str
-    """Of its option, in a campaign's record and as an argument of `load_driver`."""
+    """Name of its option, in a campaign's record and as an argument of `load_driver`."""
     target: str
     """``module:Class``; the class method ``over(driver, amount)`` lays it."""
     unit: str
-    """Of the amount."""
+    """Unit of the amount."""
     nothing: float
-    """Amount with which it does nothing, so that none is laid in place of a recorded one."""
+    """Amount without effect, which removes a recorded layer."""
     help: str
-    """What the amount is, in one sentence."""
+    """Description of the amount, in one sentence."""
     is_needed: bool = False
-    """Whether every record of a command line says something about it, null for no such layer;
-    records made before there was this layer say nothing."""
+    """Whether every record of a command line holds it, null for no such layer. Records older than
+    a layer lack it."""
 
     @property
     def another(self) -> str:
-        """Help where the layer takes the place of a campaign's."""
+        """Help where the layer replaces a campaign's."""
         what = "all" if math.isinf(self.nothing) else "none"
         return f"Another {self.name}, as in run; {self.nothing:g}: {what}."
 
@@ -86,7 +86,7 @@ LAYERS: Final = [
 def load_driver(
     spec: str, options: Mapping[str, Any] | None = None, **layers: float | None
 ) -> Driver:
-    """The driver that a name, ``package.module:Class`` or ``file.py:Class`` stands for.
+    """The driver of a name, ``package.module:Class`` or ``file.py:Class``.
 
     Args:
         spec: which driver.

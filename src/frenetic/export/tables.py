@@ -1,6 +1,6 @@
 """A campaign's tests and trajectories as tables, read many rows at a time.
 
-Whatever the campaign's size, one batch is in memory at a time. A damaged value is a `CampaignError`
+One batch is in memory at a time, however large the campaign. A damaged value is a `CampaignError`
 that names the test.
 """
 

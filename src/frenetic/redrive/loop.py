@@ -1,4 +1,4 @@
-"""Driving roads again where they lie, by this process or several, each in conditions of its own."""
+"""The loop for driving roads again in place, by one process or several, each in its conditions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 @dataclass(frozen=True)
 class Task:
-    """A road to be driven where it lies."""
+    """A road to be driven in place."""
 
     candidate: Candidate
     placement: Placement

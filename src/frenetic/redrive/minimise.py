@@ -74,7 +74,7 @@ class MinimiseProgress:
     length: float
     """Length of the smallest road so far, in m."""
     curves: int
-    """Of the smallest road so far."""
+    """Number of curves of the smallest road so far."""
     doing: str
     """The current pass."""
 

@@ -21,7 +21,7 @@ import numpy as np
 Values: TypeAlias = tuple[float, ...]
 
 MOST_DECIMALS: Final = 16
-"""Of a value that is not round."""
+"""Number of decimals assumed for a value that is not round."""
 _STEPS: Final = (10.0, 5.0, 2.0, 1.0)
 """Steps that a road of more samples is given in m, if they will do."""
 _DECIMALS: Final = (2, 3, 4)

@@ -46,9 +46,9 @@ class Pair:
 
     road: Road
     recorded: Drive
-    """In the campaign."""
+    """Drive in the campaign."""
     other: Drive
-    """In the other simulator."""
+    """Drive in the other simulator."""
     title: str
 
 
@@ -212,6 +212,6 @@ def _styles(pair: Pair) -> tuple[tuple[Drive, dict[str, Any]], tuple[Drive, dict
 
 
 def _path(road: Road, drive: Drive) -> FloatArray:
-    """Up to the record that ended the drive, (n, 2) in m."""
+    """Path up to the record that ended the drive, (n, 2) in m."""
     n = len(assess(road, drive).distance)
     return np.column_stack([drive.trajectory.x[:n], drive.trajectory.y[:n]])

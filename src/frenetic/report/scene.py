@@ -137,7 +137,7 @@ class Box:
 
 @dataclass(frozen=True)
 class View:
-    """How metres become points on paper: turned, moved, scaled."""
+    """The mapping of metres to points on paper: turned, moved, scaled."""
 
     turn: float  # rad counter-clockwise
     x: float  # m, turned, in the middle of the view
@@ -210,7 +210,7 @@ def best_turn(road: Road) -> float:
 
 
 def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
-    """What has to be in sight: the road and the path, unless that goes far astray."""
+    """The box to show: the road and the path, unless the path goes far astray."""
     outline = _turned(_outline(road), turn)
     low, high = outline.min(axis=0), outline.max(axis=0)
     if seen is not None and len(seen):
@@ -530,7 +530,7 @@ def draw_key(
 
 
 def draw_colour_bar(axes: Any, half: float) -> None:
-    """What the colours of a path mean; ``half`` is half a lane, in m."""
+    """Key to the colours of a path; ``half`` is half a lane, in m."""
     axes.figure.colorbar(
         ScalarMappable(Normalize(-half, half), _OOB_MAP),
         cax=axes,

@@ -53,7 +53,7 @@ class Pose(NamedTuple):
 
 
 START = Pose(0.0, 0.0, math.pi / 2)
-"""Where a road starts unless it is moved."""
+"""Default start of a road."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Road:
     step: float = 10.0
     """Distance between two samples, in m."""
     pose: Pose = START
-    """Where the first sample lies and which way the road starts."""
+    """Place and direction of the first sample."""
     lane_width: float = 4.0
     """Width of each of the two lanes, in m."""
 
@@ -356,7 +356,7 @@ def _finite_pose(pose: tuple[float, float, float]) -> tuple[float, float, float]
 
 
 def shortened(value: object) -> str:
-    """What was given, at most 40 characters long, for a message.
+    """The given value, at most 40 characters long, for a message.
 
     Numbers of thousands of digits, which Python refuses to print, are only named.
     """

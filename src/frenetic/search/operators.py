@@ -32,7 +32,7 @@ MIN_VALUES = 2  # fewer do not describe a road
 
 @dataclass(frozen=True)
 class MutationOptions:
-    """How strongly the mutations P1 .. P6 change a road; the defaults are the paper's.
+    """Strength of the mutations P1 .. P6; the defaults are the paper's.
 
     Raises:
         ValueError: A value is out of range; the message says which and what is allowed.

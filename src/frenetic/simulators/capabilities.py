@@ -1,7 +1,7 @@
-"""What a simulator may offer beyond the methods of the protocol.
+"""Capabilities of a simulator beyond the methods of the protocol.
 
-It declares each by an attribute or method of that name; the defaults stand for what it does not
-declare. Only this module looks for them.
+It declares each by an attribute or method of that name; undeclared ones have their defaults. Only
+this module looks for them.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def _accept(_: Driver) -> None:
 
 @dataclass(frozen=True)
 class Usual:
-    """What the class of a simulator says before one is made."""
+    """Capabilities that a simulator's class declares before one is made."""
 
     needs: tuple[str, ...] = ()
     """Modules without which it is not installed."""
@@ -38,7 +38,7 @@ class Usual:
 
 @dataclass(frozen=True)
 class Capabilities(Usual):
-    """What a simulator offers."""
+    """Capabilities of a simulator."""
 
     wall_limit: float = 60.0
     """Wall time in s after which it ends a drive itself."""
@@ -49,31 +49,31 @@ class Capabilities(Usual):
     check_driver: Callable[[Driver], None] = _accept
     """Raises a `DriverError` if a driver cannot drive in it; called before anything is made."""
     checks: Callable[[], Iterator[Check]] | None = None
-    """Gives what 'frenetic doctor' finds out about it, before it is entered; nothing follows what
-    makes the rest pointless."""
+    """Gives the checks of 'frenetic doctor', before it is entered, up to one that makes the rest
+    pointless."""
     variable: frozenset[str] = frozenset()
-    """Those of `VARIABLE` that it has, whatever it declares."""
+    """Those of `VARIABLE` that it has."""
 
     @property
     def drive_limit(self) -> float:
-        """Wall time in s after which a worker that drives one road is taken to hang."""
+        """Wall time in s after which a worker that drives one road counts as hanging."""
         return 1.5 * self.wall_limit + 10.0
 
 
 def usual(factory: Callable[..., Any]) -> Usual:
-    """What a simulator's class says.
+    """The capabilities that a simulator's class declares.
 
     Raises:
-        FreneticError: it declares something that is not what it should be.
+        FreneticError: a declared value is invalid.
     """
     return Usual(**_declared(factory, Usual))
 
 
 def capabilities(simulator: Simulator) -> Capabilities:
-    """What a simulator offers.
+    """The capabilities of a simulator.
 
     Raises:
-        FreneticError: it declares something that is not what it should be.
+        FreneticError: a declared value is invalid.
     """
     variable = frozenset(name for name in VARIABLE if hasattr(simulator, name))
     return Capabilities(**_declared(simulator, Capabilities) | {"variable": variable})
@@ -82,8 +82,8 @@ def capabilities(simulator: Simulator) -> Capabilities:
 def check_pair(simulator: Simulator, driver: Driver) -> None:
     """Checks whether a driver can drive in a simulator, before anything is driven.
 
-    The driver and those under its layers are asked if they can (see `SelectiveDriver`), and the
-    simulator by its ``check_driver``.
+    It asks the driver and those under its layers (see `SelectiveDriver`), and the simulator's
+    ``check_driver``.
 
     Raises:
         DriverError: one of them refuses.
@@ -97,7 +97,7 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
 
 
 def _declared(part: object, kind: type[Usual]) -> dict[str, Any]:
-    """What a simulator or its class declares of the capabilities of a kind."""
+    """The capabilities of a kind that a simulator or its class declares."""
     found: dict[str, Any] = {}
     for item in fields(kind):
         value = getattr(part, item.name, None)
@@ -132,4 +132,4 @@ _WANTED: Final[dict[str, tuple[Callable[[object], bool], str]]] = {
     "usual_workers": _WORKERS,
     "workers_at_most": _WORKERS,
 }
-"""What a value has to be like, and how that is called; the others are methods."""
+"""Check and description of a valid value; the others are methods."""

@@ -45,8 +45,8 @@ def _by_signal(seconds: float) -> Iterator[None]:
     start = time.monotonic()
     rest, interval = signal.getitimer(signal.ITIMER_REAL)
     before = signal.signal(signal.SIGALRM, expire)
-    # The alarm may come while the block is being left: whatever it interrupts, the outer `finally`
-    # puts the timer and the handler back, long before the alarm comes again.
+    # The alarm may come while the block is being left. The outer `finally` then still puts timer
+    # and handler back, long before the alarm comes again.
     try:
         try:
             signal.setitimer(signal.ITIMER_REAL, seconds, _AGAIN)
@@ -57,7 +57,7 @@ def _by_signal(seconds: float) -> Iterator[None]:
         armed = False
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-        if rest > 0.0:  # somebody else's timer, a limit around this one
+        if rest > 0.0:  # an outer limit's timer
             rest -= time.monotonic() - start
             signal.setitimer(signal.ITIMER_REAL, max(rest, 1e-6), interval)
 
@@ -89,7 +89,7 @@ def _by_thread(seconds: float) -> Iterator[None]:
             armed.clear()
     finally:
         armed.clear()
-        with lock:  # now nobody is about to raise it: what is still to come is taken back
+        with lock:  # nobody raises it now: a pending one is taken back
             ctypes.pythonapi.PyThreadState_SetAsyncExc(target, None)
         done.set()
         watcher.join()

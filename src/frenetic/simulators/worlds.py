@@ -118,13 +118,13 @@ class Conditions:
     """Differences of a drive from the campaign's; None where there is none."""
 
     friction: float | None = None
-    """Of the road."""
+    """Friction of the road."""
     speed: float | None = None
     """Speed limit, in km/h."""
     noise: float | None = None
     """Offset of a `Noisy` layer in m, in place of the driver's own, if it has one."""
     noise_seed: int = 0
-    """Of that layer."""
+    """Seed of that layer."""
     delay: float | None = None
     """Delay of a `Delayed` layer in s, in place of the driver's own, if it has one."""
     start: float | None = None

@@ -19,7 +19,7 @@ class Assignment:
     path: str | None
     """Folder that is put on the module path."""
     seed: int
-    """Of `random` and of numpy's global generator."""
+    """Seed of `random` and of numpy's global generator."""
     map_size: float
     """Map size in m, as an integer if it is a whole number."""
     time_budget: float
@@ -76,4 +76,4 @@ class End:
     threads: int = 0
     """Number of threads that it left running."""
     kind: str = "end"
-    """Which message this is."""
+    """Kind of the message."""

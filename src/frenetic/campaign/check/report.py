@@ -49,7 +49,7 @@ class Holdings:
 
     @property
     def bytes_per_test(self) -> float | None:
-        """None without any result."""
+        """Counts, None without any result."""
         return self.size / self.counts.told if self.counts.told else None
 
 

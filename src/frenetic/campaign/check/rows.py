@@ -22,7 +22,7 @@ class CandidateRow(NamedTuple):
     curvatures: Any
     asked_after: Any
     points: Any
-    """None unless the road was proposed as points."""
+    """Points, None unless the road was proposed as points."""
 
 
 class ResultRow(NamedTuple):

@@ -407,7 +407,7 @@ class _Seat:
         self.home = host.nanny or host.address, number
         """Name that outlives restarts of its worker."""
         self.count = host.seats
-        """How many of them there are on its worker."""
+        """Number of seats on its worker."""
         self.name = host.name if host.seats == 1 else f"{host.name} seat {number}"
         self.state: WorkerStatus
         self.since: float
@@ -420,9 +420,9 @@ class _Seat:
         self.handle: Call | None = None
         """Opened it, and keeps it open until it is released."""
         self.call: Call | None = None
-        """What it is at."""
+        """Its present activity."""
         self.candidate_id = 0
-        """What it drives or drove last."""
+        """Its present or last candidate."""
         self.tests = 0
         self.loss = ""
         """Reason of its loss."""
@@ -436,7 +436,7 @@ class _Seat:
         """Takes note of what it is asked to do."""
         last, self.call = self.call, call
         if last is not None and last is not self.handle:
-            last.release()  # only now, since Dask sends whatever is not the first 10 ms later
+            last.release()  # only now, since Dask delays all but the first message by 10 ms
 
     def release(self) -> None:
         """Lets go of it: Dask ends it when its drive, if there is one, has ended."""

@@ -61,7 +61,7 @@ class Call:
     def __init__(self, link: DaskLink) -> None:
         self._link = link
         self.future: Future | None = None
-        """Of the link's thread alone."""
+        """Used by the link's thread only."""
 
     def release(self) -> None:
         """Releases its result, on the cluster, too; a task that has not begun never will."""
@@ -73,7 +73,7 @@ class Seen:
     """The present workers."""
 
     hosts: dict[str, Host]
-    """By address."""
+    """Workers by address."""
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def encode_task(candidate: Candidate | None, placement: Placement | None = None)
 
 
 def decode_task(data: bytes) -> tuple[Candidate | None, Placement | None]:
-    """What `encode_task` was given."""
+    """The task in bytes from `encode_task`."""
     # It comes from our own parent, so it may be unpickled.
     candidate, placement = pickle.loads(data)  # noqa: S301
     if isinstance(candidate, tuple):

@@ -58,7 +58,7 @@ MOST_ON_WINDOWS: Final = 60
 """Most workers on Windows, whose kernel waits for this many objects at once."""
 
 Task: TypeAlias = "tuple[Candidate, Placement | None]"
-"""What is handed to a worker."""
+"""Task of a worker."""
 
 _LEAVING_LIMIT: Final = 1.0  # s that a process has to leave when its simulator has ended
 _PAUSE: Final = 0.2  # s between two tries to get a process
@@ -359,7 +359,7 @@ class _Worker:
         self.has_started = False
         """Whether its simulator ever has."""
         self.failed_starts = 0
-        """In a row."""
+        """Number of consecutive failed starts."""
         self.loss = ""
         """Reason of its last process's loss."""
 

@@ -109,7 +109,7 @@ class _Campaign:
                 raise _GoneError from error
 
     def receive(self) -> tuple[Candidate | None, Placement | None]:
-        """The next candidate, None if none will come; and how it is to be driven."""
+        """The next candidate, None at the end, and its placement."""
         try:
             return decode_task(self._connection.recv_bytes())
         except (EOFError, OSError):

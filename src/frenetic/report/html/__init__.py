@@ -3,7 +3,7 @@
 What the page says is put together here as *sections* of *blocks* (`frenetic.report.html.blocks`),
 which become JSON in the page; how it looks is up to ``static``.
 
-A section of one's own needs no JavaScript, as long as its blocks are of the kinds that are there::
+Your own section needs no JavaScript, as long as its blocks are of existing kinds::
 
     from frenetic.report.html import Chart, Paragraph, Section, Series, write_report
 

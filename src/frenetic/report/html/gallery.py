@@ -59,7 +59,7 @@ class Family:
 
     kind: ClassVar[str] = "family"
     ids: tuple[int, ...]
-    """Of the failures to choose from."""
+    """Ids of the failures to choose from."""
 
 
 def gallery_section(

@@ -118,7 +118,7 @@ class Spread:
     texts: tuple[str, ...]
     """The same, for people."""
     median: str
-    """For people."""
+    """The median, for people."""
     quartiles: tuple[float | None, float | None, float | None] | None
     """First, median and third; None if there are too few values."""
 
@@ -299,7 +299,7 @@ def _maps(comparison: Comparison, groups: tuple[Group, ...]) -> GroupTable:
 
 
 def group_curves(comparison: Comparison, groups: tuple[Group, ...]) -> Curves:
-    """What was found over the simulations."""
+    """Findings over the simulations."""
     few = min(map(len, comparison.groups.values())) < LEAST_REPEATS
     band = (
         "the band lies between the quartiles"

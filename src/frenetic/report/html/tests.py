@@ -32,7 +32,7 @@ LETTERS: Final[Mapping[Outcome, str]] = {outcome: str(outcome)[0] for outcome in
 class TestSummary:
     """The data of any test for a page."""
 
-    __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
+    __test__: ClassVar[bool] = False  # no test class of pytest's
 
     id: int
     outcome: Outcome

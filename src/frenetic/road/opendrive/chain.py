@@ -66,7 +66,7 @@ def _chain(roads: Sequence[Element]) -> list[Stretch]:
 
 
 def _links(by_id: dict[str, Element]) -> dict[_End, _End]:
-    """Which end of a road meets which end of another, both ways."""
+    """Meeting ends of roads, both ways."""
     links: dict[_End, _End] = {}
     for name, road in by_id.items():
         for kind, side in (("predecessor", "start"), ("successor", "end")):

@@ -2,7 +2,7 @@
 
 What is read is one lane, by default lane -1, the innermost one on the right: its width, and its
 edge on the side of the road's centre, which becomes the centre line of the road that is returned.
-Other lanes, road marks, signals and objects are left out. Whatever would make another road of it (a
+Other lanes, road marks, signals and objects are left out. Anything that would make another road (a
 junction, a slope, a lane of changing width) is refused.
 """
 
@@ -198,7 +198,7 @@ def _require_flat(roads: Sequence[Element]) -> None:
 
 
 def _ego_lane_width(stretches: Sequence[Stretch], lanes: Sequence[Sequence[int]]) -> float:
-    """Width in m of the ego lane, which has to be a driving lane of constant width."""
+    """Width of the ego lane in m, which must be a driving lane of constant width."""
     widths: list[float] = []
     for stretch, ids in zip(stretches, lanes, strict=True):
         sections = sections_of(stretch.road)
@@ -227,7 +227,7 @@ def _widths(lane: Element, span: float) -> Iterator[tuple[Cubic, float, float]]:
 
 
 def _offsets(road: Element, lanes: Sequence[int]) -> list[Offset]:
-    """How far the ego lane's edge towards the centre is shifted, empty if it is not.
+    """Shifts of the ego lane's edge towards the centre, empty if there are none.
 
     That is the lane offset and the widths of the lanes in between.
 

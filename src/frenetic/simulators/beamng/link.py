@@ -70,7 +70,7 @@ _scenarios = count(1)
 
 @dataclass(frozen=True)
 class Place:
-    """Where BeamNG.tech is: to be started, or running."""
+    """Place of BeamNG.tech: to be started, or running."""
 
     home: Path | None
     """Folder of its installation; None to connect to one that runs."""
@@ -78,7 +78,7 @@ class Place:
     """Folder for what it writes; None for its own choice."""
     host: str
     port: int | None
-    """None for a free one, if it is to be started."""
+    """Port; None for a free one, if BeamNG.tech is started."""
     headless: bool
     no_gpu: bool
 

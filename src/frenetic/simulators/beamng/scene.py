@@ -76,7 +76,7 @@ def scene_of(road: Road, ground: float, ahead: float, left: float) -> Scene:
 
 
 def ego_start(road: Road) -> Pose:
-    """Where the middle of the car stands at the start of a drive."""
+    """Place of the car's middle at the start of a drive."""
     pose = road.pose_at(0.0)
     half = 0.5 * road.lane_width
     return Pose(

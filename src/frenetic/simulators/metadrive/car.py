@@ -28,7 +28,7 @@ MetaDrive's whole pedal is four times as much, more than the tyres hold."""
 
 
 class Decision(NamedTuple):
-    """What the car does until the next decision."""
+    """The car's controls until the next decision."""
 
     steering: float = 0.0
     """Steering asked of the front wheels in rad, positive to the left."""
@@ -39,7 +39,7 @@ class Decision(NamedTuple):
 
     @classmethod
     def of_action(cls, steering: float, throttle_brake: float) -> Decision:
-        """What MetaDrive's action, each in -1..1, means."""
+        """Controls of MetaDrive's action, each in -1..1."""
         return cls(
             steering * VEHICLE.steering_limit,
             max(throttle_brake, 0.0),
@@ -53,7 +53,7 @@ class Decision(NamedTuple):
 
     @property
     def action(self) -> tuple[float, float]:
-        """As MetaDrive has it: steering, throttle or brake, each in -1..1; the brake wins."""
+        """MetaDrive's action: steering, throttle or brake, each in -1..1; the brake wins."""
         steering = self.wheel_angle / VEHICLE.steering_limit
         if self.brake > 0.0:
             return steering, -min(self.brake * FULL_BRAKE, 1.0)
@@ -61,7 +61,7 @@ class Decision(NamedTuple):
 
 
 def drive_setup(rules: Rules, road: Road) -> DriveSetup:
-    """What a driver is told before a drive along the road."""
+    """The setup of a drive along the road for its driver."""
     return DriveSetup(
         speed_limit=rules.speed_limit / 3.6,
         lane_width=road.lane_width,

@@ -16,14 +16,14 @@ from frenetic.simulators.simulator import Simulator
 
 
 class PolicySimulator:
-    """What a simulator inherits that lets MetaDrive's policies act."""
+    """Base of a simulator that lets MetaDrive's policies act."""
 
 
 class MetaDriveDriver:
     """A policy that comes with MetaDrive; the subclasses are its options."""
 
     name: ClassVar[str]
-    """In the registry."""
+    """Name in the registry."""
 
     def check_simulator(self, simulator: Simulator) -> None:
         """Refuses simulators that do not know MetaDrive's drivers.

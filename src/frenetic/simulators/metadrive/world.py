@@ -32,7 +32,7 @@ from frenetic.simulators.metadrive.car import (
 from frenetic.simulators.metadrive.navigation import EGO_LANE, RoadNavigation
 
 SEED: Final = 0
-"""Of every road, so that the car is the same on each."""
+"""Seed of every road, so that the car is the same on each."""
 POINT_SPACING: Final = 1.25
 """Distance between the points of the map's lines, in m. MetaDrive merges points less than 1 m
 apart, and on the inner lane of the sharpest valid curve they are a seventh closer."""
@@ -259,7 +259,7 @@ class World:
             raise ArithmeticError(f"MetaDrive's physics broke: {error}") from error
 
     def motion(self) -> Motion:
-        """Where the car is now."""
+        """Present place and motion of the car."""
         vehicle = self.vehicle
         place = vehicle.origin.getPos()
         ahead = vehicle.origin.getQuat().getForward()

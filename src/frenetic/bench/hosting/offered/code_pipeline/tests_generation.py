@@ -51,7 +51,7 @@ class RoadTest:
         self.id = number
         self.road_points = snapshot(road_points)
         self.is_valid: bool | None = None
-        """None until it is checked."""
+        """Validity, None until it is checked."""
         self.validation_message: str | None = None
 
     @cached_property
@@ -79,7 +79,7 @@ class RoadTest:
 
     @cached_property
     def features(self) -> dict[str, float]:
-        """Of an executed test: see `compute_all_features`.
+        """Features of an executed test, see `compute_all_features`.
 
         Raises:
             AttributeError: The test was not executed.
@@ -156,7 +156,7 @@ class RoadTestFactory:
 class TestGenerationStatistic:
     """Counts of the tests' results, and their times; a generator may change them."""
 
-    __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
+    __test__: ClassVar[bool] = False  # no test class of pytest's
 
     test_generated: int = 0
     """All submitted tests."""

@@ -22,7 +22,7 @@ class TestValidator:
 
     """
 
-    __test__: ClassVar[bool] = False  # not a test class, whatever a test runner may think
+    __test__: ClassVar[bool] = False  # no test class of pytest's
 
     def __init__(self, map_size: float) -> None:
         self.map_size = map_size
