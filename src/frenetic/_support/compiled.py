@@ -1,38 +1,121 @@
-"""The decorator of all kernels, which numba compiles.
+"""The decorator of all kernels, which numba compiles and keeps on disk.
 
-The kernels of `frenetic.road` also run without numba, which the official competition pipeline with
-its old Python and pinned packages lacks. There a road takes about a tenth of a second instead of a
-millisecond; the budget gives it half a minute. Everything that drives a car needs numba.
+The kernels of `frenetic.road` also run without numba, as the official competition pipeline needs
+it: its Python is old and its packages are pinned. There a road takes about a tenth of a second
+instead of a millisecond, of a budget that gives it half a minute. Everything that drives a car
+needs numba.
+
+Processes take turns at compiling. Numba keeps an index, from the types of a kernel's arguments to
+the numbers of its compiled forms, beside these forms. Of two processes that compile a kernel at
+once for different arguments, both may take the same number; from then on one of the two calls runs
+the other's machine code. A fresh installation meets this as soon as its first campaign starts two
+workers. Numba announces when it begins and ends to compile, which includes reading and writing
+these files: that is when a process holds the lock. Others find its result on disk afterwards.
 """
 
 from __future__ import annotations
 
+import os
+import threading
+import time
 from collections.abc import Callable
-from typing import Any, Literal, TypeVar, cast
+from pathlib import Path
+from typing import Any, Final, Literal, TypeVar, cast
+
+from frenetic._support.file_locks import try_to_lock
 
 try:
     import numba
+    from numba.core import event
+    from numba.extending import is_jitted
 except ImportError:
     IS_COMPILED = False
 else:
     IS_COMPILED = True
     """Whether the kernels are compiled."""
 
+LOCK: Final = "frenetic-kernels.lock"
+
+PATIENCE: Final = 30.0
+"""Time in s that a process waits for its turn. One kernel takes a few seconds, so a process that
+takes longer has been stopped; the others do not wait for it any more."""
+
+_PAUSE: Final = 0.002
+
 _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 
 def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Kernel], _Kernel]:
-    """Numba's decorator of the same name, with a cache on disk that processes may share.
+    """Numba's decorator of the same name, with its cache on disk.
 
-    Without numba it leaves the function as it is.
+    Without numba it changes nothing.
     """
     if not IS_COMPILED:
         return lambda kernel: kernel
-    from frenetic._support.shared_kernels import SharedCache
 
     def compile_lazily(kernel: _Kernel) -> _Kernel:
-        dispatcher: Any = numba.njit(error_model=error_model)(kernel)
-        dispatcher._cache = SharedCache(kernel)  # as its enable_caching() does with numba's own
-        return cast("_Kernel", dispatcher)
+        return cast("_Kernel", numba.njit(error_model=error_model, cache=True)(kernel))
 
     return compile_lazily
+
+
+def cache_folder(kernel: Callable[..., Any]) -> Path | None:
+    """The folder where a kernel is kept; None if it is not compiled."""
+    if not (IS_COMPILED and is_jitted(kernel)):
+        return None
+    return Path(cast("Any", kernel).stats.cache_path)
+
+
+if IS_COMPILED:
+
+    @njit()
+    def _placed() -> None:
+        """Never called: says which folder numba has for this module, where the lock lies."""
+
+    class Turns(event.Listener):
+        """Holds the lock while this process compiles."""
+
+        def __init__(self) -> None:
+            self._folder = cache_folder(_placed)
+            self._guard = threading.Lock()
+            self._depth = 0  # threads and kernels of kernels that compile
+            self._file: int | None = None
+            self._waits = self._folder is not None
+
+        def on_start(self, _: event.Event) -> None:
+            """Waits for this process's turn."""
+            with self._guard:
+                if self._depth == 0 and self._waits:
+                    self._lock()
+                self._depth += 1
+
+        def on_end(self, _: event.Event) -> None:
+            """Ends the turn."""
+            with self._guard:
+                self._depth -= 1
+                if self._depth == 0 and self._file is not None:
+                    os.close(self._file)
+                    self._file = None
+
+        def _lock(self) -> None:
+            assert self._folder is not None
+            try:
+                self._file = os.open(self._folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
+            except OSError:  # nobody can write there
+                return
+            end = time.monotonic() + PATIENCE
+            while True:
+                try:
+                    try_to_lock(self._file)
+                except (BlockingIOError, PermissionError):
+                    if time.monotonic() > end:
+                        self._waits = False
+                        return
+                except OSError:  # files cannot be locked there
+                    self._waits = False
+                    return
+                else:
+                    return
+                time.sleep(_PAUSE)
+
+    event.register("numba:compiler_lock", Turns())  # type: ignore[no-untyped-call]

@@ -9,13 +9,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import cache
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
 from frenetic.drivers.driver import Driver, DriveSetup, checked_controls
@@ -278,9 +278,8 @@ def compile_kernels() -> None:
 
 def _cache_check() -> Check:
     """Whether compiled kernels can be kept."""
-    compiled = kernels.rollout
-    folder = Path(str(getattr(getattr(compiled, "stats", None), "cache_path", "") or ""))
-    if not folder.is_dir():
+    folder = cache_folder(kernels.rollout)
+    if folder is None or not folder.is_dir():
         return Check("cache", False, "kernels are not cached", "unset NUMBA_DISABLE_JIT")
     if not os.access(folder, os.W_OK):
         return Check(

@@ -9,10 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from frenetic._support import shared_kernels
-from frenetic._support.compiled import njit
-from frenetic._support.file_locks import try_to_lock
-
 KERNELS = """
 from frenetic._support.compiled import njit
 
@@ -44,7 +40,7 @@ print(total(np.arange(5.0)))
 # Tells when it has to wait for its turn.
 OTHER = """
 import numpy as np
-from frenetic._support import shared_kernels
+from frenetic._support import compiled
 from frenetic._support.file_locks import try_to_lock
 from kernels import total
 
@@ -60,8 +56,16 @@ def tell(file):
         waits = True
         raise
 
-shared_kernels.try_to_lock = tell
+compiled.try_to_lock = tell
 print(total(np.arange(5)))
+"""
+
+
+# Says how many of both forms were read from the disk.
+BOTH = """
+import numpy as np
+from kernels import total
+print(total(np.arange(5)), total(np.arange(5.0)), sum(total.stats.cache_hits.values()))
 """
 
 
@@ -94,44 +98,52 @@ def test_processes_take_turns(folder: Path) -> None:
         assert other.stdout.readline() == "waits\n"
         assert slow.communicate("\n")[0] == "10.0\n"
         assert other.communicate()[0] == "10.0\n"
-    both = (
-        "import numpy as np\nfrom kernels import total\nprint(total(np.arange(5)), "
-        "total(np.arange(5.0)), sum(total.stats.cache_hits.values()))"
-    )
-    with start(folder, both) as reader:
+    with start(folder, BOTH) as reader:
         assert reader.communicate()[0] == "10.0 10.0 2\n"
 
 
-def double(value: float) -> float:
-    return 2.0 * value
+# Compiles in spite of another process that holds the lock all the time, or of files without locks.
+ALONE = """
+import sys
+import numpy as np
+from frenetic._support import compiled
+from kernels import total
+
+def refuse(file):
+    raise {error}("no turn")
+
+compiled.try_to_lock = refuse
+compiled.PATIENCE = 0.0
+print(total(np.arange(5)), total(np.arange(5.0)))
+"""
 
 
-def test_who_never_gets_a_turn_compiles_for_itself(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
-
-    def refuse(file: int) -> None:
-        raise BlockingIOError
-
-    monkeypatch.setattr(shared_kernels, "try_to_lock", refuse)
-    monkeypatch.setattr(shared_kernels, "PATIENCE", 0.0)
-    assert njit()(double)(2.0) == 4.0
-    assert not list(tmp_path.rglob("*.nb[ic]"))
-    monkeypatch.setattr(shared_kernels, "try_to_lock", try_to_lock)
-    assert njit()(double)(2.0) == 4.0
-    assert list(tmp_path.rglob("*.nbc"))
+@pytest.mark.parametrize("error", ["BlockingIOError", "OSError"])
+def test_who_never_gets_a_turn_does_without(folder: Path, error: str) -> None:
+    with start(folder, ALONE.format(error=error)) as alone:
+        assert alone.communicate()[0] == "10.0 10.0\n"
+    with start(folder, BOTH) as reader:
+        assert reader.communicate()[0] == "10.0 10.0 2\n"
 
 
-def test_where_files_cannot_be_locked_kernels_are_kept_all_the_same(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path))
+def test_many_processes_leave_a_cache_that_works(folder: Path) -> None:
+    code = "import numpy as np\nfrom kernels import total\ninput()\nprint(total(np.arange({})))"
+    processes = [start(folder, code.format(end)) for end in ("5", "5.0", "5", "5.0")]
+    for process in processes:
+        assert process.stdin
+        process.stdin.write("\n")
+        process.stdin.flush()
+    assert [process.communicate()[0] for process in processes] == ["10.0\n"] * 4
+    with start(folder, BOTH) as reader:
+        assert reader.communicate()[0] == "10.0 10.0 2\n"
 
-    def fail(file: int) -> None:
-        raise OSError("no locks")
 
-    monkeypatch.setattr(shared_kernels, "try_to_lock", fail)
-    assert njit()(double)(2.0) == 4.0
-    assert list(tmp_path.rglob("*.nbc"))
+def test_one_that_is_killed_while_it_compiles_hurts_nobody(folder: Path) -> None:
+    with start(folder, SLOW) as slow:
+        assert slow.stdout
+        assert slow.stdout.readline() == "stopped\n"
+        slow.kill()
+    with start(folder, OTHER) as other:
+        assert other.communicate()[0] == "10.0\n"
+    with start(folder, BOTH.replace("sum(total.stats.cache_hits.values())", "2")) as reader:
+        assert reader.communicate()[0] == "10.0 10.0 2\n"
