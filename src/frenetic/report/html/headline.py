@@ -12,6 +12,7 @@ from frenetic._support.words import counted
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.record import Counts
 from frenetic.campaign.store import JSONValue
+from frenetic.drivers.loading import LAYERS
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Fact, Role, percent
 
@@ -126,9 +127,9 @@ def _named(config: Mapping[str, JSONValue], part: str) -> str:
         text = str(command[part])
         if part == "driver":
             layers = [
-                f"{layer} {command[layer]:g} {unit}"
-                for layer, unit in (("noise", "m"), ("delay", "s"), ("view", "m"))
-                if isinstance(command.get(layer), int | float)
+                f"{layer.name} {command[layer.name]:g} {layer.unit}"
+                for layer in LAYERS
+                if isinstance(command.get(layer.name), int | float)
             ]
             text += f" with {', '.join(layers)}" if layers else ""
         return text
