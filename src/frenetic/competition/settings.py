@@ -1,4 +1,7 @@
-"""Settings beyond the pipeline's command line: seed and options of the strategy."""
+"""Settings beyond the pipeline's command line: seed and options of the strategy.
+
+They share no code with `frenetic.spec`, which the pipeline's Python 3.9 cannot import.
+"""
 
 from __future__ import annotations
 
