@@ -13,7 +13,7 @@ import math
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -110,23 +110,35 @@ def read_with_carla(text: str, road: Road) -> ReadLane:
     return ReadLane(np.array(centre), places[0].lane_width)
 
 
-def read_with_sumo(text: str, *options: str) -> ReadLane:
-    """Lane -1 as SUMO's netconvert makes it, a polyline."""
+def read_with_sumo(texts: Mapping[str, str], *options: str) -> dict[str, ReadLane]:
+    """Lane -1 of each file as SUMO's netconvert makes it, a polyline.
+
+    All are read by one process, as roads of one net.
+    """
     import sumo
 
     program = Path(sumo.SUMO_HOME) / "bin" / "netconvert"
+    ours = 'id="1" junction="-1"'
     with tempfile.TemporaryDirectory() as folder:
-        source, net = Path(folder, "road.xodr"), Path(folder, "road.net.xml")
-        source.write_text(text, encoding="utf-8")
-        command = [str(program), "--opendrive-files", str(source), "--output-file", str(net)]
+        sources, net = [], Path(folder, "roads.net.xml")
+        for i, text in enumerate(texts.values(), start=1):
+            assert text.count(ours) == 1
+            sources.append(Path(folder, f"{i}.xodr"))
+            sources[-1].write_text(text.replace(ours, f'id="{i}" junction="-1"'), encoding="utf-8")
+        files = ",".join(map(str, sources))
+        command = [str(program), "--opendrive-files", files, "--output-file", str(net)]
         command += ["--offset.disable-normalization", *options]
         done = subprocess.run(command, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        lane = ElementTree.parse(net).find(".//edge[@id='-1']/lane")
-    assert lane is not None
-    shape = [[float(v) for v in p.split(",")[:2]] for p in (lane.get("shape") or "").split()]
-    width, speed = (float(lane.get(key, "nan")) for key in ("width", "speed"))
-    return ReadLane(np.array(shape), width, speed)
+        tree = ElementTree.parse(net)
+    lanes = {}
+    for i, name in enumerate(texts, start=1):
+        lane = tree.find(f".//edge[@id='-{i}']/lane")
+        assert lane is not None, name
+        shape = [[float(v) for v in p.split(",")[:2]] for p in (lane.get("shape") or "").split()]
+        width, speed = (float(lane.get(key, "nan")) for key in ("width", "speed"))
+        lanes[name] = ReadLane(np.array(shape), width, speed)
+    return lanes
 
 
 def away_at_places(road: Road, lane: ReadLane) -> float:
@@ -168,14 +180,13 @@ def main() -> None:
         return max((measure(name), name) for name in roads)
 
     fine = ("--opendrive.curve-resolution", "0.5", "--precision", "4")
+    lanes, fine_lanes = read_with_sumo(texts), read_with_sumo(texts, *fine)
     rows = {
         "CARLA, lane centre by distance": lambda name: away_at_places(
             roads[name], read_with_carla(texts[name], roads[name])
         ),
-        "netconvert": lambda name: away_from_line(roads[name], read_with_sumo(texts[name])),
-        f"netconvert {' '.join(fine)}": lambda name: away_from_line(
-            roads[name], read_with_sumo(texts[name], *fine)
-        ),
+        "netconvert": lambda name: away_from_line(roads[name], lanes[name]),
+        f"netconvert {' '.join(fine)}": lambda name: away_from_line(roads[name], fine_lanes[name]),
         "frenetic, curvature (1/m)": lambda name: away_when_read_back(roads[name]),
     }
     sys.stdout.write(f"{len(roads)} roads\n")

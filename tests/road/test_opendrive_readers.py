@@ -77,16 +77,25 @@ def test_carla_places_the_road_on_the_globe() -> None:
     assert east.longitude - here.longitude == pytest.approx(1000.0 / a_degree, rel=0.01)
 
 
+@pytest.fixture(scope="module")
+def netconverted() -> dict[str, readers.ReadLane]:
+    return readers.read_with_sumo(
+        {name: to_opendrive(road, shoulder=SHOULDERS[name]) for name, road in ROADS.items()}
+    )
+
+
 @pytest.mark.parametrize("name", ROADS)
-def test_netconvert_makes_the_lane_within_15_centimetres(name: str) -> None:
-    road = ROADS[name]
-    lane = readers.read_with_sumo(to_opendrive(road, shoulder=SHOULDERS[name]))
+def test_netconvert_makes_the_lane_within_15_centimetres(
+    name: str, netconverted: dict[str, readers.ReadLane]
+) -> None:
+    road, lane = ROADS[name], netconverted[name]
     assert lane.width == pytest.approx(road.lane_width)
     assert readers.away_from_line(road, lane) < 0.15
 
 
 def test_netconvert_reads_the_speed_limit() -> None:
-    lane = readers.read_with_sumo(to_opendrive(ROADS["straight"], speed_limit=90.0))
+    text = to_opendrive(ROADS["straight"], speed_limit=90.0)
+    lane = readers.read_with_sumo({"straight": text})["straight"]
     assert lane.speed == pytest.approx(90.0 / 3.6, abs=0.01)
 
 
