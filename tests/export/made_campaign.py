@@ -18,7 +18,7 @@ from frenetic.simulators import EmbeddedSimulator
 
 
 @pytest.fixture(scope="session")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its folder; nothing in it may be changed."""
     folder = tmp_path_factory.mktemp("exported") / "c"
     Campaign(
@@ -33,11 +33,11 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def damaged(campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
+def damaged(made_campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
     """Makes a copy in which a statement was executed."""
 
     def damage(statement: str) -> Path:
-        folder = Path(shutil.copytree(campaign, tmp_path / "damaged"))
+        folder = Path(shutil.copytree(made_campaign, tmp_path / "damaged"))
         with closing(sqlite3.connect(folder / DATABASE)) as connection:
             connection.execute("PRAGMA ignore_check_constraints = ON")
             assert connection.execute(statement).rowcount == 1

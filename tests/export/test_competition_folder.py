@@ -20,6 +20,12 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 pytest_plugins = ["made_campaign"]
 
+
+@pytest.fixture(scope="session")
+def campaign(made_campaign: Path) -> Path:
+    return made_campaign
+
+
 FIELDS = list(SimulationRecord.__dataclass_fields__)
 
 

@@ -26,6 +26,11 @@ from frenetic.export.tables import Which
 pytest_plugins = ["made_campaign"]
 
 
+@pytest.fixture(scope="session")
+def campaign(made_campaign: Path) -> Path:
+    return made_campaign
+
+
 @pytest.fixture(scope="module")
 def exported(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     parent = tmp_path_factory.mktemp("all")

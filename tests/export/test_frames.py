@@ -21,6 +21,11 @@ from frenetic.outcome import Outcome
 pytest_plugins = ["made_campaign"]
 
 
+@pytest.fixture(scope="session")
+def campaign(made_campaign: Path) -> Path:
+    return made_campaign
+
+
 def expected(record: Any) -> dict[str, Any]:
     """A row of the table, made from a record."""
     candidate, place = record.candidate, record.pose or (None, None, None)
