@@ -9,12 +9,13 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from permissions import bound_by_permissions
 
 from frenetic.campaign import store as store_module
 from frenetic.campaign.lock import FileLock
@@ -389,24 +390,6 @@ def test_a_file_in_the_way(tmp_path: Path, below: str) -> None:
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match="cannot make the folder"):
         CampaignStore.create(tmp_path / ("x" * 5000), CONFIG)
-
-
-@contextmanager
-def bound_by_permissions(*folders: Path) -> Iterator[None]:
-    """Lets permissions bind, also when the superuser runs the tests."""
-    if os.geteuid() != 0:
-        yield
-        return
-    for folder in folders:
-        for parent in (folder, *folder.parents):
-            mode = parent.stat().st_mode
-            if not mode & 0o001:
-                parent.chmod(mode | 0o055)
-    os.seteuid(65534)  # nobody
-    try:
-        yield
-    finally:
-        os.seteuid(0)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import shutil
+import sqlite3
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
+from redrives import forget_redrives
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.store import DATABASE
+from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import (
-    CONFIRMATIONS,
-    Agreement,
     Confirmation,
     confirm,
     confirmation_document,
     read_confirmations,
-    write_confirmations,
 )
+from frenetic.redrive.record import Agreement
 from frenetic.report.confirmation import pictures_of, write_confirmation
 from frenetic.road import Road
 from frenetic.search import Frenetic
@@ -117,6 +122,15 @@ def test_only_failures_can_be_confirmed(campaign: Path) -> None:
 # What is kept
 
 
+def side_file_item(found: Confirmation) -> dict[str, Any]:
+    """A confirmation as older versions kept it in a file."""
+    document: dict[str, Any] = dict(confirmation_document(found))
+    for one, test in zip(document["tests"], found.tests, strict=True):
+        assert test.trajectory is not None
+        one["trajectory"] = base64.b64encode(encode(test.trajectory)).decode()
+    return document
+
+
 def test_kept_is_what_was_found(campaign: Path) -> None:
     found = in_other_car(campaign)
     (kept,) = read_confirmations(campaign)
@@ -125,9 +139,6 @@ def test_kept_is_what_was_found(campaign: Path) -> None:
         assert one.trajectory is not None
         assert other.trajectory is not None
         assert (one.trajectory.to_rows() == other.trajectory.to_rows()).all()
-    before = (campaign / CONFIRMATIONS).read_bytes()
-    write_confirmations(campaign, read_confirmations(campaign))
-    assert (campaign / CONFIRMATIONS).read_bytes() == before
     assert not list(campaign.glob("*.part"))
 
 
@@ -156,11 +167,11 @@ def test_nothing_is_kept_of_a_campaign_that_nobody_confirmed(campaign: Path) -> 
 def test_damaged_file_is_refused_before_anything_is_driven(
     campaign: Path, text: str, words: str
 ) -> None:
-    (campaign / CONFIRMATIONS).write_text(text)
+    (campaign / "confirmations.json").write_text(text)
     with pytest.raises(CampaignError) as refused:
         confirm(campaign, Unreliable(), DummyDriver(), test_ids=failures(campaign)[:1])
     assert words in str(refused.value)
-    assert (campaign / CONFIRMATIONS).read_text() == text
+    assert (campaign / "confirmations.json").read_text() == text
 
 
 @pytest.mark.parametrize(
@@ -180,28 +191,33 @@ def test_damaged_file_is_refused_before_anything_is_driven(
 def test_damaged_values_are_named(
     campaign: Path, place: tuple[str | int, ...], value: object
 ) -> None:
-    confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
-    document = json.loads((campaign / CONFIRMATIONS).read_text())
-    inner = document["confirmations"][0]
+    found = confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
+    forget_redrives(campaign)
+    document = {"version": 1, "confirmations": [side_file_item(found)]}
+    (campaign / "confirmations.json").write_text(json.dumps(document))
+    assert json.loads(json.dumps(list(map(side_file_item, read_confirmations(campaign))))) == [
+        json.loads(json.dumps(side_file_item(found)))
+    ]
+    inner: Any = document["confirmations"][0]  # type: ignore[index]
     for step in place[:-1]:
         inner = inner[step]
     inner[place[-1]] = value
-    (campaign / CONFIRMATIONS).write_text(json.dumps(document))
+    (campaign / "confirmations.json").write_text(json.dumps(document))
     with pytest.raises(CampaignError, match=r"is damaged .*: remove it"):
         read_confirmations(campaign)
 
 
-def test_failed_write_leaves_the_old_file(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_write_leaves_what_was_there(campaign: Path) -> None:
     found = in_other_car(campaign)
-    before = (campaign / CONFIRMATIONS).read_bytes()
-
-    def full(*_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(CampaignError, match="cannot be written: No space left on device"):
-        write_confirmations(campaign, [found])
-    assert (campaign / CONFIRMATIONS).read_bytes() == before
+    with closing(sqlite3.connect(campaign / DATABASE)) as connection:
+        connection.execute(
+            "CREATE TRIGGER full BEFORE INSERT ON redrive BEGIN SELECT RAISE(ABORT, 'full'); END"
+        )
+    with pytest.raises(CampaignError, match="full") as caught:
+        confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
+    assert "\n" not in str(caught.value)
+    (kept,) = read_confirmations(campaign)
+    assert confirmation_document(kept) == confirmation_document(found)
 
 
 # Pictures

@@ -14,7 +14,7 @@ from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import Task, campaign_tester, drive_again
+from frenetic.redrive.loop import Task, campaign_tester, drive_all
 from frenetic.road import Pose, Road
 from frenetic.search import Candidate, Frenetic, Origin
 from frenetic.simulators import Drive, EmbeddedSimulator
@@ -57,7 +57,7 @@ def driven(tasks: list[Task], tester: RoadTester, workers: int = 1) -> dict[int,
         assert attempt.seconds >= 0.0
         found[attempt.candidate_id] = attempt
 
-    assert drive_again(tasks, tester, workers=workers, on_attempt=note)
+    assert drive_all(tasks, tester, workers=workers, on_attempt=note)
     return found
 
 
@@ -148,7 +148,7 @@ def test_ctrl_c_ends_after_what_runs() -> None:
         if attempt.candidate_id == 3:
             signal.raise_signal(signal.SIGINT)
 
-    complete = drive_again(
+    complete = drive_all(
         [gentle(number) for number in range(1, 10)],
         RoadTester(DummySimulator(), DummyDriver()),
         on_attempt=note,

@@ -13,24 +13,21 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from redrives import forget_redrives, recorded, redriven
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
+from frenetic.redrive.conditions import Variation, draw_conditions
 from frenetic.redrive.robustness import (
-    RERUNS,
-    Repeat,
     Rerun,
     RerunProgress,
     Stability,
-    Variation,
-    draw_conditions,
     read_reruns,
     rerun,
     rerun_document,
     telling_reruns,
-    write_reruns,
 )
 from frenetic.road import Road
 from frenetic.search import Frenetic
@@ -56,7 +53,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def campaign(made: Path) -> Path:
     """The same without what other tests have kept in it."""
-    (made / RERUNS).unlink(missing_ok=True)
+    forget_redrives(made)
     return made
 
 
@@ -97,8 +94,8 @@ def test_a_failure_that_hangs_on_friction_repeats_in_its_share_of_the_range(
         assert (one.failed, one.judged) == (5, 20)
         assert one.stability is Stability.FRAGILE
         for drive in one.drives:
-            assert drive.world.friction is not None
-            assert (drive.outcome is Outcome.FAIL) == (drive.world.friction < 0.9)
+            assert drive.conditions.friction is not None
+            assert (drive.outcome is Outcome.FAIL) == (drive.conditions.friction < 0.9)
 
 
 class Startled:
@@ -218,11 +215,10 @@ def of_worlds(worlds: tuple[Conditions, ...], ranges: list[Variation], **outcome
     """A rerun whose drives fail and pass as a function of the world says."""
     verdict = outcomes["verdict"]
     drives = tuple(
-        Repeat(world, Outcome.FAIL if (moobd := verdict(world)) < 0.0 else Outcome.PASS, moobd)
+        redriven(world, Outcome.FAIL if (moobd := verdict(world)) < 0.0 else Outcome.PASS, moobd)
         for world in worlds
     )
-    recorded = Repeat(USUAL, Outcome.FAIL, -1.0)
-    return Rerun(1, recorded, tuple(ranges), 0, {"class": "d"}, {"class": "s"}, drives)
+    return Rerun(recorded(), tuple(ranges), 0, {"class": "d"}, {"class": "s"}, drives)
 
 
 def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
@@ -293,12 +289,12 @@ def test_stability_needs_the_whole_interval_on_one_side(
 
 
 def test_failing_elsewhere_is_failing_but_not_alike() -> None:
-    there = Repeat(USUAL, Outcome.FAIL, -1.0, 100.0, "left")
+    there = redriven(USUAL, Outcome.FAIL, -1.0, 100.0, "left")
     assert there.fails_like(replace(there, departure_distance=129.0))
     assert not there.fails_like(replace(there, departure_distance=131.0))
     assert not there.fails_like(replace(there, departure_side="right"))
     assert not there.fails_like(replace(there, outcome=Outcome.PASS))
-    stuck = Repeat(USUAL, Outcome.FAIL, 1.0)
+    stuck = redriven(USUAL, Outcome.FAIL, 1.0)
     assert stuck.fails_like(stuck)
     assert not stuck.fails_like(there)
 
@@ -382,15 +378,15 @@ def test_usual_ranges_follow_the_simulator() -> None:
 def test_a_simulator_that_cannot_is_refused_before_anything_is_driven(campaign: Path) -> None:
     with pytest.raises(FreneticError, match="DummySimulator cannot vary start"):
         rerun(campaign, DummySimulator(), DummyDriver(), variations=[Variation("start", 0.0, 0.1)])
-    assert not (campaign / RERUNS).exists()
+    assert read_reruns(campaign) == ()
 
 
 # What is kept
 
 
-def test_the_same_seed_gives_the_same_file_whoever_drives(campaign: Path) -> None:
+def test_the_same_seed_gives_the_same_drives_whoever_drives(campaign: Path) -> None:
     ranges = [Variation("friction", 0.7, 1.0), Variation("noise", 0.0, 0.3)]
-    files = []
+    kept = []
     for workers in (1, 2):
         rerun(
             campaign,
@@ -401,9 +397,9 @@ def test_the_same_seed_gives_the_same_file_whoever_drives(campaign: Path) -> Non
             seed=4,
             workers=workers,
         )
-        files.append((campaign / RERUNS).read_bytes())
-        (campaign / RERUNS).unlink()
-    assert files[0] == files[1]
+        kept.append([rerun_document(one) for one in read_reruns(campaign)])
+        forget_redrives(campaign)
+    assert kept[0] == kept[1] != []
 
 
 def test_newer_reruns_replace_older_ones_of_the_same_parts_and_ranges(campaign: Path) -> None:
@@ -449,9 +445,10 @@ def test_a_test_that_passed_is_neither_robust_nor_fragile(campaign: Path) -> Non
 
 
 def test_it_is_said_how_many_failed_at_the_same_place() -> None:
-    here = Repeat(USUAL, Outcome.FAIL, -1.0, 50.0, "left")
+    test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
+    here = redriven(USUAL, Outcome.FAIL, -1.0, 50.0, "left", test=test)
     there = replace(here, departure_distance=90.0)
-    same = Rerun(1, here, (), 0, {}, {}, (here,) * 4)
+    same = Rerun(test, (), 0, {}, {}, (here,) * 4)
     assert str(same) == "fails 4 of 4 (100 %, 95 % interval 51 to 100 %)"
     other = replace(same, drives=(here, *[there] * 3))
     assert str(other) == f"{same}, 1 of them at the same place"
@@ -489,26 +486,27 @@ def test_a_test_that_was_not_driven_is_refused(campaign: Path) -> None:
         rerun(campaign, EmbeddedSimulator(), Planner(), test_ids=[99999])
 
 
+DRIVE = {
+    "world": {},
+    "outcome": "FAIL",
+    "moobd": -1.0,
+    "departure_distance": None,
+    "departure_side": None,
+    "trouble": None,
+}
 VALID = {
     "test": 1,
     "seed": 0,
     "driver": {},
     "simulator": {},
     "variations": [{"quantity": "speed", "low": 50.0, "high": 60.0}],
-    "recorded": {
-        "world": {},
-        "outcome": "FAIL",
-        "moobd": -1.0,
-        "departure_distance": None,
-        "departure_side": None,
-        "trouble": None,
-    },
-    "drives": [],
+    "recorded": DRIVE,
+    "drives": [DRIVE],
 }
 
 
 def keep(folder: Path, text: str) -> None:
-    (folder / RERUNS).write_text(text, encoding="utf-8")
+    (folder / "reruns.json").write_text(text, encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -527,12 +525,12 @@ def keep(folder: Path, text: str) -> None:
                 {"test": "1"},
                 {"seed": True},
                 {"drives": [1]},
-                {"drives": [{**VALID["recorded"], "outcome": "MAYBE"}]},  # type: ignore[dict-item]
-                {"recorded": {**VALID["recorded"], "moobd": math.nan}},  # type: ignore[dict-item]
-                {"recorded": {**VALID["recorded"], "moobd": 10**400}},  # type: ignore[dict-item]
-                {"recorded": {**VALID["recorded"], "departure_side": "up"}},  # type: ignore[dict-item]
-                {"recorded": {**VALID["recorded"], "trouble": 1}},  # type: ignore[dict-item]
-                {"recorded": {**VALID["recorded"], "world": {"weather": 1.0}}},  # type: ignore[dict-item]
+                {"drives": [{**DRIVE, "outcome": "MAYBE"}]},
+                {"recorded": {**DRIVE, "moobd": math.nan}},
+                {"recorded": {**DRIVE, "moobd": 10**400}},
+                {"recorded": {**DRIVE, "departure_side": "up"}},
+                {"recorded": {**DRIVE, "trouble": 1}},
+                {"recorded": {**DRIVE, "world": {"weather": 1.0}}},
                 {"variations": [{"quantity": "mass", "low": 1.0, "high": 2.0}]},
                 {"driver": 3},
             )
@@ -546,23 +544,20 @@ def test_a_damaged_file_is_one_line_and_stays(campaign: Path, text: str) -> None
     assert "\n" not in str(caught.value)
     with pytest.raises(CampaignError, match="is damaged"):
         rerun(campaign, EmbeddedSimulator(), Planner(), times=1)
-    assert (campaign / RERUNS).read_text(encoding="utf-8") == text
+    assert (campaign / "reruns.json").read_text(encoding="utf-8") == text
 
 
-def test_the_file_that_is_damaged_above_is_fine_otherwise(tmp_path: Path) -> None:
-    keep(tmp_path, json.dumps({"version": 1, "reruns": [VALID]}))
-    assert read_reruns(tmp_path)[0].variations == (Variation("speed", 50.0, 60.0),)
+def test_the_file_that_is_damaged_above_is_fine_otherwise(campaign: Path) -> None:
+    keep(campaign, json.dumps({"version": 1, "reruns": [VALID]}))
+    (one,) = read_reruns(campaign)
+    assert one.variations == (Variation("speed", 50.0, 60.0),)
+    assert (one.test_id, one.failed, one.judged) == (1, 1, 1)
 
 
-def test_a_file_of_a_newer_version_is_left_alone(tmp_path: Path) -> None:
-    keep(tmp_path, '{"version": 2, "everything": "else"}')
+def test_a_file_of_a_newer_version_is_left_alone(campaign: Path) -> None:
+    keep(campaign, '{"version": 2, "everything": "else"}')
     with pytest.raises(CampaignError, match="newer version of frenetic"):
-        read_reruns(tmp_path)
-
-
-def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(CampaignError, match="cannot be written"):
-        write_reruns(tmp_path / "nowhere", [])
+        read_reruns(campaign)
 
 
 def test_the_parts_are_recorded(campaign: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
+from redrives import redriven, store_run
 
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures
 from frenetic.analysis.features import FEATURES, features_of
@@ -27,8 +28,9 @@ from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome
+from frenetic.redrive.conditions import Variation
 from frenetic.redrive.confirm import confirm
-from frenetic.redrive.robustness import Repeat, Rerun, Variation, write_reruns
+from frenetic.redrive.record import Purpose, Run
 from frenetic.report.confirmation import write_confirmation
 from frenetic.report.html import (
     Chart,
@@ -380,22 +382,23 @@ def test_table_keeps_what_it_was_made_of() -> None:
 
 def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
     folder = make_hostile(tmp_path, searched)
-    recorded = Repeat(USUAL, Outcome.FAIL, -1.0)
-    passed = Repeat(USUAL, Outcome.PASS, 1.0)
     with CampaignStore.open(folder) as store:
+        test = store.test(1)
         driver, simulator = store.config["driver"], store.config["simulator"]
     assert isinstance(driver, dict)
     assert isinstance(simulator, dict)
-    again = (recorded, *[passed] * 19)
+    failed = redriven(USUAL, Outcome.FAIL, -1.0, test=test)
+    passed = redriven(USUAL, Outcome.PASS, 1.0, test=test)
+    again = (failed, *[passed] * 19)
     varied = (Variation("friction", 0.8, 0.8),)
-    write_reruns(
-        folder,
-        [
-            Rerun(1, recorded, varied, 0, driver, simulator, again),
-            Rerun(1, recorded, varied, 0, driver, {"class": "another"}, (passed,) * 20),
-            Rerun(1, recorded, (), 0, driver, simulator, (recorded,) * 20),
-        ],
-    )
+    other: dict[str, JSONValue] = {"class": "another"}
+    for there, variations, redrives in (
+        (simulator, varied, again),
+        (other, varied, (passed,) * 20),
+        (simulator, (), (failed,) * 20),
+    ):
+        run = Run(Purpose.ROBUSTNESS, driver, there, seed=0, variations=variations, drives=redrives)
+        store_run(folder, run)
     (folder / "minimised").mkdir()
     (folder / "minimised" / "test-00001.json").write_text('{"curvatures": [0, 0.05, 0]}')
     (folder / "minimised" / "test-00002.json").write_text("no road")

@@ -19,7 +19,8 @@ from beamng_stand_in import DROP, StandIn, program
 from frenetic.campaign import CampaignStore
 from frenetic.cli import main
 from frenetic.outcome import Outcome
-from frenetic.redrive.confirm import Agreement, read_confirmations
+from frenetic.redrive.confirm import read_confirmations
+from frenetic.redrive.record import Agreement
 
 Frenetic = Callable[..., tuple[int, str, str]]
 

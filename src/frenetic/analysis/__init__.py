@@ -42,8 +42,9 @@ if TYPE_CHECKING:
         diversity,
         edit_distance,
     )
+    from frenetic.redrive.conditions import Variation
     from frenetic.redrive.regression import Replay, replay, write_junit
-    from frenetic.redrive.robustness import Rerun, Variation, read_reruns, rerun, telling_reruns
+    from frenetic.redrive.robustness import Rerun, read_reruns, rerun, telling_reruns
 
 __getattr__ = lazy_names(
     __name__,
@@ -71,13 +72,8 @@ __getattr__ = lazy_names(
             "measure_campaign",
         ),
         "frenetic.redrive.regression": ("Replay", "replay", "write_junit"),
-        "frenetic.redrive.robustness": (
-            "Rerun",
-            "Variation",
-            "read_reruns",
-            "rerun",
-            "telling_reruns",
-        ),
+        "frenetic.redrive.conditions": ("Variation",),
+        "frenetic.redrive.robustness": ("Rerun", "read_reruns", "rerun", "telling_reruns"),
         "frenetic.analysis.segments": (
             "Bend",
             "Segment",

@@ -9,6 +9,7 @@ anyone with SQLite, while the campaign runs and long afterwards:
 | candidate | road that the strategy asked for: origin and curvatures |
 | test | result that the strategy was told |
 | trajectory | drive, compressed by `frenetic.campaign.trajectory_codec` |
+| redrive_run, redrive | road that was driven again, see `frenetic.redrive.table` |
 
 and the view `overview` shows a test in one readable line.
 
@@ -137,8 +138,46 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         # m, x and y in turn, float64, little-endian: where the road was proposed as points
         "ALTER TABLE candidate ADD COLUMN points BLOB CHECK (length(points) % 16 = 0)",
     ),
+    (
+        f"""
+        CREATE TABLE redrive_run (
+            id INTEGER PRIMARY KEY,
+            purpose TEXT NOT NULL,  -- robustness, confirmation or regression
+            driver TEXT NOT NULL,  -- JSON, as in the configuration, like the next three
+            simulator TEXT NOT NULL,
+            rules TEXT,
+            car TEXT,
+            planned INTEGER NOT NULL CHECK (planned >= 0),  -- drives
+            seed INTEGER,  -- from which conditions were drawn
+            variations TEXT NOT NULL,  -- JSON: what was varied, and its ranges
+            source TEXT,  -- name and digest of the file of an older version that held it
+            made_at TEXT NOT NULL,  -- UTC, ISO 8601
+            ended_at TEXT  -- UTC, ISO 8601
+        ) {_STRICT}
+        """,
+        f"""
+        CREATE TABLE redrive (
+            run INTEGER NOT NULL REFERENCES redrive_run (id),
+            number INTEGER NOT NULL CHECK (number >= 1),  -- in the run
+            test INTEGER NOT NULL REFERENCES test (candidate_id),
+            conditions TEXT NOT NULL,  -- JSON: what differed from the campaign
+            outcome TEXT NOT NULL,  -- PASS, FAIL, INVALID or ERROR
+            reason TEXT NOT NULL,
+            moobd REAL,  -- m
+            max_oob_share REAL,  -- 0..1
+            duration REAL,  -- simulated s
+            departure_distance REAL,  -- m along the road
+            departure_side TEXT CHECK (departure_side IN ('left', 'right')),
+            seconds REAL,  -- wall time of the drive
+            trajectory BLOB,  -- of confirmations
+            PRIMARY KEY (run, number)
+        ) {_STRICT}
+        """,
+    ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
+_UNREAD: Final = frozenset({4})
+"""Schema versions that only add tables which no reader of the store misses."""
 
 _INSERT: Final = "INSERT INTO {} VALUES ({})"
 _INSERT_CANDIDATE: Final = _INSERT.format("candidate", ", ".join("?" * len(CANDIDATE_COLUMNS)))
@@ -260,7 +299,7 @@ class CampaignStore:
         try:
             with translated(path):
                 version = check_identity(connection, path)
-            if version < len(MIGRATIONS):
+            if set(range(version + 1, len(MIGRATIONS) + 1)) - _UNREAD:
                 connection.close()
                 cls._update_schema(folder, version)
                 with translated(path):
@@ -283,18 +322,11 @@ class CampaignStore:
 
     @classmethod
     def _open_locked(cls, folder: Path, lock: FileLock) -> Self:
-        path = folder / DATABASE
-        with translated(path):
-            connection = _connect(path, "mode=rw")
+        connection = connect_to_write(folder / DATABASE)
         try:
-            with translated(path):
-                version = check_identity(connection, path)
-                connection.execute("PRAGMA journal_mode = WAL").fetchone()
-                connection.execute("PRAGMA synchronous = NORMAL")
+            with translated(folder / DATABASE):
                 # Waiting for the disk every 16 MiB instead of every 4 MiB.
                 connection.execute("PRAGMA wal_autocheckpoint = 4000").fetchone()
-                connection.execute("PRAGMA foreign_keys = ON")
-                _migrate(connection, version)
             return cls(folder, connection, lock)
         except BaseException:
             connection.close()
@@ -755,6 +787,26 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
     return connection
 
 
+def connect_to_write(path: Path) -> sqlite3.Connection:
+    """Return a connection for writing; a schema of an older version is brought up to date.
+
+    Others may write through theirs meanwhile, each transaction for itself. Raises a `CampaignError`
+    if that is no campaign's database that this version can write.
+    """
+    with translated(path):
+        connection = _connect(path, "mode=rw")
+        try:
+            version = check_identity(connection, path)
+            connection.execute("PRAGMA journal_mode = WAL").fetchone()
+            connection.execute("PRAGMA synchronous = NORMAL")
+            connection.execute("PRAGMA foreign_keys = ON")
+            _migrate(connection, version)
+        except BaseException:
+            connection.close()
+            raise
+    return connection
+
+
 def check_identity(connection: sqlite3.Connection, path: Path) -> int:
     """Return the schema version after checking that this is a campaign that we can read."""
     (application_id,) = connection.execute("PRAGMA application_id").fetchone()
@@ -790,9 +842,11 @@ def _migrate(connection: sqlite3.Connection, version: int) -> None:
     for number, statements in enumerate(MIGRATIONS[version:], start=version + 1):
         connection.execute("BEGIN IMMEDIATE")
         try:
-            for statement in statements:
-                connection.execute(statement)
-            connection.execute(f"PRAGMA user_version = {number}")
+            (now,) = connection.execute("PRAGMA user_version").fetchone()
+            if now < number:  # else another process was faster
+                for statement in statements:
+                    connection.execute(statement)
+                connection.execute(f"PRAGMA user_version = {number}")
             connection.execute("COMMIT")
         except BaseException:
             if connection.in_transaction:

@@ -51,12 +51,13 @@ def confirm(
     Each road is driven where it lay on the map, with the campaign's options unless others are
     given. A failure is confirmed if the driver fails in the other simulator, too. Failures are
     alike on the same side of the lane within 30 m along the road. The drives are kept in
-    confirmations.json in the campaign's folder, with pictures of both paths in confirmed/.
+    the campaign's database, with pictures of both paths in confirmed/.
     """
     from frenetic.analysis.failures import LISTED, representative_failures
     from frenetic.campaign import CampaignStore
-    from frenetic.redrive.confirm import CONFIRMATIONS, confirmation_document
+    from frenetic.campaign.store import DATABASE
     from frenetic.redrive.confirm import confirm as confirm_failures
+    from frenetic.redrive.confirm import confirmation_document
     from frenetic.spec import describe
 
     if test_ids and top is not None:
@@ -103,7 +104,7 @@ def confirm(
         _print(confirmation)
         if confirmation.tests:
             click.echo(
-                f"Kept in {campaign / CONFIRMATIONS}; to see it: frenetic report {shell(campaign)}"
+                f"Kept in {campaign / DATABASE}; to see it: frenetic report {shell(campaign)}"
             )
         if gallery is not None:
             click.echo(f"At a glance: {gallery}")
@@ -123,7 +124,7 @@ def _draw(log: Log, campaign: Path, confirmation: Confirmation) -> Path | None:
 
 
 def _print(confirmation: Confirmation) -> None:
-    from frenetic.redrive.confirm import Agreement
+    from frenetic.redrive.record import Agreement
 
     table = Table(box=None, pad_edge=False)
     for column in ("test", "MOOBD (m)", "there (m)"):

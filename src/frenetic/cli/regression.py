@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +22,8 @@ from frenetic.cli.progress import counted_progress
 from frenetic.cli.recorded import part_options, recorded_parts
 
 if TYPE_CHECKING:
-    from frenetic.redrive.regression import Replay, Replayed
+    from frenetic.redrive.record import Redrive
+    from frenetic.redrive.regression import Replay
 
 
 @click.command(
@@ -86,7 +86,9 @@ def replay(
             on_interrupt=log.stopping,
         )
     if as_json:
-        click.echo(json.dumps(_document(replayed)))
+        from frenetic.redrive.regression import replay_document
+
+        click.echo(json.dumps(replay_document(replayed)))
     else:
         is_the_same_drive = all(value in (None, ()) for value in given.values())
         _print(replayed, everything, is_the_same_drive)
@@ -99,26 +101,8 @@ def replay(
         raise click.exceptions.Exit(1)
 
 
-def _document(replayed: Replay) -> dict[str, Any]:
-    from frenetic.redrive.regression import Change
-
-    return {
-        "campaign": replayed.campaign,
-        "driver": dict(replayed.driver),
-        "simulator": dict(replayed.simulator),
-        "passed": replayed.passed,
-        "same": replayed.same,
-        "missing": replayed.missing,
-        "changes": {str(change): replayed.count(change) for change in Change},
-        "tests": [
-            asdict(test) | {"change": str(test.change), "is_same": test.is_same}
-            for test in replayed.tests
-        ],
-    }
-
-
 def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
-    from frenetic.redrive.regression import Change
+    from frenetic.redrive.record import Change
 
     listed = [test for test in replayed.tests if test.change is not Change.STILL_PASSING]
     if listed:
@@ -145,7 +129,7 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
         click.echo(f"{replayed.same} of {total} ended exactly as before")
 
 
-def _row(test: Replayed) -> tuple[str, ...]:
+def _row(test: Redrive) -> tuple[str, ...]:
     from frenetic.outcome import Outcome
 
     moobds = (test.moobd_before, test.moobd_after)

@@ -24,7 +24,8 @@ from frenetic.cli.progress import counted_progress
 from frenetic.cli.recorded import part_options, recorded_parts
 
 if TYPE_CHECKING:
-    from frenetic.redrive.robustness import Rerun, RerunProgress, Variation
+    from frenetic.redrive.conditions import Variation
+    from frenetic.redrive.robustness import Rerun, RerunProgress
     from frenetic.simulators import Simulator
 
 VARY: Final = "--vary"
@@ -42,7 +43,7 @@ class AskedVariation:
 
     def variation(self, simulator: Simulator) -> Variation:
         """The range for the simulator."""
-        from frenetic.redrive.robustness import Variation
+        from frenetic.redrive.conditions import Variation
 
         if self.limits is None:
             return Variation.usual(self.quantity, simulator)
@@ -137,11 +138,11 @@ def rerun(
     simulator is not repeatable. With it, each drive is in its own world, drawn from the ranges: the
     command prints the share that fails, its 95 % interval, and which of the ranges matter. A
     failure is fragile if it surely repeats in less than half of the worlds, robust if in half or
-    more. Results are kept in reruns.json in the campaign's folder.
+    more. Results are kept in the campaign's database.
     """
     from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
-    from frenetic.redrive.robustness import RERUNS
+    from frenetic.campaign.store import DATABASE
     from frenetic.redrive.robustness import rerun as rerun_campaign
 
     if test_ids and top is not None:
@@ -193,7 +194,8 @@ def rerun(
     elif reruns:
         _print(reruns, times, variations)
         if is_judged:
-            click.echo(f"Kept in {campaign / RERUNS}; to see it: frenetic report {shell(campaign)}")
+            kept = campaign / DATABASE
+            click.echo(f"Kept in {kept}; to see it: frenetic report {shell(campaign)}")
     elif not interrupted:
         click.echo(f"{campaign} holds no failure")
     if interrupted and (left or not reruns):

@@ -1,4 +1,7 @@
-"""The loop for driving roads again in place, by one process or several, each in its conditions."""
+"""The loop for driving roads again in place, by one process or several, each in its conditions.
+
+Robustness, confirmation and regression share it. It stores each drive before it reports it.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from frenetic._support.interrupt import catch_interrupt
@@ -17,6 +21,8 @@ from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.redrive.record import Purpose, Redrive, Run
+from frenetic.redrive.table import RunWriter
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.capabilities import capabilities
@@ -67,6 +73,66 @@ def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) 
 
 
 def drive_again(
+    folder: Path,
+    describe: Callable[[], Run],
+    drives: Sequence[tuple[TestRecord, Conditions]],
+    tester: RoadTester,
+    *,
+    purpose: Purpose,
+    optional: bool = False,
+    workers: int = 1,
+    drive_limit: float | None = None,
+    on_drive: Callable[[Redrive], None],
+    on_start: Callable[[], None] | None = None,
+    on_interrupt: Callable[[], None] | None = None,
+) -> tuple[Redrive, ...]:
+    """Drives roads of a campaign again and stores how each drive ends, then tells it.
+
+    Args:
+        folder: of the campaign.
+        describe: says what the run is; called with the first drive.
+        drives: tests, and the conditions in which each is driven.
+        tester: as for `drive_all`, like the arguments that are not described here.
+        purpose: of the run.
+        optional: whether to go on where nothing can be stored.
+        workers: see there.
+        drive_limit: see there.
+        on_drive: called with every drive once it is stored.
+        on_start: see there.
+        on_interrupt: see there.
+
+    Returns:
+        The drives that were made, in the order in which they were asked for.
+
+    Raises:
+        CampaignError: they cannot be stored, a test was not driven, or as for `drive_all`.
+        ValueError: an option is out of range.
+    """
+    tasks = [Task.of(i, record, wanted) for i, (record, wanted) in enumerate(drives, start=1)]
+    done: dict[int, Redrive] = {}
+    with RunWriter(folder, purpose, describe, optional=optional) as writer:
+
+        def note(attempt: Attempt) -> None:
+            number = attempt.candidate_id
+            keep = purpose is Purpose.CONFIRMATION
+            drive = Redrive.of(*drives[number - 1], attempt, keep_trajectory=keep)
+            writer.add(number, drive)
+            done[number] = drive
+            on_drive(drive)
+
+        drive_all(
+            tasks,
+            tester,
+            workers=workers,
+            drive_limit=drive_limit,
+            on_attempt=note,
+            on_start=on_start,
+            on_interrupt=on_interrupt,
+        )
+    return tuple(done[number] for number in sorted(done))
+
+
+def drive_all(
     tasks: Sequence[Task],
     tester: RoadTester,
     *,

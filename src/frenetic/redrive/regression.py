@@ -5,74 +5,26 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 from frenetic._support.files import write_file
-from frenetic.campaign.record import Attempt, TestRecord, as_text
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import Task, campaign_tester, drive_again
+from frenetic.redrive.loop import campaign_tester, drive_again
+from frenetic.redrive.record import Change, Purpose, Redrive, Run
+from frenetic.redrive.table import read_runs
 from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import USUAL
 from frenetic.spec import describe
 
 SUITE: Final = "frenetic replay"
 """Name of the whole in a JUnit file."""
 # What XML 1.0 cannot hold, not even escaped.
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
-
-class Change(StrEnum):
-    """Change of a test."""
-
-    FIXED = "fixed"
-    """It failed and passes now."""
-    STILL_FAILING = "still failing"
-    NEWLY_FAILING = "newly failing"
-    """It did not fail."""
-    STILL_PASSING = "still passing"
-    """It did not fail, nor does it now."""
-    NOT_JUDGED = "not judged"
-    """The road is INVALID now, or the simulator or driver broke."""
-
-
-@dataclass(frozen=True)
-class Replayed:
-    """A test before and after it was driven again."""
-
-    test_id: int
-    before: Outcome
-    moobd_before: float | None
-    """Minimum oob distance, in m; None unless PASS or FAIL, as for `moobd_after`."""
-    after: Outcome
-    moobd_after: float | None
-    reason: str
-    """Reason of the present outcome."""
-    duration: float
-    """Simulated time that it took now, in s."""
-    length: float
-    """Length of road, in m."""
-    seconds: float
-    """Wall time that it took now, in s."""
-
-    @property
-    def change(self) -> Change:
-        """What became of it."""
-        if not self.after.is_driven:
-            return Change.NOT_JUDGED
-        failed = self.before is Outcome.FAIL
-        if self.after is Outcome.FAIL:
-            return Change.STILL_FAILING if failed else Change.NEWLY_FAILING
-        return Change.FIXED if failed else Change.STILL_PASSING
-
-    @property
-    def is_same(self) -> bool:
-        """Whether outcome and MOOBD are exactly as before."""
-        return self.after is self.before and self.moobd_after == self.moobd_before
 
 
 @dataclass(frozen=True)
@@ -85,7 +37,7 @@ class Replay:
     """As a campaign describes it."""
     simulator: Mapping[str, JSONValue]
     """As a campaign describes it."""
-    tests: tuple[Replayed, ...]
+    tests: tuple[Redrive, ...]
     """In the order of their ids."""
     missing: int
     """Number of tests left undriven by Ctrl-C."""
@@ -150,48 +102,91 @@ def replay(
         records = [record for kind in kinds for record in store.tests(kind)]
         tester = campaign_tester(store, simulator, driver)
     records.sort(key=lambda record: record.candidate.id)
-    tasks = [Task.of(i, record) for i, record in enumerate(records, start=1)]
-    tests: list[Replayed] = []
-    failed = 0
+    run = Run(
+        Purpose.REGRESSION,
+        describe(driver),
+        describe(simulator),
+        simulator.rules,
+        planned=len(records),
+    )
+    tests = failed = 0
 
-    def note(attempt: Attempt) -> None:
-        nonlocal failed
-        tests.append(_replayed(records[attempt.candidate_id - 1], attempt))
-        failed += tests[-1].after is Outcome.FAIL
+    def note(drive: Redrive) -> None:
+        nonlocal tests, failed
+        tests += 1
+        failed += drive.outcome is Outcome.FAIL
         if on_progress is not None:
-            on_progress(ReplayProgress(len(tests), len(records), failed))
+            on_progress(ReplayProgress(tests, len(records), failed))
 
-    drive_again(
-        tasks,
+    drives = drive_again(
+        folder,
+        lambda: run,
+        [(record, USUAL) for record in records],
         tester,
+        purpose=Purpose.REGRESSION,
+        optional=True,
         workers=workers,
         drive_limit=drive_limit,
-        on_attempt=note,
+        on_drive=note,
         on_start=on_start,
         on_interrupt=on_interrupt,
     )
+    return _of_run(folder, replace(run, drives=drives))
+
+
+def _of_run(folder: Path, run: Run) -> Replay:
     return Replay(
         campaign=folder.resolve().name,
-        driver=describe(driver),
-        simulator=describe(simulator),
-        tests=tuple(sorted(tests, key=lambda test: test.test_id)),
-        missing=len(records) - len(tests),
+        driver=run.driver,
+        simulator=run.simulator,
+        tests=run.drives,
+        missing=run.planned - len(run.drives),
     )
 
 
-def _replayed(record: TestRecord, attempt: Attempt) -> Replayed:
-    candidate, result = record.candidate, attempt.result
-    return Replayed(
-        test_id=candidate.id,
-        before=record.outcome,
-        moobd_before=record.moobd,
-        after=result.outcome,
-        moobd_after=result.moobd,
-        reason=as_text(result.reason),
-        duration=result.duration,
-        length=(len(candidate.curvatures) - 1) * candidate.step,
-        seconds=attempt.seconds,
-    )
+def read_replays(folder: Path | str) -> tuple[Replay, ...]:
+    """What is kept of a campaign's replays, in the order in which they were made.
+
+    Of those with the same driver, simulator and rules, the last is kept.
+
+    Raises:
+        CampaignError: it cannot be read, is damaged, or was written by a newer version.
+    """
+    last: dict[str, Replay] = {}
+    for run in read_runs(folder, Purpose.REGRESSION):
+        key = repr((run.driver, run.simulator, run.rules))
+        last.pop(key, None)
+        last[key] = _of_run(Path(folder), run)
+    return tuple(last.values())
+
+
+def replay_document(replay: Replay) -> dict[str, JSONValue]:
+    """A replay as a JSON object."""
+    return {
+        "campaign": replay.campaign,
+        "driver": dict(replay.driver),
+        "simulator": dict(replay.simulator),
+        "passed": replay.passed,
+        "same": replay.same,
+        "missing": replay.missing,
+        "changes": {str(change): replay.count(change) for change in Change},
+        "tests": [
+            {
+                "test_id": test.test_id,
+                "before": str(test.before),
+                "moobd_before": test.moobd_before,
+                "after": str(test.after),
+                "moobd_after": test.moobd_after,
+                "reason": test.reason,
+                "duration": test.duration,
+                "length": test.length,
+                "seconds": test.seconds,
+                "change": str(test.change),
+                "is_same": test.is_same,
+            }
+            for test in replay.tests
+        ],
+    }
 
 
 # JUnit
@@ -217,7 +212,7 @@ def junit(replay: Replay) -> bytes:
         "failures": str(sum(test.after is Outcome.FAIL for test in tests)),
         "errors": str(replay.count(Change.NOT_JUDGED)),
         "skipped": "0",
-        "time": _seconds(sum(test.seconds for test in tests)),
+        "time": _seconds(sum(test.seconds or 0.0 for test in tests)),
     }
     name = _text(replay.campaign)
     top = ET.Element("testsuites", {"name": SUITE, **counts})
@@ -232,7 +227,7 @@ def junit(replay: Replay) -> bytes:
     return document + b"\n"
 
 
-def _add_outcome(case: ET.Element, test: Replayed) -> None:
+def _add_outcome(case: ET.Element, test: Redrive) -> None:
     properties = {
         "change": str(test.change),
         "outcome": str(test.after),
@@ -265,5 +260,5 @@ def _metres(value: float | None) -> str:
     return "" if value is None else f"{value:.4f}"
 
 
-def _seconds(value: float) -> str:
-    return f"{value:.3f}"
+def _seconds(value: float | None) -> str:
+    return f"{value or 0.0:.3f}"

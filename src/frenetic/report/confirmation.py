@@ -18,7 +18,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle import assess, judge
-from frenetic.redrive.confirm import Confirmation, ConfirmedTest
+from frenetic.redrive.confirm import Confirmation
+from frenetic.redrive.record import Redrive
 from frenetic.report.failures import file_stem
 from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure
 from frenetic.road import Road
@@ -92,7 +93,7 @@ def pictures_of(confirmation: Confirmation) -> Path:
     return Path(CONFIRMED) / f"{name}-{confirmation.key}"
 
 
-def _pair(store: CampaignStore, confirmation: Confirmation, test: ConfirmedTest) -> Pair | None:
+def _pair(store: CampaignStore, confirmation: Confirmation, test: Redrive) -> Pair | None:
     stored = store.test(test.test_id)
     other = confirmation.drive(test)
     if stored.drive is None or other is None or not len(other.trajectory):

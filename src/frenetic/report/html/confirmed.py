@@ -9,7 +9,8 @@ from typing import Final
 
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import CampaignError
-from frenetic.redrive.confirm import Agreement, Confirmation, read_confirmations
+from frenetic.redrive.confirm import Confirmation, read_confirmations
+from frenetic.redrive.record import Agreement
 from frenetic.report.html.blocks import Block, Column, Paragraph, Picture, Section, Table
 from frenetic.spec import part_text
 

@@ -1,0 +1,187 @@
+"""Conditions of drives: the ranges they are drawn from, and both as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Final
+
+import numpy as np
+
+from frenetic.campaign.store import JSONValue
+from frenetic.errors import FreneticError
+from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import QUANTITIES, USUAL, Conditions, check_can_vary
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A quantity of the world and the range from which it is drawn evenly.
+
+    Raises:
+        FreneticError: no such quantity, or a range that is none or beyond what is allowed.
+    """
+
+    quantity: str
+    """Of `frenetic.simulators.worlds.QUANTITIES`."""
+    low: float
+    high: float
+    """Equal to `low` if the quantity is only set, not varied."""
+
+    def __post_init__(self) -> None:
+        if self.quantity not in QUANTITIES:
+            raise FreneticError(
+                f"cannot vary {self.quantity!r}: choose from {', '.join(QUANTITIES)}"
+            )
+        allowed = QUANTITIES[self.quantity]
+        if not allowed.low <= self.low <= self.high <= allowed.high:
+            unit = f" {allowed.unit}" if allowed.unit else ""
+            raise FreneticError(
+                f"cannot vary {self.quantity} from {self.low:g} to {self.high:g}: a range LOW:HIGH"
+                f" within {allowed.low:.3g} to {allowed.high:.3g}{unit} is needed"
+            )
+
+    @classmethod
+    def usual(cls, quantity: str, simulator: Simulator) -> Variation:
+        """The default range of a quantity.
+
+        Friction is up to a fifth less than the simulator's, the speed limit a tenth less or more;
+        noise is up to 0.2 m, delay up to 0.1 s, the start within 0.3 m and 0.03 rad.
+
+        Raises:
+            FreneticError: no such quantity, or the simulator has none.
+        """
+        if quantity in QUANTITIES:
+            check_can_vary(simulator, [quantity])
+        match quantity:
+            case "friction":
+                friction: float = simulator.friction  # type: ignore[attr-defined]
+                return cls(quantity, 0.8 * friction, friction)
+            case "speed":
+                limit = simulator.rules.speed_limit
+                return cls(quantity, 0.9 * limit, 1.1 * limit)
+        return cls(quantity, *_USUAL.get(quantity, (0.0, 0.0)))
+
+    @classmethod
+    def read(cls, item: Any) -> Variation:
+        """One from JSON.
+
+        Raises:
+            LookupError, TypeError, ValueError: it is none.
+        """
+        try:
+            return cls(str(item["quantity"]), as_number(item["low"]), as_number(item["high"]))
+        except FreneticError as error:
+            raise ValueError(str(error)) from None
+
+    @property
+    def is_fixed(self) -> bool:
+        """Whether the quantity is only set, not varied."""
+        return self.low == self.high
+
+    def __str__(self) -> str:
+        unit = QUANTITIES[self.quantity].unit
+        text = f"{self.low:.3g}" if self.is_fixed else f"{self.low:.3g} to {self.high:.3g}"
+        return f"{self.quantity} {text}{' ' if unit else ''}{unit}"
+
+
+_USUAL: Final[Mapping[str, tuple[float, float]]] = {
+    "noise": (0.0, 0.2),
+    "delay": (0.0, 0.1),
+    "start": (-0.3, 0.3),
+    "heading": (-0.03, 0.03),
+}
+
+
+def draw_conditions(
+    variations: Sequence[Variation], times: int, seed: int
+) -> tuple[Conditions, ...]:
+    """Conditions with quantities drawn from their ranges.
+
+    They are a Latin hypercube: the range of each quantity is cut into ``times`` equal parts and
+    gives one value from each. So the conditions cover the ranges evenly, and the interval of a
+    share is, if anything, too wide. With noise, each drive has its own errors.
+
+    Raises:
+        ValueError: ``times`` is no positive whole number, or a quantity is there twice.
+    """
+    if isinstance(times, bool) or times != int(times) or times < 1:
+        raise ValueError(f"times is {times}: a whole number of at least 1 is needed")
+    names = [variation.quantity for variation in variations]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name} is varied twice: give one range for it")
+    rng = np.random.default_rng(seed)
+    drawn = [USUAL] * times
+    # In a fixed order, independent of the given one.
+    for variation in sorted(variations, key=lambda v: list(QUANTITIES).index(v.quantity)):
+        shares = (rng.permutation(times) + rng.random(times)) / times
+        values = variation.low + (variation.high - variation.low) * shares
+        for i, value in enumerate(values.tolist()):
+            changes: dict[str, Any] = {variation.quantity: value}
+            if variation.quantity == "noise":
+                changes["noise_seed"] = int(rng.integers(2**31))
+            drawn[i] = replace(drawn[i], **changes)
+    return tuple(drawn)
+
+
+# JSON
+
+
+def as_number(value: object) -> float:
+    """A value that has to be a finite number.
+
+    Raises:
+        TypeError: it is no number.
+        ValueError: it is not finite.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{value!r} is no number")
+    number = float(value)
+    if not math.isfinite(number):
+        raise ValueError(f"{value!r} is not finite")
+    return number
+
+
+def as_whole(value: object) -> int:
+    """A value that has to be a whole number.
+
+    Raises:
+        TypeError: it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"{value!r} is no whole number")
+    return value
+
+
+def read_numbers(kind: type[Any], values: Any) -> Any:
+    """A dataclass of numbers from JSON.
+
+    Raises:
+        AttributeError, TypeError, ValueError: it is none.
+    """
+    return kind(**{name: as_number(value) for name, value in values.items()})
+
+
+def read_conditions(values: Any) -> Conditions:
+    """Conditions from JSON.
+
+    Raises:
+        AttributeError, TypeError, ValueError: they are none.
+    """
+    if unknown := values.keys() - {one.name for one in fields(Conditions)}:
+        raise ValueError(f"a world has {', '.join(sorted(unknown))}")
+    numbers: dict[str, Any] = {
+        name: as_whole(value) if name == "noise_seed" else as_number(value)
+        for name, value in values.items()
+    }
+    return Conditions(**numbers)
+
+
+def conditions_document(conditions: Conditions) -> dict[str, JSONValue]:
+    """Conditions as a JSON object, those that differ."""
+    values = {name: value for name, value in asdict(conditions).items() if value is not None}
+    if conditions.noise is None:
+        del values["noise_seed"]
+    return values

@@ -1,0 +1,229 @@
+"""The record of a road that was driven again, and the runs in which that was done."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from frenetic.analysis.segments import REACH
+from frenetic.campaign.record import Attempt, TestRecord, as_text
+from frenetic.campaign.store import JSONValue
+from frenetic.campaign.trajectory_codec import decode
+from frenetic.oracle import Side
+from frenetic.outcome import Outcome
+from frenetic.redrive.conditions import Variation
+from frenetic.simulators.drive import CarBody, Rules, Trajectory
+from frenetic.simulators.worlds import Conditions
+
+
+class Purpose(StrEnum):
+    """What roads are driven again for."""
+
+    ROBUSTNESS = "robustness"
+    """Whether failures repeat."""
+    CONFIRMATION = "confirmation"
+    """Whether they are failures in another simulator, too."""
+    REGRESSION = "regression"
+    """Whether they are fixed."""
+    MINIMISING = "minimising"
+    """What makes them fail."""
+
+
+class Agreement(StrEnum):
+    """What another simulator says of a failure."""
+
+    CONFIRMED = "confirmed"
+    """The driver fails there, too."""
+    NOT_CONFIRMED = "not confirmed"
+    """The driver passes there."""
+    NOT_JUDGED = "not judged"
+    """Nothing is known: the road is INVALID there, or the simulator or driver broke."""
+
+
+class Change(StrEnum):
+    """What became of a test."""
+
+    FIXED = "fixed"
+    """It failed and passes now."""
+    STILL_FAILING = "still failing"
+    NEWLY_FAILING = "newly failing"
+    """It did not fail."""
+    STILL_PASSING = "still passing"
+    """It did not fail, nor does it now."""
+    NOT_JUDGED = "not judged"
+    """Nothing is known: the road is INVALID now, or the simulator or driver broke."""
+
+
+@dataclass(frozen=True)
+class Redrive:
+    """A drive of a campaign's road after the campaign: a row of its table.
+
+    It holds the verdict as a `TestRecord` does, which is what the campaign itself recorded.
+    """
+
+    recorded: TestRecord = field(compare=False)
+    """The campaign's own test."""
+    conditions: Conditions
+    outcome: Outcome
+    moobd: float | None
+    """Minimum oob distance in m; None unless PASS or FAIL."""
+    departure_distance: float | None = None
+    """Place where the car left its lane, in m along the road; None if it did not."""
+    departure_side: Side | None = None
+    """The side of the lane on which it left."""
+    reason: str = ""
+    """Why it ended so, for people."""
+    max_oob_share: float | None = field(default=None, compare=False)
+    """Largest oob share of the drive, 0..1; None where it is not known, as for the next two."""
+    duration: float | None = field(default=None, compare=False)
+    """Simulated s."""
+    seconds: float | None = field(default=None, compare=False)
+    """s of wall time that it took."""
+    trajectory: Trajectory | None = field(default=None, compare=False)
+    """None if nothing was driven, or if it was not kept."""
+
+    @classmethod
+    def of(
+        cls,
+        recorded: TestRecord,
+        conditions: Conditions,
+        attempt: Attempt,
+        *,
+        keep_trajectory: bool,
+    ) -> Redrive:
+        """What came of driving a test's road again."""
+        result, departure = attempt.result, attempt.result.departure
+        return cls(
+            recorded,
+            conditions,
+            result.outcome,
+            result.moobd,
+            None if departure is None else departure.distance,
+            None if departure is None else departure.side,
+            as_text(result.reason),
+            result.max_oob_share,
+            result.duration,
+            attempt.seconds,
+            None if attempt.packed is None or not keep_trajectory else decode(attempt.packed),
+        )
+
+    @property
+    def test_id(self) -> int:
+        """The test's id."""
+        return self.recorded.id
+
+    @property
+    def trouble(self) -> str | None:
+        """Why it could not be judged; None if it was."""
+        return None if self.outcome.is_driven else self.reason
+
+    @property
+    def margin(self) -> float:
+        """Distance to failing, in m: the MOOBD of a drive that passed; all failures are as bad.
+
+        How far out a car is when its drive is ended says more of its speed than of the road.
+        """
+        return -math.inf if self.outcome is Outcome.FAIL or self.moobd is None else self.moobd
+
+    def fails_like(self, other: Redrive | TestRecord) -> bool:
+        """Whether both fail, on the same side and within 30 m along the road."""
+        if not self.outcome is other.outcome is Outcome.FAIL:
+            return False
+        if self.departure_distance is None or other.departure_distance is None:
+            return self.departure_distance is other.departure_distance
+        near = abs(self.departure_distance - other.departure_distance) <= REACH
+        return near and self.departure_side == other.departure_side
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether it fails like the campaign's own drive."""
+        return self.fails_like(self.recorded)
+
+    @property
+    def is_same(self) -> bool:
+        """Whether outcome and MOOBD are exactly what they were."""
+        before = self.recorded
+        return self.outcome is before.outcome and self.moobd == before.moobd
+
+    @property
+    def agreement(self) -> Agreement:
+        """What this drive says of a failure."""
+        if not self.outcome.is_driven:
+            return Agreement.NOT_JUDGED
+        failed = self.outcome is Outcome.FAIL
+        return Agreement.CONFIRMED if failed else Agreement.NOT_CONFIRMED
+
+    @property
+    def change(self) -> Change:
+        """What became of the test."""
+        if not self.outcome.is_driven:
+            return Change.NOT_JUDGED
+        failed = self.recorded.outcome is Outcome.FAIL
+        if self.outcome is Outcome.FAIL:
+            return Change.STILL_FAILING if failed else Change.NEWLY_FAILING
+        return Change.FIXED if failed else Change.STILL_PASSING
+
+    # The same by the names of confirmations and replays
+
+    @property
+    def other(self) -> Redrive:
+        """This drive, beside `recorded`."""
+        return self
+
+    @property
+    def before(self) -> Outcome:
+        """The recorded outcome."""
+        return self.recorded.outcome
+
+    @property
+    def moobd_before(self) -> float | None:
+        """The recorded MOOBD in m."""
+        return self.recorded.moobd
+
+    @property
+    def after(self) -> Outcome:
+        """The outcome now."""
+        return self.outcome
+
+    @property
+    def moobd_after(self) -> float | None:
+        """The MOOBD now, in m."""
+        return self.moobd
+
+    @property
+    def length(self) -> float:
+        """Length of the road in m."""
+        candidate = self.recorded.candidate
+        return (len(candidate.curvatures) - 1) * candidate.step
+
+
+@dataclass(frozen=True)
+class Run:
+    """Roads that were driven again in one go, by the same parts."""
+
+    purpose: Purpose
+    driver: Mapping[str, JSONValue]
+    """As a campaign describes it, like the simulator."""
+    simulator: Mapping[str, JSONValue]
+    rules: Rules | None = None
+    """None where they are not known, like the car."""
+    car: CarBody | None = None
+    planned: int = 0
+    """Drives that were to be made; fewer are there if Ctrl-C came before."""
+    seed: int | None = None
+    """From which conditions were drawn, if they were."""
+    variations: tuple[Variation, ...] = ()
+    drives: tuple[Redrive, ...] = ()
+    """In the order in which they were planned."""
+
+
+def verdict_document(drive: Redrive | TestRecord) -> dict[str, JSONValue]:
+    """How a drive ended, as a JSON object."""
+    return {
+        "outcome": str(drive.outcome),
+        "moobd": drive.moobd,
+        "departure_distance": drive.departure_distance,
+        "departure_side": drive.departure_side,
+    }

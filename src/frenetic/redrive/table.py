@@ -1,0 +1,356 @@
+"""The tables of a campaign's database that hold what was driven again.
+
+Each run is a row of ``redrive_run``, each drive one of ``redrive``. They are written through a
+connection of their own, a short transaction per drive: SQLite's own locks let a campaign, and
+others that drive again, write meanwhile. What older versions kept in files beside the database is
+brought into the tables once, see `frenetic.redrive.side_files`.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import sqlite3
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any, Final, Self
+
+from frenetic.campaign.record import TEST_COLUMNS, Column, Kind, RowError, TestRecord, read_row
+from frenetic.campaign.store import (
+    DATABASE,
+    CampaignStore,
+    connect_to_write,
+    find_database,
+    translated,
+)
+from frenetic.campaign.trajectory_codec import decode, encode
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.redrive.conditions import (
+    Variation,
+    as_whole,
+    conditions_document,
+    read_conditions,
+    read_numbers,
+)
+from frenetic.redrive.record import Purpose, Redrive, Run
+from frenetic.redrive.side_files import READ, SIDE_FILES
+from frenetic.simulators.drive import CarBody, Rules
+
+logger = logging.getLogger(__name__)
+
+_VERDICT: Final = {
+    **{
+        name: TEST_COLUMNS[name]
+        for name in (
+            "outcome",
+            "reason",
+            "moobd",
+            "max_oob_share",
+            "duration",
+            "departure_distance",
+            "departure_side",
+        )
+    },
+    "seconds": replace(TEST_COLUMNS["seconds"], optional=True),
+}
+_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
+    {
+        "run": Column("run", Kind.WHOLE, "in which it was driven"),
+        "number": Column("number", Kind.WHOLE, "counts the drives of a run from 1"),
+        "test": Column("test", Kind.WHOLE, "whose road it is"),
+        "conditions": Column("conditions", Kind.TEXT, "in which it was driven, JSON"),
+        **_VERDICT,
+    }
+)
+_SELECT_RUNS: Final = """
+    SELECT id, driver, simulator, rules, car, planned, seed, variations FROM redrive_run
+    WHERE purpose = ? ORDER BY id
+"""
+_SELECT_DRIVES: Final = f"""
+    SELECT trajectory, {", ".join(_COLUMNS)} FROM redrive
+    WHERE run IN (SELECT id FROM redrive_run WHERE purpose = ?) ORDER BY run, number
+"""  # noqa: S608
+_INSERT_RUN: Final = """
+    INSERT INTO redrive_run
+        (purpose, driver, simulator, rules, car, planned, seed, variations, source, made_at)
+    VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+"""
+_INSERT_DRIVE: Final = f"""
+    INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory)
+    VALUES ({", ".join("?" * (len(_COLUMNS) + 1))})
+"""  # noqa: S608
+# What a run that has ended replaces: the drives of older runs for the same purpose with the same
+# parts and ranges; for robustness, only of the tests that it tells something about.
+_REPLACED: Final = """
+    SELECT older.id FROM redrive_run AS older JOIN redrive_run AS this USING
+        (purpose, driver, simulator, variations)
+    WHERE this.id = :run AND older.id < this.id AND older.ended_at IS NOT NULL
+        AND older.rules IS this.rules
+"""
+_DELETE_DRIVES: Final = f"""
+    DELETE FROM redrive WHERE run IN ({_REPLACED}) AND (
+        NOT EXISTS (SELECT 1 FROM redrive_run WHERE id = :run AND purpose = 'robustness')
+        OR test IN (SELECT test FROM redrive WHERE run = :run AND outcome IN ('PASS', 'FAIL'))
+    )
+"""  # noqa: S608
+_DELETE_UNJUDGED: Final = """
+    DELETE FROM redrive WHERE run IN
+        (SELECT id FROM redrive_run WHERE id = :run AND purpose = 'robustness')
+        AND test NOT IN
+            (SELECT test FROM redrive WHERE run = :run AND outcome IN ('PASS', 'FAIL'))
+"""
+_END_RUN: Final = "UPDATE redrive_run SET ended_at = :now WHERE id = :run"
+_DELETE_RUNS: Final = """
+    DELETE FROM redrive_run WHERE source IS NULL AND ended_at IS NOT NULL
+        AND id NOT IN (SELECT run FROM redrive)
+"""
+
+
+def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
+    """What was driven again for a purpose, the runs in the order in which they were begun.
+
+    Raises:
+        CampaignError: the database, or a file of an older version, is damaged, or a newer version
+            of frenetic has written it.
+    """
+    folder = Path(folder)
+    file = SIDE_FILES.get(purpose)
+    if not any((folder / name).exists() for name in (DATABASE, *([file.name] if file else []))):
+        return []
+    with CampaignStore.open(folder) as store:
+        runs = take_in_side_file(store, purpose)
+        if any(store.rows("SELECT 1 FROM sqlite_schema WHERE name = 'redrive'")):
+            runs += _read_runs(store, purpose)
+    return runs
+
+
+def _read_runs(store: CampaignStore, purpose: Purpose) -> list[Run]:
+    path = store.folder / DATABASE
+    runs: dict[int, Run] = {}
+    for number, *parts in store.rows(_SELECT_RUNS, (purpose,)):
+        with _damaged(path, f"run {number} of what was driven again"):
+            runs[number] = _to_run(purpose, *parts)
+    drives: dict[int, list[Redrive]] = {number: [] for number in runs}
+    records: dict[int, TestRecord] = {}
+    for data, *row in store.rows(_SELECT_DRIVES, (purpose,)):
+        with _damaged(path, f"drive {row[1]} of run {row[0]} of what was driven again"):
+            values = read_row(_COLUMNS, row)
+            run, test = values.pop("run"), values.pop("test")
+            if test not in records:
+                records[test] = store.test(test, with_trajectory=False)
+            del values["number"]
+            values["outcome"] = Outcome(values["outcome"])
+            values["conditions"] = read_conditions(json.loads(values["conditions"]))
+            values["trajectory"] = None if data is None else decode(data)
+            drives[run].append(Redrive(records[test], **values))
+    return [replace(run, drives=tuple(drives[number])) for number, run in runs.items()]
+
+
+def _to_run(purpose: Purpose, *values: Any) -> Run:
+    driver, simulator, rules, car, planned, seed, variations = values
+    return Run(
+        purpose,
+        dict(json.loads(driver)),
+        dict(json.loads(simulator)),
+        None if rules is None else read_numbers(Rules, json.loads(rules)),
+        None if car is None else read_numbers(CarBody, json.loads(car)),
+        as_whole(planned),
+        None if seed is None else as_whole(seed),
+        tuple(map(Variation.read, json.loads(variations))),
+    )
+
+
+@contextmanager
+def _damaged(path: Path, what: str) -> Iterator[None]:
+    """Turns what is wrong with a row into a `CampaignError`."""
+    try:
+        yield
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError, RowError) as error:
+        raise CampaignError(
+            f"{path} is damaged: {what}: {error}; restore it from a copy, or drive again"
+        ) from None
+
+
+class RunWriter:
+    """Stores the drives of a run as they come; a context manager.
+
+    The run is begun with its first drive. At the end it replaces what older runs with the same
+    parts and ranges have driven.
+
+    Args:
+        folder: of the campaign.
+        purpose: of the run.
+        describe: says what the run is, once its simulator has started.
+        optional: whether the run goes on without being stored if that is not possible.
+
+    Raises:
+        CampaignError: the database cannot be written, or a file of an older version is damaged.
+    """
+
+    def __init__(
+        self, folder: Path, purpose: Purpose, describe: Callable[[], Run], *, optional: bool = False
+    ) -> None:
+        self._path = find_database(folder)
+        self._describe = describe
+        self._optional = optional
+        self._connection: sqlite3.Connection | None = None
+        self._run: int | None = None
+        with CampaignStore.open(folder) as store:
+            take_in_side_file(store, purpose)
+        with self._trying(), translated(self._path):
+            self._connection = connect_to_write(self._path)
+
+    def add(self, number: int, drive: Redrive) -> None:
+        """Stores drive ``number`` of the run, durably.
+
+        Raises:
+            CampaignError: it cannot be written.
+        """
+        connection = self._connection
+        if connection is None:
+            return
+        with self._trying(), _transaction(self._path, connection):
+            if self._run is None:
+                self._run = _insert_run(connection, self._describe())
+            _insert_drive(connection, self._run, number, drive)
+
+    @contextmanager
+    def _trying(self) -> Iterator[None]:
+        try:
+            yield
+        except CampaignError as error:
+            if not self._optional:
+                raise
+            logger.warning("what is driven is not stored: %s", error)
+            self._close()
+
+    def _close(self) -> None:
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if self._connection is not None and self._run is not None:
+                with (
+                    suppress(*([] if error is None else [CampaignError])),
+                    self._trying(),
+                    _transaction(self._path, self._connection) as connection,
+                ):
+                    run = {"run": self._run, "now": _now()}
+                    connection.execute(_END_RUN, run)
+                    connection.execute(_DELETE_DRIVES, run)
+                    connection.execute(_DELETE_UNJUDGED, run)
+                    connection.execute(_DELETE_RUNS)
+        finally:
+            self._close()
+
+
+def take_in_side_file(store: CampaignStore, purpose: Purpose) -> list[Run]:
+    """Brings what an older version kept in a file into the database, once, and renames the file.
+
+    Returns:
+        What it holds, where the database cannot be written.
+
+    Raises:
+        CampaignError: it is damaged, or a newer version of frenetic has written it.
+    """
+    file = SIDE_FILES.get(purpose)
+    path = store.folder / ("" if file is None else file.name)
+    if file is None or not path.exists():
+        return []
+    runs, digest = file.read(store)
+    try:
+        _take_in(store.folder / DATABASE, runs, f"{file.name} {digest}")
+    except CampaignError as error:
+        logger.debug("%s stays as it is: %s", path, error)
+        return runs
+    with suppress(OSError):  # else it is known by its digest
+        path.replace(path.with_name(f"{file.name}{READ}"))
+    return []
+
+
+def _take_in(path: Path, runs: list[Run], source: str) -> None:
+    with translated(path):
+        connection = connect_to_write(path)
+    try:
+        with _transaction(path, connection):
+            known = "SELECT 1 FROM redrive_run WHERE source = ?"
+            if connection.execute(known, (source,)).fetchone() is not None:
+                return
+            for run in runs:
+                number = _insert_run(connection, run, source)
+                for i, drive in enumerate(run.drives, start=1):
+                    _insert_drive(connection, number, i, drive)
+    finally:
+        connection.close()
+
+
+def _insert_run(connection: sqlite3.Connection, run: Run, source: str | None = None) -> int:
+    values = (
+        str(run.purpose),
+        *(json.dumps(part, sort_keys=True) for part in (dict(run.driver), dict(run.simulator))),
+        *(
+            None if numbers is None else json.dumps(asdict(numbers))
+            for numbers in (run.rules, run.car)
+        ),
+        run.planned,
+        run.seed,
+        json.dumps(sorted(map(asdict, run.variations), key=lambda one: str(one["quantity"]))),
+        source,
+        _now(),
+    )
+    number = connection.execute(_INSERT_RUN, values).lastrowid
+    assert number is not None
+    if source is not None:
+        connection.execute("UPDATE redrive_run SET ended_at = made_at WHERE id = ?", (number,))
+    return number
+
+
+def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: Redrive) -> None:
+    verdict = [getattr(drive, name) for name in _VERDICT]
+    verdict[0] = str(drive.outcome)
+    values = (
+        run,
+        number,
+        drive.test_id,
+        json.dumps(conditions_document(drive.conditions)),
+        *(float(value) if _is_real(value) else value for value in verdict),
+        None if drive.trajectory is None else encode(drive.trajectory),
+    )
+    connection.execute(_INSERT_DRIVE, values)
+
+
+def _is_real(value: object) -> bool:
+    """Whether it is a number, one of numpy's perhaps, which would be stored as a blob."""
+    return value is not None and not isinstance(value, str)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+@contextmanager
+def _transaction(path: Path, connection: sqlite3.Connection) -> Iterator[sqlite3.Connection]:
+    with translated(path):
+        try:
+            connection.execute("BEGIN IMMEDIATE")
+            yield connection
+            connection.execute("COMMIT")
+        except BaseException:
+            if connection.in_transaction:
+                connection.execute("ROLLBACK")
+            raise

@@ -1,0 +1,244 @@
+"""The tables of what was driven again: old campaigns, old files, kills, and several at once."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import threading
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from permissions import bound_by_permissions
+from redrives import forget_redrives, redriven
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.check import check_campaign
+from frenetic.campaign.store import DATABASE, MIGRATIONS
+from frenetic.drivers import Planner
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.redrive.confirm import confirm, read_confirmations
+from frenetic.redrive.record import Purpose, Run
+from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
+from frenetic.redrive.table import RunWriter, read_runs
+from frenetic.search import Frenetic, RandomSearch
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators.worlds import USUAL
+
+FILE = "reruns.json"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign with some failures."""
+    folder = tmp_path_factory.mktemp("made") / "c"
+    Campaign(
+        strategy=Frenetic(seed=3),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(failures=4),
+        folder=folder,
+    ).run()
+    return folder
+
+
+@pytest.fixture
+def campaign(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "c"))
+
+
+def failures(folder: Path) -> list[int]:
+    with CampaignStore.open(folder) as store:
+        return [record.id for record in store.tests(Outcome.FAIL)]
+
+
+def make_old(folder: Path) -> None:
+    """Makes a database of the version before these tables."""
+    with closing(sqlite3.connect(folder / DATABASE)) as connection, connection:
+        connection.execute("DROP TABLE redrive")
+        connection.execute("DROP TABLE redrive_run")
+        connection.execute("PRAGMA user_version = 3")
+
+
+def version_of(folder: Path) -> int:
+    with closing(sqlite3.connect(folder / DATABASE)) as connection:
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
+    return int(version)
+
+
+def keep_in_file(folder: Path, reruns: Any) -> Path:
+    """Writes what older versions kept beside the database."""
+    path = folder / FILE
+    items = [rerun_document(one) for one in reruns]
+    path.write_text(json.dumps({"version": 1, "reruns": items}))
+    return path
+
+
+# Campaigns of older versions
+
+
+def test_an_old_campaign_is_read_as_it_is_and_gets_the_tables_when_it_is_driven_again(
+    campaign: Path,
+) -> None:
+    make_old(campaign)
+    assert read_reruns(campaign) == ()
+    assert check_campaign(campaign).is_sound
+    assert version_of(campaign) == 3
+    reruns = rerun(campaign, EmbeddedSimulator(), Planner(), times=2)
+    assert len(read_reruns(campaign)) == len(reruns) == len(failures(campaign))
+    assert version_of(campaign) == len(MIGRATIONS)
+    assert check_campaign(campaign).is_sound
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")
+def test_an_old_campaign_that_cannot_be_written_is_read_with_its_files(campaign: Path) -> None:
+    found = rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
+    forget_redrives(campaign)
+    path = keep_in_file(campaign, found)
+    make_old(campaign)
+    (campaign / DATABASE).chmod(0o444)
+    campaign.chmod(0o555)
+    try:
+        with bound_by_permissions(campaign):
+            assert {one.test_id for one in read_reruns(campaign)} == set(failures(campaign))
+            assert read_reruns(campaign) == read_reruns(campaign) != ()
+    finally:
+        campaign.chmod(0o755)
+    assert path.exists()
+    assert version_of(campaign) == 3
+
+
+def test_what_a_file_holds_is_read_exactly_once(campaign: Path) -> None:
+    found = rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
+    forget_redrives(campaign)
+    path = keep_in_file(campaign, found)
+    content = path.read_bytes()
+    documents = [rerun_document(one) for one in read_reruns(campaign)]
+    assert documents == [rerun_document(one) for one in sorted(found, key=lambda r: r.test_id)]
+    assert not path.exists()
+    assert len(read_runs(campaign, Purpose.ROBUSTNESS)) == len(found)
+    # Killed before it was renamed, or renamed back: nothing is there twice.
+    path.write_bytes(content)
+    assert [rerun_document(one) for one in read_reruns(campaign)] == documents
+    assert len(read_runs(campaign, Purpose.ROBUSTNESS)) == len(found)
+    # A newer rerun replaces what the file held.
+    path.write_bytes(content)
+    rerun(campaign, EmbeddedSimulator(), Planner(), times=5)
+    assert {len(one.drives) for one in read_reruns(campaign)} == {5}
+    path.write_bytes(content)
+    assert {len(one.drives) for one in read_reruns(campaign)} == {5}
+
+
+def test_a_file_that_an_older_version_wrote_meanwhile_is_read_too(campaign: Path) -> None:
+    found = rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
+    forget_redrives(campaign)
+    keep_in_file(campaign, found[:1])
+    assert len(read_reruns(campaign)) == 1
+    keep_in_file(campaign, found)
+    assert len(read_reruns(campaign)) == len(found)
+
+
+def test_a_damaged_file_of_one_kind_leaves_the_other_alone(campaign: Path) -> None:
+    (campaign / FILE).write_text("{")
+    confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
+    assert len(read_confirmations(campaign)) == 1
+    with pytest.raises(CampaignError, match=r"reruns\.json is damaged"):
+        read_reruns(campaign)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ("redrive SET outcome = 'MAYBE'", "outcome"),
+        ("redrive SET conditions = '['", "drive 1 of run 1"),
+        ("""redrive SET conditions = '{"weather": 1}'""", "weather"),
+        ("redrive SET test = 100000", "no test of candidate 100000"),
+        ("redrive_run SET driver = '3'", "run 1"),
+        ("""redrive_run SET variations = '[{"quantity": "mass"}]'""", "run 1"),
+    ],
+)
+def test_a_damaged_row_is_one_line(campaign: Path, change: str, text: str) -> None:
+    rerun(campaign, EmbeddedSimulator(), Planner(), times=1)
+    with closing(sqlite3.connect(campaign / DATABASE)) as connection, connection:
+        connection.execute(f"UPDATE {change}")
+    with pytest.raises(CampaignError, match=text) as caught:
+        read_reruns(campaign)
+    assert "\n" not in str(caught.value)
+
+
+# Several at once, and ends of all kinds
+
+
+def test_two_at_once_lose_nothing_of_each_other(campaign: Path) -> None:
+    record = CampaignStore.open(campaign).test(failures(campaign)[0])
+    drive = redriven(USUAL, Outcome.FAIL, -1.0, test=record)
+
+    def write(number: int) -> None:
+        run = Run(Purpose.ROBUSTNESS, {"class": f"driver {number}"}, {"class": "s"}, seed=0)
+        with RunWriter(campaign, Purpose.ROBUSTNESS, lambda: run) as writer:
+            for i in range(1, 31):
+                writer.add(i, drive)
+
+    threads = [threading.Thread(target=write, args=(number,)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    reruns = read_reruns(campaign)
+    assert {str(one.driver["class"]) for one in reruns} == {f"driver {n}" for n in range(4)}
+    assert [len(one.drives) for one in reruns] == [30] * 4
+
+
+def test_a_campaign_that_is_running_can_be_driven_again(tmp_path: Path) -> None:
+    done: list[int] = []
+
+    def now_and_then(progress: Any) -> None:
+        if progress.failed and progress.tests % 10 == 0 and len(done) < 3:
+            found = rerun(tmp_path / "c", EmbeddedSimulator(), Planner(), times=1)
+            done.append(len(found))
+
+    summary = Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=80),
+        folder=tmp_path / "c",
+    ).run(now_and_then)
+    assert summary.simulations == 80
+    assert len(done) == 3
+    assert len(read_reruns(tmp_path / "c")) == done[-1] > 0
+    assert check_campaign(tmp_path / "c").is_sound
+
+
+KILLED = """
+import os, signal, sys
+from frenetic import EmbeddedSimulator, Planner
+from frenetic.analysis import rerun
+
+def told(progress):
+    print(progress.drives, flush=True)
+    if progress.drives == 7:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+rerun(sys.argv[1], EmbeddedSimulator(), Planner(), times=3, on_progress=told)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL there")
+def test_a_kill_loses_nothing_that_was_told(campaign: Path) -> None:
+    killed = subprocess.run(
+        [sys.executable, "-c", KILLED, str(campaign)], capture_output=True, check=False
+    )
+    assert killed.returncode == -signal.SIGKILL
+    told = killed.stdout.decode().split()
+    assert told == [str(number) for number in range(1, 8)]
+    assert sorted(len(one.drives) for one in read_reruns(campaign)) == [1, 3, 3]
+    assert check_campaign(campaign).is_sound
+    rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
+    assert {len(one.drives) for one in read_reruns(campaign)} == {3}
