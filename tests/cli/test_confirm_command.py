@@ -6,6 +6,8 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from frenetic.redrive.confirm import read_confirmations
+
 if TYPE_CHECKING:
     from command_line import Frenetic
 
@@ -17,7 +19,8 @@ def test_less_friction_confirms_failures(frenetic: Frenetic, campaign: str) -> N
     assert answer.code == 0
     assert "3 failures: 3 confirmed" in answer.out
     assert "rank correlation of MOOBD:" in answer.out
-    assert (Path(campaign) / "confirmations.json").is_file()
+    assert "Kept in c/campaign.sqlite" in answer.out
+    assert [len(one.tests) for one in read_confirmations(Path(campaign))] == [3]
     (gallery,) = (Path(campaign) / "confirmed").glob("*/gallery.png")
     assert f"At a glance: {gallery}" in answer.out
     assert "to see it: frenetic report c" in answer.out

@@ -39,7 +39,7 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
     assert answer.out.count("20 of 20") == len(ids)
     assert "20 drives of each, the same each time" in answer.out
     assert f"{len(ids)} robust" in answer.out
-    assert str(Path(campaign) / "reruns.json") in answer.out
+    assert str(Path(campaign) / "campaign.sqlite") in answer.out
     assert {one.test_id for one in read_reruns(Path(campaign))} == set(ids)
 
 
@@ -91,7 +91,7 @@ def test_a_campaign_without_failures_is_said_to_have_none(frenetic: Frenetic) ->
     frenetic("run", "--simulations", "2", "--driver-option", "aggression=0.3", "--out", "calm")
     answer = frenetic("rerun", "calm")
     assert (answer.code, answer.out) == (0, "calm holds no failure\n")
-    assert not Path("calm/reruns.json").exists()
+    assert read_reruns("calm") == ()
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_mistakes_are_one_line(
     frenetic: Frenetic, campaign: str, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
     assert frenetic("rerun", campaign, *arguments).refuses(*words)
-    assert not Path(campaign, "reruns.json").exists()
+    assert read_reruns(campaign) == ()
 
 
 def test_a_simulator_that_cannot_vary_says_so(frenetic: Frenetic, campaign: str) -> None:
@@ -201,7 +201,7 @@ def test_where_no_drive_can_be_judged_nothing_is_kept_and_the_exit_code_is_1(
     assert "drives could not be judged" in answer.out
     assert "no idea" in answer.out
     assert "Kept" not in answer.out
-    assert not (Path(campaign) / "reruns.json").exists()
+    assert read_reruns(campaign) == ()
 
 
 def test_a_test_that_passed_is_said_to_be_no_failure(frenetic: Frenetic, campaign: str) -> None:
