@@ -38,3 +38,8 @@ class DriverError(FreneticError):
 
 class UnknownNameError(FreneticError, LookupError):
     """The name of an unregistered strategy, driver or simulator."""
+
+
+def reason_of(error: BaseException) -> str:
+    """One line about an error of a simulator or driver; our own errors stay as they are."""
+    return str(error) if isinstance(error, FreneticError) else describe_error(error)

@@ -17,7 +17,7 @@ from faulty import FaultySimulator
 
 from frenetic.campaign import Budget, Campaign, Progress
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.workers import processes
+from frenetic.campaign.workers.local import workers as processes
 from frenetic.search import Frenetic
 from frenetic.testing import DummyDriver
 

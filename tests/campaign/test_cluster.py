@@ -44,9 +44,10 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, RoadTes
 from frenetic.campaign.log import LOG, CampaignLog
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.trajectory_codec import encode
-from frenetic.campaign.workers import Workers, dask_link
-from frenetic.campaign.workers import cluster as cluster_module
-from frenetic.campaign.workers.cluster import ClusterWorkers
+from frenetic.campaign.workers import Workers
+from frenetic.campaign.workers.dask import link as dask_link
+from frenetic.campaign.workers.dask import workers as cluster_module
+from frenetic.campaign.workers.dask.workers import ClusterWorkers
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome

@@ -42,7 +42,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.workers.processes import PREFETCH
+from frenetic.campaign.workers.local.workers import PREFETCH
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome

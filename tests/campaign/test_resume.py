@@ -124,7 +124,7 @@ def go_on(
     """Goes on with a campaign in a process of its own; returns its exit code."""
     context: Any = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
     if sys.platform == "linux":  # as workers are made, since the server is the same
-        context.set_forkserver_preload(["frenetic.campaign.workers.preloading"])
+        context.set_forkserver_preload(["frenetic.campaign.workers.local.preloading"])
     process = context.Process(
         target=killing.go_on, args=(folder, marks, workers, ordered, blow), name="campaign"
     )

@@ -51,8 +51,9 @@ from frenetic.campaign.log import LOG, CampaignLog
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement
 from frenetic.campaign.trajectory_codec import decode, encode
-from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers, processes
-from frenetic.campaign.workers.messages import (
+from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
+from frenetic.campaign.workers.local import workers as processes
+from frenetic.campaign.workers.local.process import (
     Logged,
     Ready,
     WorkerFailed,
@@ -156,7 +157,7 @@ def workers_of(request: pytest.FixtureRequest, tmp_path: Path):  # type: ignore[
 
     @contextmanager
     def this_process(simulator: Simulator, driver: Driver | None = None) -> Iterator[Workers]:
-        with ThisProcess(RoadTester(simulator, driver or DummyDriver())) as workers:
+        with InProcessWorker(RoadTester(simulator, driver or DummyDriver())) as workers:
             yield workers
 
     @contextmanager
@@ -742,7 +743,7 @@ def test_a_driver_from_a_users_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 UNGUARDED = """
 from frenetic import Budget, Campaign, RandomSearch
-from frenetic.campaign.workers import processes
+from frenetic.campaign.workers.local import workers as processes
 from frenetic.errors import CampaignError
 from frenetic.testing import DummyDriver, DummySimulator
 processes.STARTS = 1
@@ -782,7 +783,7 @@ def test_this_process_ends_only_what_it_started(marks: Marks) -> None:
     simulator = FaultySimulator(marks.folder, start=Fault(raise_error, marks.folder))
     with (
         pytest.raises(CampaignError, match="the engine stalled"),
-        ThisProcess(RoadTester(simulator, DummyDriver())),
+        InProcessWorker(RoadTester(simulator, DummyDriver())),
     ):
         pass
     assert (len(marks.numbers("start")), len(marks.numbers("end"))) == (1, 0)

@@ -24,6 +24,7 @@ MOVED: Final = {
     "frenetic.campaign.checking": "frenetic.campaign.check",
     "frenetic.campaign.dispatch": "frenetic.campaign.loop",
     "frenetic.campaign.watching": "frenetic.campaign.watch",
+    "frenetic.campaign.workers.cluster": "frenetic.campaign.workers.dask.workers",
 }
 """Old path -> new path; a module of a package that moved needs no entry of its own."""
 

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.runs import Run, RunState, Terms, run_entrant
 from frenetic.campaign.progress import Progress
-from frenetic.campaign.workers.serving import stand_alone
+from frenetic.campaign.workers.local.process import stand_alone
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.registry import load_user_file, user_files
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
-_PRELOADED: Final = ("frenetic.bench.runs", "frenetic.campaign.workers.preloading")
+_PRELOADED: Final = ("frenetic.bench.runs", "frenetic.campaign.workers.local.preloading")
 _REPORT: Final = 0.2  # s between two words on the progress of a run
 
 

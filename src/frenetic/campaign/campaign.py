@@ -22,9 +22,9 @@ from frenetic.campaign.replay import replay
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.versions import package_versions
-from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers, available_cores
+from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.errors import CampaignError, reason_of
 from frenetic.outcome import Outcome
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
@@ -62,8 +62,7 @@ def prepare(simulator: Simulator) -> None:
     try:
         capabilities(simulator).prepare()
     except Exception as error:
-        text = str(error) if isinstance(error, FreneticError) else describe_error(error)
-        raise CampaignError(f"the simulator does not start: {text}") from error
+        raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
 
 
 class Campaign:
@@ -81,7 +80,7 @@ class Campaign:
         workers: how many roads are driven at once. 1 drives them in this process; more are
             processes on this machine, into which driver and simulator are copied.
         cluster: address of a Dask scheduler whose workers drive, in place of `workers`; see
-            `frenetic.campaign.workers.cluster`.
+            `frenetic.campaign.workers.dask.workers`.
         ordered: whether results are told in the order of asking, with `lookahead` candidates
             outstanding at once. The campaign then depends on the seed, but not on the number and
             speed of the workers. Otherwise the strategy is asked for as many candidates as there
@@ -244,7 +243,9 @@ class Campaign:
         """
         prepare(self.tester.simulator)
         if self.cluster is not None:
-            from frenetic.campaign.workers.cluster import require_scheduler  # an optional extra
+            from frenetic.campaign.workers.dask.workers import (
+                require_scheduler,  # an optional extra
+            )
 
             require_scheduler(self.cluster)
         with ExitStack() as stack:
@@ -325,7 +326,7 @@ class Campaign:
         try:
             with _logging_to(log), catch_interrupt(on_interrupt) as interrupt:
                 with self._workers(log) as workers:
-                    if not isinstance(workers, ThisProcess):
+                    if not isinstance(workers, InProcessWorker):
                         compile_kernels()  # which the strategy needs here, while they start
                     _await_start(workers, interrupt)
                     if on_start is not None:
@@ -352,9 +353,8 @@ class Campaign:
                 raise
             interrupted = True
         except Exception as error:
-            text = str(error) if isinstance(error, FreneticError) else describe_error(error)
             log.progress(tally.progress(time.perf_counter() - start), force=True)
-            log.write(Event.GAVE_UP, text, level="error")
+            log.write(Event.GAVE_UP, reason_of(error), level="error")
             raise
         # What is stored counts, also when an interrupt came between storing and counting.
         stored = store.counts()
@@ -390,11 +390,11 @@ class Campaign:
 
     def _workers(self, log: CampaignLog) -> Workers:
         if self.cluster is not None:
-            from frenetic.campaign.workers.cluster import ClusterWorkers  # an optional extra
+            from frenetic.campaign.workers.dask.workers import ClusterWorkers  # an optional extra
 
             return ClusterWorkers(self.tester, self.cluster, drive_limit=self.drive_limit, log=log)
         if self.workers == 1:
-            return ThisProcess(self.tester)
+            return InProcessWorker(self.tester)
         return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
 
     def _log_start(self, log: CampaignLog, event: Event, tally: Tally) -> None:

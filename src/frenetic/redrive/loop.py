@@ -17,7 +17,7 @@ from frenetic.campaign.loop import MAX_ATTEMPTS
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.workers import LocalWorkers, ThisProcess, Workers
+from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -192,7 +192,7 @@ def drive_all(
 
 def _crew(tester: RoadTester, workers: int, drive_limit: float | None) -> Workers:
     if workers == 1:
-        return ThisProcess(tester)
+        return InProcessWorker(tester)
     if drive_limit is None:
         drive_limit = capabilities(tester.simulator).drive_limit
     compile_kernels()

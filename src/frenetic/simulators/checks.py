@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from frenetic.drivers import Driver, Stanley
-from frenetic.errors import FreneticError, describe_error
+from frenetic.errors import reason_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
@@ -31,8 +31,7 @@ class Check:
 
 def broken(name: str, error: Exception, remedy: str) -> Check:
     """A check that ended in an error; our own errors say what to do."""
-    text = str(error) if isinstance(error, FreneticError) else describe_error(error)
-    return Check(name, False, text, remedy)
+    return Check(name, False, reason_of(error), remedy)
 
 
 # Roads that every driver can follow

@@ -1,7 +1,17 @@
-"""Workers, which test roads: this process, several local ones, or a Dask cluster."""
+"""Those who test roads: this process, several local ones, or a Dask cluster."""
 
-from frenetic.campaign.workers.here import ThisProcess
-from frenetic.campaign.workers.processes import LocalWorkers
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.workers.in_process import InProcessWorker
+from frenetic.campaign.workers.local.workers import LocalWorkers
 from frenetic.campaign.workers.workers import Workers, available_cores
 
-__all__ = ["LocalWorkers", "ThisProcess", "Workers", "available_cores"]
+ThisProcess = InProcessWorker  # its former name
+
+__all__ = [
+    "Attempt",
+    "InProcessWorker",
+    "LocalWorkers",
+    "ThisProcess",
+    "Workers",
+    "available_cores",
+]

@@ -20,9 +20,8 @@ from typing import Any, Final, TypeAlias
 
 from distributed import Client, Future
 
-from frenetic.campaign.workers.seats import SeatTakenError
-from frenetic.campaign.workers.serving import reason_of
-from frenetic.errors import CampaignError, describe_error
+from frenetic.campaign.workers.dask.seats import SeatTakenError
+from frenetic.errors import CampaignError, describe_error, reason_of
 
 RESOURCE: Final = "simulator"
 """Resource of a worker, as many as it has seats."""

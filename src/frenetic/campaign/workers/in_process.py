@@ -11,8 +11,7 @@ from typing import Final, Self
 from frenetic.campaign.log import WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.workers.serving import reason_of
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, reason_of
 from frenetic.search.records import Candidate
 
 NAME: Final = "this process"
@@ -20,7 +19,7 @@ NAME: Final = "this process"
 logger = logging.getLogger(__name__)
 
 
-class ThisProcess:
+class InProcessWorker:
     """Tests one candidate after the other, within `wait`.
 
     A broken simulator is started again for the next candidate.

@@ -24,15 +24,16 @@ from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.workers.messages import (
+from frenetic.campaign.workers.local.process import (
     Logged,
     Message,
     Ready,
     WorkerFailed,
     decode_message,
     encode_task,
+    kill_group,
+    serve,
 )
-from frenetic.campaign.workers.serving import kill_group, serve
 from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import user_files
 from frenetic.search.records import Candidate
@@ -63,7 +64,7 @@ Task: TypeAlias = "tuple[Candidate, Placement | None]"
 _LEAVING_LIMIT: Final = 1.0  # s that a process has to leave when its simulator has ended
 _PAUSE: Final = 0.2  # s between two tries to get a process
 _FORKED: Final = "forkserver"
-_PRELOADED: Final = "frenetic.campaign.workers.preloading"
+_PRELOADED: Final = "frenetic.campaign.workers.local.preloading"
 
 
 class LocalWorkers:

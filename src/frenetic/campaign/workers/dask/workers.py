@@ -24,12 +24,12 @@ from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.workers.processes import CLOSING_LIMIT, START_LIMIT, STARTS
+from frenetic.campaign.workers.local.workers import CLOSING_LIMIT, START_LIMIT, STARTS
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 
 try:
-    from frenetic.campaign.workers.dask_link import (
+    from frenetic.campaign.workers.dask.link import (
         RESOURCE,
         Call,
         Checked,
@@ -41,8 +41,7 @@ try:
         Message,
         Seen,
     )
-    from frenetic.campaign.workers.packing import pack
-    from frenetic.campaign.workers.seats import Driven, Seat, open_seat
+    from frenetic.campaign.workers.dask.seats import Driven, Seat, open_seat, pack
 except ModuleNotFoundError as error:
     if error.name not in ("cloudpickle", "dask", "distributed"):
         raise
@@ -96,7 +95,7 @@ class ClusterWorkers:
         self._messages: SimpleQueue[Message] = SimpleQueue()
         self._link: DaskLink
         self._hosts: dict[str, Host] = {}  # by address
-        self._seats: dict[str, list[_Seat]] = {}  # by their host's address
+        self._seats: dict[str, list[WorkerSlot]] = {}  # by their host's address
         # By the nanny, which outlives its worker, and by the number of the seat.
         self._failed_starts: Counter[tuple[str, int]] = Counter()  # in a row
         self._started: set[tuple[str, int]] = set()  # those that ever have
@@ -170,10 +169,10 @@ class ClusterWorkers:
         finally:
             self._link.close()
 
-    def _all_seats(self) -> Iterator[_Seat]:
+    def _all_seats(self) -> Iterator[WorkerSlot]:
         return (seat for seats in self._seats.values() for seat in seats)
 
-    def _idle_seats(self) -> Iterator[_Seat]:
+    def _idle_seats(self) -> Iterator[WorkerSlot]:
         return (
             seat
             for seat in self._all_seats()
@@ -218,7 +217,9 @@ class ClusterWorkers:
         self._hosts, self._has_looked = dict(hosts), True
         for address, host in hosts.items():
             if host.seats and host.is_running and address not in self._seats:
-                self._seats[address] = [_Seat(host, number) for number in range(1, host.seats + 1)]
+                self._seats[address] = [
+                    WorkerSlot(host, number) for number in range(1, host.seats + 1)
+                ]
                 self._link.check(address)
             elif host.is_leaving:
                 for seat in self._seats.get(address, ()):
@@ -235,7 +236,7 @@ class ClusterWorkers:
         self._hosts.pop(address, None)
         return attempts
 
-    def _open(self, seat: _Seat) -> None:
+    def _open(self, seat: WorkerSlot) -> None:
         """Opens a seat, unless that has failed too often."""
         if self._failed_starts[seat.home] < STARTS:
             seat.turn("starting", START_LIMIT)
@@ -243,7 +244,7 @@ class ClusterWorkers:
                 seat.host, open_seat, seat.count, self._parcel, keep=True
             )
 
-    def _done(self, seat: _Seat, done: Done) -> list[Attempt]:
+    def _done(self, seat: WorkerSlot, done: Done) -> list[Attempt]:
         """Continues with a seat whose call has ended."""
         if done.seat_is_taken:
             seat.release()
@@ -271,14 +272,14 @@ class ClusterWorkers:
             self._rest(seat)
         return [replace(driven.attempt, worker=seat.name)]
 
-    def _ready(self, seat: _Seat) -> None:
+    def _ready(self, seat: WorkerSlot) -> None:
         self._failed_starts[seat.home] = 0
         self._started.add(seat.home)
         seat.is_taken = False
         self._log.write(Event.WORKER_STARTED, f"worker {seat.name} started", worker=seat.name)
         self._rest(seat)
 
-    def _rest(self, seat: _Seat) -> None:
+    def _rest(self, seat: WorkerSlot) -> None:
         """Lets a seat wait for its next candidate, if any."""
         seat.turn("idle")
         if self._hosts[seat.host].is_leaving:
@@ -295,7 +296,7 @@ class ClusterWorkers:
                 attempts += self._hanging(seat, now - seat.since)
         return attempts
 
-    def _hanging(self, seat: _Seat, seconds: float) -> list[Attempt]:
+    def _hanging(self, seat: WorkerSlot, seconds: float) -> list[Attempt]:
         """Restarts the worker of a seat, or leaves it alone if that is impossible."""
         what = "drive" if seat.state == "driving" else "start"
         attempts = self._lost(seat, f"its {what} took more than {seconds:.3g} s")
@@ -307,7 +308,7 @@ class ClusterWorkers:
         self._link.restart(seat.host)
         return attempts
 
-    def _lost(self, seat: _Seat, reason: str) -> list[Attempt]:
+    def _lost(self, seat: WorkerSlot, reason: str) -> list[Attempt]:
         """Records a lost seat; returns the attempt that is lost with it."""
         attempts = []
         fields: dict[str, JSONValue] = {"worker": seat.name, "reason": reason}
@@ -353,7 +354,7 @@ class ClusterWorkers:
             self._no_seats_is_told = True
             logger.warning("waiting at most %.0f s: %s", limit, self._why_no_seats())
 
-    def _is_usable(self, seat: _Seat) -> bool:
+    def _is_usable(self, seat: WorkerSlot) -> bool:
         """Whether a seat may still answer."""
         if seat.state == "idle":
             return self._hosts[seat.host].is_running
@@ -399,7 +400,7 @@ class ClusterWorkers:
                         return
 
 
-class _Seat:
+class WorkerSlot:
     """A seat, as the campaign knows it."""
 
     def __init__(self, host: Host, number: int) -> None:
@@ -428,6 +429,7 @@ class _Seat:
         """Reason of its loss."""
 
     def turn(self, state: WorkerStatus, limit: float = math.inf) -> None:
+        """Enters a state, for at most so many s."""
         self.state = state
         self.since = time.monotonic()
         self.limit = self.since + limit

@@ -10,21 +10,26 @@ from __future__ import annotations
 import atexit
 import logging
 import pickle
+import sys
 import threading
 import time
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from contextlib import contextmanager
+from pathlib import Path
 from queue import SimpleQueue
+from types import ModuleType
 from typing import Any, Final, NamedTuple, NoReturn, TypeVar
 
+import cloudpickle
 from distributed import get_worker
 
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.workers.messages import Logged
-from frenetic.campaign.workers.serving import reason_of
-from frenetic.errors import FreneticError
+from frenetic.campaign.workers.local.process import Logged
+from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of
+from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
 from frenetic.simulators.embedded import compile_kernels
 
@@ -58,7 +63,7 @@ class Seat:
     Args:
         worker: address of the worker.
         limit: number of the worker's seats.
-        parcel: a `RoadTester`, see `frenetic.campaign.workers.packing`.
+        parcel: a `RoadTester`, see `pack`.
 
     Raises:
         SeatTakenError: there are so many already.
@@ -66,13 +71,13 @@ class Seat:
     """
 
     def __init__(self, worker: str, limit: int, parcel: bytes) -> None:
-        occupant = _Occupant(worker, parcel)
-        _take_seat(occupant, limit)
-        occupant.begin()
-        self._occupant = occupant
-        self._end = weakref.finalize(self, occupant.end)
+        thread = _SeatThread(worker, parcel)
+        _take_seat(thread, limit)
+        thread.begin()
+        self._thread_of_seat = thread
+        self._end = weakref.finalize(self, thread.end)
         self._end.atexit = False  # `_end_all` does that, and waits for it
-        self._ask(occupant.start)
+        self._ask(thread.start)
 
     def test(self, candidate: Candidate, placement: Placement | None = None) -> Driven:
         """Tests a candidate, as by `RoadTester.test`.
@@ -80,8 +85,8 @@ class Seat:
         Raises:
             SeatError: the test itself failed, not the drive; the seat is closed.
         """
-        occupant = self._occupant
-        return self._ask(lambda: occupant.test(candidate, placement))
+        thread = self._thread_of_seat
+        return self._ask(lambda: thread.test(candidate, placement))
 
     def restart(self) -> None:
         """Ends the simulator and starts it again.
@@ -89,7 +94,7 @@ class Seat:
         Raises:
             SeatError: that failed; the seat is closed.
         """
-        self._ask(self._occupant.restart)
+        self._ask(self._thread_of_seat.restart)
 
     def close(self) -> None:
         """Ends the simulator.
@@ -98,14 +103,14 @@ class Seat:
             SeatError: it did not end well.
         """
         try:
-            self._ask(self._occupant.stop)
+            self._ask(self._thread_of_seat.stop)
         finally:
             self._end()
-            self._occupant.join()
+            self._thread_of_seat.join()
 
     def _ask(self, job: Callable[[], R]) -> R:
         try:
-            return self._occupant.ask(job)
+            return self._thread_of_seat.ask(job)
         except BaseException:
             self._end()  # now: the error's traceback may keep this object for long
             raise
@@ -119,7 +124,7 @@ def open_seat(limit: int, parcel: bytes) -> Seat:
     return Seat(get_worker().address, limit, parcel)
 
 
-class _Occupant:
+class _SeatThread:
     """The thread that uses a seat's driver and simulator, with its jobs.
 
     It is a daemon, so a hanging drive does not keep the worker from ending.
@@ -225,20 +230,20 @@ class _Collecting(logging.Handler):
                 self.handleError(record)
 
 
-_occupants: Final[set[_Occupant]] = set()
+_seat_threads: Final[set[_SeatThread]] = set()
 _lock: Final = threading.Lock()
 
 
-def _take_seat(occupant: _Occupant, limit: int) -> None:
+def _take_seat(thread: _SeatThread, limit: int) -> None:
     with _lock:
-        if sum(other.worker == occupant.worker for other in _occupants) >= limit:
+        if sum(other.worker == thread.worker for other in _seat_threads) >= limit:
             raise SeatTakenError(f"all {limit} seats of the worker are taken by another campaign")
-        _occupants.add(occupant)
+        _seat_threads.add(thread)
 
 
-def _leave_seat(occupant: _Occupant) -> None:
+def _leave_seat(thread: _SeatThread) -> None:
     with _lock:
-        _occupants.discard(occupant)
+        _seat_threads.discard(thread)
 
 
 @atexit.register
@@ -246,8 +251,62 @@ def _end_all() -> None:
     """Ends all simulators of this process."""
     deadline = time.monotonic() + EXIT_LIMIT
     with _lock:
-        occupants = list(_occupants)
-    for occupant in occupants:
-        occupant.end()
-    for occupant in occupants:
-        occupant.join(max(0.0, deadline - time.monotonic()))
+        threads = list(_seat_threads)
+    for thread in threads:
+        thread.end()
+    for thread in threads:
+        thread.join(max(0.0, deadline - time.monotonic()))
+
+
+# Driver and simulator in one parcel, for computers without the user's files
+
+
+def pack(tester: RoadTester) -> bytes:
+    """The tester as a parcel with the code of the user's own modules in it.
+
+    These are the modules in the current folder, in the folders of files that the user named, and
+    these files themselves. All other imports must be installed where it is unpacked.
+
+    Raises:
+        CampaignError: driver or simulator cannot be packed.
+    """
+    try:
+        with _by_value(own_modules()):
+            parcel: bytes = cloudpickle.dumps(tester)
+    except Exception as error:
+        raise CampaignError(
+            "the driver or simulator cannot be sent to the workers of a cluster"
+            f" ({describe_error(error)}): use local workers, or make it picklable"
+        ) from error
+    return parcel
+
+
+def own_modules() -> list[ModuleType]:
+    """The user's own modules that this process has imported; packages stand for all in them."""
+    folders = {Path.cwd().resolve(), *(Path(file).resolve().parent for file in user_files())}
+    return [
+        module
+        for name, module in sys.modules.copy().items()  # another thread may be importing
+        if name.startswith(USER_MODULE)
+        or ("." not in name and name not in ("__main__", "frenetic") and _home(module) in folders)
+    ]
+
+
+def _home(module: ModuleType) -> Path | None:
+    """The folder in which a module lies, or a package's folder; None if it lies in none."""
+    places = list(getattr(module, "__path__", ())) or [getattr(module, "__file__", None)]
+    return Path(places[0]).resolve().parent if isinstance(places[0], str) else None
+
+
+@contextmanager
+def _by_value(modules: list[ModuleType]) -> Iterator[None]:
+    """Makes cloudpickle send the code of modules instead of their names."""
+    known = cloudpickle.list_registry_pickle_by_value()
+    fresh = [module for module in modules if module.__name__ not in known]
+    for module in fresh:
+        cloudpickle.register_pickle_by_value(module)
+    try:
+        yield
+    finally:
+        for module in fresh:
+            cloudpickle.unregister_pickle_by_value(module)
