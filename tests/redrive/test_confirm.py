@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from redrives import forget_redrives
 
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import CampaignStore
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers import Driver, Planner
@@ -30,30 +30,18 @@ from frenetic.redrive.confirm import (
 from frenetic.redrive.record import Agreement
 from frenetic.report.confirmation import pictures_of, write_confirmation
 from frenetic.road import Road
-from frenetic.search import Frenetic
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
 from frenetic.testing import DummyDriver, DummySimulator
 
 OTHER_CAR = Vehicle(mass=1500.0, yaw_inertia=2500.0, front_axle=1.4, rear_axle=1.3, width=1.85)
 
 
-@pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("searched") / "c"
-    Campaign(
-        strategy=Frenetic(seed=3),
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
-        budget=Budget(simulations=80),
-        folder=folder,
-    ).run()
-    return folder
+pytest_plugins = ["searched_campaign"]
 
 
 @pytest.fixture
-def campaign(searched: Path, tmp_path: Path) -> Path:
-    shutil.copytree(searched, tmp_path / "c")
-    return tmp_path / "c"
+def campaign(searched_campaign: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(searched_campaign, tmp_path / "c"))
 
 
 def failures(folder: Path) -> list[int]:

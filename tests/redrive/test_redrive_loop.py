@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign import CampaignStore, TestRecord
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.drivers import Driver, Planner
@@ -16,23 +16,17 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import Task, campaign_tester, drive_all
 from frenetic.road import Pose, Road
-from frenetic.search import Candidate, Frenetic, Origin
+from frenetic.search import Candidate, Origin
 from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.simulators.worlds import USUAL, Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
+pytest_plugins = ["searched_campaign"]
 
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("campaign")
-    Campaign(
-        strategy=Frenetic(seed=3),
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
-        budget=Budget(simulations=60),
-        folder=folder,
-    ).run()
-    return folder
+
+@pytest.fixture
+def campaign(searched_campaign: Path) -> Path:
+    return searched_campaign
 
 
 def records_of(folder: Path) -> list[TestRecord]:

@@ -38,19 +38,12 @@ from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.simulators.worlds import USUAL
 from frenetic.testing import DummyDriver, DummySimulator
 
+pytest_plugins = ["searched_campaign"]
 
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A campaign with some failures among 40 roads."""
-    folder = tmp_path_factory.mktemp("campaign")
-    Campaign(
-        strategy=Frenetic(seed=3),
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
-        budget=Budget(simulations=60),
-        folder=folder,
-    ).run()
-    return folder
+
+@pytest.fixture
+def campaign(searched_campaign: Path) -> Path:
+    return searched_campaign
 
 
 def recorded(folder: Path, outcome: Outcome) -> dict[int, float | None]:

@@ -1,0 +1,26 @@
+"""The campaign whose roads are driven again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from frenetic.campaign import Budget, Campaign
+from frenetic.drivers import Planner
+from frenetic.search import Frenetic
+from frenetic.simulators import EmbeddedSimulator
+
+
+@pytest.fixture(scope="session")
+def searched_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its folder; nothing in it may be changed, but it can be copied."""
+    folder = tmp_path_factory.mktemp("searched") / "c"
+    Campaign(
+        strategy=Frenetic(seed=3),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=60),
+        folder=folder,
+    ).run()
+    return folder
