@@ -146,7 +146,7 @@ class Part:
 
 
 def _usual_rules() -> Rules:
-    from frenetic.simulators.drive import Rules
+    from frenetic.simulators.drive import Rules  # numba takes its time
 
     return Rules()
 
@@ -408,7 +408,7 @@ def usual_wall_limit(simulator: str | None) -> float:
     """Wall time that a drive in the simulator of that name may take by default, in s."""
     if simulator is None:
         return WALL_LIMIT
-    from frenetic.simulators.capabilities import usual
+    from frenetic.simulators.capabilities import usual  # numba takes its time
 
     return usual(SIMULATORS.load(simulator)).usual_wall_limit
 
@@ -724,13 +724,13 @@ def _record(value: Any, kind: Callable[..., T], *, or_none: bool = False) -> T:
 
 
 def _rules(value: Any) -> Rules:
-    from frenetic.simulators.drive import Rules
+    from frenetic.simulators.drive import Rules  # numba takes its time
 
     return _record(value, Rules)
 
 
 def _car(value: Any) -> CarBody:
-    from frenetic.simulators.drive import CarBody
+    from frenetic.simulators.drive import CarBody  # likewise
 
     return _record(value, CarBody)
 

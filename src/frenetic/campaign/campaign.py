@@ -243,9 +243,8 @@ class Campaign:
         """
         prepare(self.tester.simulator)
         if self.cluster is not None:
-            from frenetic.campaign.workers.dask.workers import (
-                require_scheduler,  # an optional extra
-            )
+            # An optional extra.
+            from frenetic.campaign.workers.dask.workers import require_scheduler
 
             require_scheduler(self.cluster)
         with ExitStack() as stack:
@@ -390,7 +389,8 @@ class Campaign:
 
     def _workers(self, log: CampaignLog) -> Workers:
         if self.cluster is not None:
-            from frenetic.campaign.workers.dask.workers import ClusterWorkers  # an optional extra
+            # An optional extra.
+            from frenetic.campaign.workers.dask.workers import ClusterWorkers
 
             return ClusterWorkers(self.tester, self.cluster, drive_limit=self.drive_limit, log=log)
         if self.workers == 1:

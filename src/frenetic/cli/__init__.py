@@ -1,4 +1,7 @@
-"""The command line: parses, calls the library, prints."""
+"""The command line: parses, calls the library, prints.
+
+A command imports what it needs when it runs, so that ``frenetic --help`` is there at once.
+"""
 
 from __future__ import annotations
 

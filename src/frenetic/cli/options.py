@@ -134,7 +134,7 @@ def driver_options(command: Callable[P, R]) -> Callable[P, R]:
 
 
 def _or_usual_limit(ctx: click.Context, _: click.Parameter, value: float | None) -> float:
-    from frenetic.cli.parts import usual_wall_limit  # which needs this module
+    from frenetic.spec import usual_wall_limit
 
     return usual_wall_limit(ctx.params["simulator"]) if value is None else value
 

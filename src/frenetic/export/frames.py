@@ -94,7 +94,7 @@ def data_frame(
     wanted = tuple(Outcome(outcome) for outcome in outcomes) or ALL
     with _needing_extra("a data frame"):
         import pandas as pd  # an extra
-        import pyarrow as pa
+        import pyarrow as pa  # an extra
     if not isinstance(campaign, CampaignStore):
         with CampaignStore.open(Path(campaign)) as store:
             return data_frame(store, table, outcomes=wanted)
@@ -117,13 +117,13 @@ def data_frame(
 
 
 def _schema(columns: tuple[Column, ...]) -> Any:
-    import pyarrow as pa
+    import pyarrow as pa  # an extra
 
     return pa.schema([_field(column) for column in columns])
 
 
 def _field(column: Column) -> Any:
-    import pyarrow as pa
+    import pyarrow as pa  # an extra
 
     kinds = {
         Kind.WHOLE: pa.int64(),
@@ -142,14 +142,14 @@ def _field(column: Column) -> Any:
 
 def _to_arrow(batch: Batch) -> Any:
     """A batch as a `pyarrow.RecordBatch`."""
-    import pyarrow as pa
+    import pyarrow as pa  # an extra
 
     arrays = [_array(column, batch.values[column.name]) for column in batch.columns]
     return pa.record_batch(arrays, schema=_schema(batch.columns))
 
 
 def _array(column: Column, values: Values) -> Any:
-    import pyarrow as pa
+    import pyarrow as pa  # an extra
 
     if isinstance(values, Lists):
         return pa.ListArray.from_arrays(values.offsets.astype(np.int32), values.values)

@@ -19,7 +19,7 @@ def main() -> None:
     """Take the streams, then follow the bench."""
     incoming, outgoing = take_streams()
     import_frenetic()
-    from frenetic.bench.hosting.session import serve
+    from frenetic.bench.hosting.session import serve  # only now can it be found
 
     serve(incoming, outgoing)
 

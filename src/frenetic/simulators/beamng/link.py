@@ -180,7 +180,7 @@ def executable(home: Path) -> Path:
     if not home.is_dir():
         raise BeamngError(f"there is no folder {home}", remedy)
     beamngpy()
-    from beamngpy.logging import BNGError
+    from beamngpy.logging import BNGError  # an extra
 
     try:
         found: Path = _module("beamng.filesystem").determine_binary(home)
@@ -366,7 +366,7 @@ class Link:
 
     def _connect(self, ego: Any) -> None:
         """Connects to the car; BeamNGpy alone would wait for its first answer for ever."""
-        from beamngpy.logging import BNGError
+        from beamngpy.logging import BNGError  # an extra
 
         host = self._bng.host
         port = int(self._bng.vehicles.start_connection(ego, ego.extensions)["result"])
@@ -446,7 +446,7 @@ class _UnreachableError(BeamngError):
 @contextmanager
 def _asking(what: str) -> Iterator[None]:
     """Turns every trouble with BeamNG.tech into an error that names the activity."""
-    from beamngpy.logging import BNGDisconnectedError, BNGError, BNGValueError
+    from beamngpy.logging import BNGDisconnectedError, BNGError, BNGValueError  # an extra
 
     try:
         yield

@@ -106,7 +106,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
                 running in this process.
         """
         try:
-            from frenetic.simulators.metadrive.world import World
+            from frenetic.simulators.metadrive.world import World  # imports the extra
         except ModuleNotFoundError as error:
             package = str(error.name).partition(".")[0]
             raise FreneticError(
@@ -203,6 +203,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         self, world: World, road: Road, driver: MetaDriveDriver, rows: list[list[float]]
     ) -> None:
         """Like `_follow`, with one of MetaDrive's drivers."""
+        # These import the extra.
         from frenetic.simulators.metadrive.policies import DECISION_PERIODS, make_policy
 
         with closing(make_policy(driver, world, self.rules.speed_limit)) as policy:

@@ -217,12 +217,12 @@ class LocalWorkers:
 
     def _start_process(self, worker: _Worker) -> None:
         if sys.platform != "win32":
-            from multiprocessing import resource_tracker
+            from multiprocessing import resource_tracker  # not on Windows
 
             resource_tracker.ensure_running()  # first, since it lets Ctrl-C through again
         sparing: AbstractContextManager[None] = _without_ctrl_c()
         if self._context.get_start_method() == _FORKED:
-            from multiprocessing import forkserver
+            from multiprocessing import forkserver  # not on Windows
 
             self._context.set_forkserver_preload([_PRELOADED])
             with sparing:

@@ -104,7 +104,7 @@ def shapely_geometry() -> Any:
 
     """
     try:
-        import shapely.geometry
+        import shapely.geometry  # an extra
     except ImportError:
         raise FreneticError(
             "a generator asks for a shapely object, but shapely is not installed: pip install"
