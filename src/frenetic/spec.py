@@ -20,7 +20,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
-from frenetic._support.json_value import JSONValue
+from frenetic._support.json_value import JSONValue, plain
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.registry import SIMULATORS, STRATEGIES, USER_MODULE, Registry, options_of
@@ -266,7 +266,7 @@ class Spec:
         Raises:
             CampaignError: the record is damaged; the message tells everything that is wrong.
         """
-        decoded = decode(config)
+        decoded = decode_config(config)
         command: Any = config.get("command")
         faults = [f"the {fault}" for fault in decoded.faults]
         if faults := [*faults, *(decoded.command_faults if needs_names else ())]:
@@ -413,6 +413,12 @@ def usual_wall_limit(simulator: str | None) -> float:
     return usual(SIMULATORS.load(simulator)).usual_wall_limit
 
 
+def drive_options() -> list[str]:
+    """Names of the options that say how roads are driven, as `Spec.from_options` takes them."""
+    parts = ("driver", "driver_options", "simulator", "simulator_options")
+    return [*parts, *_layer_names(), *(number.name for number in NUMBERS)]
+
+
 def _layer_names() -> list[str]:
     return [layer.name for layer in LAYERS]
 
@@ -553,12 +559,7 @@ def _setting(value: object) -> str:
     """A value as `read_setting` reads it back."""
     if isinstance(value, str):
         return value if read_setting(value) == value else json.dumps(value)
-    return json.dumps(value, default=_of_proxy)
-
-
-def _of_proxy(value: object) -> object:
-    """A read-only mapping or sequence as `json` takes it."""
-    return dict(value) if isinstance(value, Mapping) else list(value)  # type: ignore[call-overload]
+    return json.dumps(value, default=plain)
 
 
 # Decoding
@@ -584,22 +585,33 @@ class Entry:
 class Decoded:
     """What a campaign's record says, and what is wrong with it."""
 
-    values: Mapping[str, Any]
+    values: Mapping[str, Any] = field(default_factory=dict)
     """Name of a field -> its value, of those that are sound."""
-    faults: tuple[str, ...]
+    faults: tuple[str, ...] = ()
     """What is wrong, each in one line."""
-    command_faults: tuple[str, ...]
+    command_faults: tuple[str, ...] = ()
     """What keeps a campaign of a command line from being resumed, each in one line."""
 
 
-def decode(config: Mapping[str, Any]) -> Decoded:
-    """Validates a campaign's record, as `Spec.to_json` makes it."""
-    values, faults = _decode(CONFIGURATION, config)
-    return Decoded(values, faults, command_faults(config.get("command")))
+def decode_config(config: Mapping[str, Any], only: Collection[str] = ()) -> Decoded:
+    """Validates a campaign's record, as `Spec.to_json` makes it.
+
+    Args:
+        config: the record.
+        only: names of the fields that matter; all of them and the command line by default.
+    """
+    entries = {name: CONFIGURATION[name] for name in only or CONFIGURATION}
+    values, faults = _decode(entries, config)
+    return Decoded(values, faults, () if only else command_faults(config.get("command")))
 
 
 def command_faults(command: object, without: Collection[str] = ()) -> tuple[str, ...]:
-    """What is wrong with the command line of a record, None being none; each in one line."""
+    """What is wrong with the command line of a record, None being none; each in one line.
+
+    Args:
+        command: the record's.
+        without: names that it does not hold, as that of a bench holds no strategy.
+    """
     if command is None:
         return ()
     if not isinstance(command, Mapping):
@@ -653,7 +665,8 @@ def _number(*, above: float = -math.inf, at_least: float = -math.inf) -> Decoder
         allowed += f" above {above:g}"
     if at_least > -math.inf:
         allowed += f" of at least {at_least:g}"
-    return _if(lambda v: is_number(v) and v > above and v >= at_least, f"{allowed} is needed")
+    number = _if(lambda v: is_number(v) and v > above and v >= at_least, f"{allowed} is needed")
+    return lambda value: float(number(value))
 
 
 def _whole_number(at_least: int) -> Decoder:

@@ -21,7 +21,6 @@ import pytest
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import CheckReport, Severity, State, Subject, check_campaign
 from frenetic.campaign.check.findings import SHOWN
-from frenetic.campaign.configuration import COMMAND, CONFIGURATION, configuration_faults
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, LOCK, MIGRATIONS
 from frenetic.campaign.trajectory_codec import decode, encode
@@ -32,7 +31,10 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Frenetic, RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Trajectory
+from frenetic.spec import CONFIGURATION, command_entries, decode_config
 from frenetic.testing import DummyDriver, DummySimulator
+
+COMMAND = command_entries()
 
 COMMAND_LINE: dict[str, Any] = {
     "strategy": "frenetic",
@@ -366,7 +368,7 @@ def test_each_value_of_the_configuration_of_the_wrong_type(tmp_path: Path, name:
     bads: list[object] = [[], {}, "seven", -1, True, 10**400]
     accepted = []
     for bad in bads:
-        faults = configuration_faults({**config, name: bad})
+        faults = decode_config({**config, name: bad}).faults
         assert all(fault.startswith(f"{name} is ") for fault in faults)
         if not faults:
             accepted.append(bad)

@@ -54,7 +54,7 @@ def test_chosen_tests_as_json(frenetic: Frenetic, campaign: str) -> None:
 
 
 def test_it_has_to_be_another_simulator(frenetic: Frenetic, campaign: str) -> None:
-    assert frenetic("confirm", campaign).refuses("say in which simulator", "frenetic replay")
+    assert frenetic("confirm", campaign).refuses("say in which simulator", "frenetic regression")
     both = frenetic("confirm", campaign, "1", "--top", "2", "--simulator", "embedded")
     assert both.refuses("--top and the ID of a test exclude each other")
     other = frenetic("confirm", campaign, "--simulator", "embedded", "--headless")

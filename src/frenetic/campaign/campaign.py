@@ -33,7 +33,7 @@ from frenetic.search.strategy import Strategy
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, describe
+from frenetic.spec import Budget, Part, Spec, describe, usual_wall_limit
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -172,6 +172,8 @@ class Campaign:
             FreneticError: a part cannot be made.
             ValueError: an option is out of range.
         """
+        if spec.wall_limit is None:
+            spec = replace(spec, wall_limit=usual_wall_limit(spec.simulator.name))
         assert spec.budget is not None
         driver, simulator = spec.make_driver(), spec.make_simulator()
         campaign = cls(

@@ -19,7 +19,6 @@ from typing import Any, ClassVar, Final, NamedTuple, Self, get_args
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.configuration import CONFIGURATION, faults_of, is_number, shown
 from frenetic.campaign.trajectory_codec import encode
 from frenetic.errors import CampaignError
 from frenetic.oracle import Departure, Result, Side
@@ -27,6 +26,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.spec import decode_config, is_number, shown
 
 
 @dataclass(frozen=True)
@@ -254,18 +254,16 @@ class Setting:
     @classmethod
     def of(cls, config: Mapping[str, Any]) -> Self:
         """The setting in a campaign's configuration, see `setting_faults`."""
-        return cls(
-            lane_width=float(config["lane_width"]),
-            map_size=float(config["map_size"]),
-            margin=float(config["margin"]),
-            rules=Rules(**config["rules"]),
-            car=CarBody(**config["car"]),
-        )
+        return cls(**decode_config(config, _names_of(cls)).values)
 
 
-def setting_faults(config: Mapping[str, Any]) -> list[str]:
+def setting_faults(config: Mapping[str, Any]) -> tuple[str, ...]:
     """Faults that keep a configuration from giving its `Setting`, each in one line."""
-    return faults_of({field.name: CONFIGURATION[field.name] for field in fields(Setting)}, config)
+    return decode_config(config, _names_of(Setting)).faults
+
+
+def _names_of(kind: type[Setting]) -> list[str]:
+    return [item.name for item in fields(kind)]
 
 
 # The columns of a database

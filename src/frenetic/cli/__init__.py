@@ -8,28 +8,14 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Final, NoReturn
 
 import click
 
 from frenetic._support.interrupt import ending_in_order
-from frenetic.cli.bench import bench
-from frenetic.cli.check import check
-from frenetic.cli.compare import compare
-from frenetic.cli.confirm import confirm
-from frenetic.cli.console import fail, silence
-from frenetic.cli.doctor import doctor
-from frenetic.cli.export import export
-from frenetic.cli.export_road import export_road
-from frenetic.cli.listings import drivers, simulators, strategies
-from frenetic.cli.minimise import minimise
-from frenetic.cli.regression import replay
-from frenetic.cli.report import report
-from frenetic.cli.roads import drive, validate
-from frenetic.cli.robustness import rerun
-from frenetic.cli.run import resume, run
-from frenetic.cli.show import show
-from frenetic.cli.watch import watch
+from frenetic.cli.messages import fail, silence
 from frenetic.errors import FreneticError
 
 __all__ = ["cli", "main"]
@@ -37,6 +23,80 @@ __all__ = ["cli", "main"]
 logger = logging.getLogger(__name__)
 
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
+
+
+@dataclass(frozen=True)
+class Row:
+    """A command of the table."""
+
+    target: str
+    """``module:name`` in this package, imported when the command is used."""
+    summary: str
+    """What it does, in one sentence."""
+    former_name: str = ""
+    """What it was called earlier, which works as well."""
+
+
+COMMANDS: Final = {
+    "run": Row("run:run", "Search for roads on which a driver fails."),
+    "resume": Row(
+        "resume:resume", "Go on with a campaign that was interrupted or is to be extended."
+    ),
+    "watch": Row("watch:watch", "Follow a running campaign, from anywhere that sees its folder."),
+    "show": Row("show:show", "Look at a campaign, or at one of its tests."),
+    "report": Row("report:report", "Write a campaign's report: one HTML file."),
+    "check": Row(
+        "check:check", "Check that a campaign's database is sound, and say what it holds."
+    ),
+    "export": Row("export:export", "Write a campaign as tables, or for the competition's tools."),
+    "robustness": Row(
+        "robustness:robustness", "Say how often failures repeat, and what matters.", "rerun"
+    ),
+    "confirm": Row("confirm:confirm", "Drive a campaign's failures in another simulator."),
+    "regression": Row(
+        "regression:regression",
+        "Drive a campaign's failures again, with another driver or simulator.",
+        "replay",
+    ),
+    "minimise": Row(
+        "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
+    ),
+    "compare": Row("compare:compare", "Hold campaigns against each other, with their repeats."),
+    "bench": Row("bench:bench", "Hold road generators against each other."),
+    "drive": Row("drive:drive", "Drive one road from a file."),
+    "validate": Row("validate:validate", "Say whether roads are valid, as the competition does."),
+    "export-road": Row(
+        "export_road:export_road", "Write one road for other tools: OpenDRIVE, CSV, ..."
+    ),
+    "drivers": Row("listings:drivers", "List the drivers, the systems under test."),
+    "strategies": Row("listings:strategies", "List the search strategies."),
+    "simulators": Row("listings:simulators", "List the simulators."),
+    "doctor": Row("doctor:doctor", "Say whether the simulators work here."),
+}
+"""Name -> the command."""
+_FORMER_NAMES: Final = {row.former_name: name for name, row in COMMANDS.items() if row.former_name}
+
+
+class CommandTable(click.Group):
+    """A group whose commands are imported when they are used."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  # click's
+        """Their names."""
+        return sorted(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """The command of a name of today or before; None if there is none."""
+        row = COMMANDS.get(_FORMER_NAMES.get(cmd_name, cmd_name))
+        if row is None:
+            return None
+        module, _, name = row.target.partition(":")
+        command: click.Command = getattr(import_module(f"{__name__}.{module}"), name)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Writes what each does, without importing it."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name].summary) for name in self.list_commands(ctx)])
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
@@ -61,7 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     sys.exit(code if isinstance(code, int) else 0)
 
 
-@click.group(context_settings=CONTEXT, invoke_without_command=True)
+@click.group(cls=CommandTable, context_settings=CONTEXT, invoke_without_command=True)
 @click.version_option(None, "--version", package_name="frenetic-roads", prog_name="frenetic")
 @click.option("--debug", is_flag=True, help="Log what happens, with tracebacks, to stderr.")
 @click.pass_context
@@ -74,19 +134,3 @@ def cli(context: click.Context, debug: bool) -> None:
             level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s"
         )
         logging.getLogger("frenetic").setLevel(logging.DEBUG)
-
-
-for command in (run, resume, drive, validate, show, drivers, strategies, simulators):
-    cli.add_command(command)
-cli.add_command(watch)
-cli.add_command(doctor)
-cli.add_command(confirm)
-cli.add_command(export_road)
-cli.add_command(minimise)
-cli.add_command(rerun)
-cli.add_command(replay)
-cli.add_command(compare)
-cli.add_command(bench)
-cli.add_command(check)
-cli.add_command(export)
-cli.add_command(report)

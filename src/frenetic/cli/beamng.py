@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final, ParamSpec, TypeVar
 
 import click
 
-from frenetic.cli.grouping import GroupedOption
+from frenetic.cli.options import Decorator, GroupedOption, with_options
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -55,7 +55,7 @@ def place_options(command: Callable[P, R]) -> Callable[P, R]:
             help="Where it listens. [default: 25252, or a free one if it is started]",
         ),
     ]
-    return _with_all(options, command)
+    return with_options(options, command)
 
 
 def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -72,18 +72,10 @@ def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
             help="Steps of a simulated second, a multiple of 20. [default: 60]",
         ),
     ]
-    return place_options(_with_all(options, command))
+    return place_options(with_options(options, command))
 
 
-def _with_all(
-    options: Sequence[Callable[[Callable[P, R]], Callable[P, R]]], command: Callable[P, R]
-) -> Callable[P, R]:
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def _option(name: str, **how: Any) -> Callable[[Callable[P, R]], Callable[P, R]]:
+def _option(name: str, **how: Any) -> Decorator:
     # Eager, so that all are known when `with_beamng` collects them.
     return click.option(
         name,

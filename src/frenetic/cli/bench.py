@@ -18,18 +18,18 @@ from rich.table import Table
 
 from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, Results, announced_compilation, live_line, shell
-from frenetic.cli.grouping import GroupedCommand, GroupedOption
 from frenetic.cli.options import (
     Duration,
     Folder,
+    GroupedCommand,
+    GroupedOption,
     Setting,
     as_usage_error,
-    driver_options,
     json_option,
 )
-from frenetic.cli.parts import LAYERS, LIMITS
+from frenetic.cli.parts import driver_options, was_given
 from frenetic.errors import FreneticError
-from frenetic.spec import Spec
+from frenetic.spec import Spec, drive_options
 
 if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
@@ -46,8 +46,7 @@ _OPENING: Final = ("generator", "strategy")
 _OF_ENTRANT: Final = ("path", "name", "options", "python")
 _FIXED: Final = (
     *("generator", "strategy", *_OF_ENTRANT, "simulations", "seconds", "repeats", "seed"),
-    *("seconds_per_test", "count_computing", "patience", "records", "map_size"),
-    *("driver", "driver_options", *LAYERS, "simulator", "simulator_options", *LIMITS),
+    *("seconds_per_test", "count_computing", "patience", "records"),
 )
 """Options that begin a bench and stay when it is resumed."""
 
@@ -98,7 +97,7 @@ class _AskedEntrant:
         return " ".join([self.spec.rpartition(":")[2], *settings])
 
 
-@click.command(cls=EntrantsCommand, short_help="Hold road generators against each other.")
+@click.command(cls=EntrantsCommand)
 @click.option(
     "--generator",
     multiple=True,
@@ -274,7 +273,7 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
             for entry in STRATEGIES.entries()
         )
     cost = asked["seconds_per_test"]
-    spec = Spec.from_options({k: v for k, v in asked.items() if k != "strategy"})
+    spec = Spec.from_options({name: asked[name] for name in drive_options()})
     with as_usage_error():
         return Bench(
             entrants=entrants,
@@ -316,10 +315,8 @@ def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]
 
 def _refuse_given(context: click.Context, why: str) -> None:
     """Refuses the options that begin a bench."""
-    from click.core import ParameterSource
-
-    for name in _FIXED:
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+    for name in (*_FIXED, *drive_options()):
+        if was_given(context, name):
             parameter = next(p for p in context.command.params if p.name == name)
             raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")
 

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.console import Log, print_facts
+from frenetic.cli.console import Log, counted_progress, print_facts
 from frenetic.cli.options import json_option
-from frenetic.cli.progress import counted_progress
 
 if TYPE_CHECKING:
     from frenetic.campaign.check import CheckReport, Holdings
 
 
-@click.command(short_help="Check that a campaign's database is sound, and say what it holds.")
+@click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.option("--quick", is_flag=True, help="Do not judge every drive again.")
 @json_option

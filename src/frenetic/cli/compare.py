@@ -28,7 +28,7 @@ _MOST_MEASURES: Final = 4
 """Most measures side by side."""
 
 
-@click.command(short_help="Hold campaigns against each other, with their repeats.")
+@click.command()
 @click.argument("places", nargs=-1, required=True, metavar="[NAME=]FOLDER...")
 @click.option(
     "--plot",

@@ -9,22 +9,21 @@ from typing import TYPE_CHECKING, Any
 import click
 from rich.table import Table
 
-from frenetic.cli.console import Log, Results, announced_compilation, shell
-from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import (
-    as_usage_error,
-    drive_limit_option,
-    json_option,
-    redriving_workers_option,
+from frenetic.cli.console import Log, Results, shell
+from frenetic.cli.options import GroupedCommand
+from frenetic.cli.redriving import (
+    chosen_tests,
+    interrupted,
+    recorded_spec,
+    redriving_options,
+    shown_driving,
 )
-from frenetic.cli.progress import counted_progress
-from frenetic.cli.recorded import part_options, recorded_parts
 
 if TYPE_CHECKING:
     from frenetic.redrive.confirm import Confirmation
 
 
-@click.command(cls=GroupedCommand, short_help="Drive a campaign's failures in another simulator.")
+@click.command(cls=GroupedCommand)
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @click.option(
@@ -33,10 +32,7 @@ if TYPE_CHECKING:
     metavar="N",
     help="The N most telling failures. [default: 10]",
 )
-@part_options
-@redriving_workers_option
-@drive_limit_option
-@json_option
+@redriving_options
 def confirm(
     campaign: Path,
     test_ids: tuple[int, ...],
@@ -53,39 +49,30 @@ def confirm(
     alike on the same side of the lane within 30 m along the road. The drives are kept in
     the campaign's database, with pictures of both paths in confirmed/.
     """
-    from frenetic.analysis.failures import LISTED, representative_failures
+    from frenetic.analysis.failures import LISTED
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
     from frenetic.redrive.confirm import confirm as confirm_failures
     from frenetic.redrive.confirm import confirmation_document
     from frenetic.spec import describe
 
-    if test_ids and top is not None:
-        raise click.UsageError("--top and the ID of a test exclude each other")
     if not given.get("simulator") and not given.get("simulator_options"):
         raise click.UsageError(
-            "say in which simulator, with --simulator or --simulator-option; 'frenetic replay'"
+            "say in which simulator, with --simulator or --simulator-option; 'frenetic regression'"
             " drives again in the same"
         )
     with CampaignStore.open(campaign) as store:
-        parts = recorded_parts(store, given)
+        chosen = chosen_tests(store, test_ids, top if test_ids else top or LISTED)
+        spec = recorded_spec(store, given)
         recorded = store.config.get("simulator"), store.config.get("driver")
-        chosen = list(dict.fromkeys(test_ids))
-        if not chosen:
-            failures = representative_failures(store, top or LISTED)
-            chosen = [record.candidate.id for record in failures]
     if not chosen:
         click.echo("[]" if as_json else f"{campaign} holds no failure")
         return
-    driver, simulator = parts.make_driver(), parts.make_simulator()
+    driver, simulator = spec.make_driver(), spec.make_simulator()
     log = Log()
     if recorded == (describe(simulator), describe(driver)):
         log.print("These are the campaign's own simulator and driver: what fails is to fail again.")
-    with (
-        announced_compilation(log) as compiled,
-        counted_progress(log, "Driving") as show,
-        as_usage_error(),
-    ):
+    with shown_driving(log, "Driving") as hooks:
         confirmation = confirm_failures(
             campaign,
             simulator,
@@ -93,9 +80,7 @@ def confirm(
             test_ids=chosen,
             workers=workers,
             drive_limit=drive_limit,
-            on_progress=show,
-            on_start=compiled,
-            on_interrupt=log.stopping,
+            **hooks,
         )
     gallery = _draw(log, campaign, confirmation)
     if as_json:
@@ -109,8 +94,7 @@ def confirm(
         if gallery is not None:
             click.echo(f"At a glance: {gallery}")
     if confirmation.missing:
-        log.print(f"Interrupted: {confirmation.missing} roads were not driven")
-        raise click.exceptions.Exit(130)
+        raise interrupted(log, confirmation.missing)
     if not any(test.other.outcome.is_driven for test in confirmation.tests):
         raise click.exceptions.Exit(1)
 

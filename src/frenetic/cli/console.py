@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TextIO
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -17,6 +16,7 @@ from rich.table import Table
 
 from frenetic._support.durations import format_duration
 from frenetic._support.words import counted
+from frenetic.cli.messages import silence
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -25,17 +25,6 @@ if TYPE_CHECKING:
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
 PLAIN_INTERVAL = 5.0  # s between two lines of progress where there is no terminal
-
-
-def fail(message: str) -> NoReturn:
-    """Ends the program with one line about a mistake of the user."""
-    complain(message)
-    sys.exit(2)
-
-
-def complain(message: str) -> None:
-    """Prints one line about a mistake of the user to stderr."""
-    click.echo(f"frenetic: {' '.join(message.split())}", err=True)
 
 
 class Results(Console):
@@ -63,13 +52,6 @@ class Log(Console):
         """Falls silent."""
         self.quiet = True
         silence(sys.stderr)
-
-
-def silence(stream: TextIO) -> None:
-    """Discards a stream that nobody reads, so that nothing fails at exit either."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, stream.fileno())
-    os.close(nowhere)
 
 
 @contextmanager
@@ -132,6 +114,49 @@ def live_line(log: Console) -> Iterator[Callable[[float, Callable[[], str]], Non
         elif now - last >= PLAIN_INTERVAL:
             last = now
             log.print(text())
+
+    yield line
+
+
+@contextmanager
+def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], None]]:
+    """Gives a function that shows the work done, and the whole work.
+
+    It shows a bar on a terminal, elsewhere a plain line now and then, and nothing for short work.
+
+    Args:
+        log: the console for it.
+        what: the work, such as "Checking".
+    """
+    if log.is_terminal:
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(compact=True),
+        )
+        with Progress(*columns, console=log, transient=True) as bar:
+            task = bar.add_task(what)
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+        return
+    start = shown = time.monotonic()
+
+    def line(done: int, total: int) -> None:
+        nonlocal shown
+        now = time.monotonic()
+        if now - shown < PLAIN_INTERVAL:
+            return
+        shown = now
+        left = (now - start) * (total - done) / max(done, 1)
+        log.print(f"{what}: {done:,} of {total:,}, {format_duration(left)} left")
 
     yield line
 

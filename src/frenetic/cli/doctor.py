@@ -11,14 +11,13 @@ import click
 
 from frenetic.cli.beamng import beamng_options, with_beamng
 from frenetic.cli.console import Log, announced_compilation
-from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import Setting, as_usage_error, json_option
+from frenetic.cli.options import GroupedCommand, Setting, as_usage_error, json_option
 
 if TYPE_CHECKING:
     from frenetic.doctor import Check, Examination
 
 
-@click.command(cls=GroupedCommand, short_help="Say whether the simulators work here.")
+@click.command(cls=GroupedCommand)
 @click.option(
     "--simulator",
     metavar="S",

@@ -7,9 +7,8 @@ from typing import Any, Final
 
 import click
 
-from frenetic.cli.console import Log
+from frenetic.cli.console import Log, counted_progress
 from frenetic.cli.options import Folder
-from frenetic.cli.progress import counted_progress
 from frenetic.outcome import Outcome
 
 # `frenetic.export.campaigns.Format` and `frenetic.export.tables.Which`, which take longer to import
@@ -18,7 +17,7 @@ FORMATS: Final = ("parquet", "csv", "json", "competition")
 TRAJECTORIES: Final = ("all", "failures", "none")
 
 
-@click.command(short_help="Write a campaign as tables, or for the competition's tools.")
+@click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.option(
     "--format",

@@ -20,7 +20,7 @@ EXPORTS: Final = "exports"
 """Folder in a campaign's folder for its exported roads."""
 
 
-@click.command("export-road", short_help="Write one road for other tools: OpenDRIVE, CSV, ...")
+@click.command("export-road")
 @click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
 @click.argument("test_id", type=int, required=False, metavar="[ID]")
 @click.option(

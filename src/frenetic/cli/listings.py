@@ -14,7 +14,7 @@ from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES, Registry
 
 
 def _listing(name: str, registry: Registry, summary: str) -> click.Command:
-    @click.command(name, short_help=summary, help=f"{summary} Others are installed as packages.")
+    @click.command(name, help=f"{summary} Others are installed as packages.")
     @json_option
     def listing(as_json: bool) -> None:
         entries = registry.entries()

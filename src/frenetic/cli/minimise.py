@@ -7,13 +7,12 @@ import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from click.core import ParameterSource
 from rich.table import Table
 
 from frenetic._support.words import counted
@@ -22,15 +21,15 @@ from frenetic.cli.console import (
     Log,
     Results,
     announced_compilation,
-    complain,
     print_facts,
     shell,
 )
-from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import as_usage_error, check_map_size, driver_options, json_option
-from frenetic.cli.parts import LAYERS, LIMITS, usual_wall_limit
-from frenetic.cli.recorded import RecordedParts, recorded_parts
+from frenetic.cli.messages import complain
+from frenetic.cli.options import GroupedCommand, as_usage_error, check_map_size, json_option
+from frenetic.cli.parts import driver_options, given_options
+from frenetic.cli.redriving import recorded_spec
 from frenetic.errors import FreneticError
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.campaign import RoadTester
@@ -39,34 +38,11 @@ if TYPE_CHECKING:
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road import Road
 
-PARTS: Final = ("driver", "driver_options", *LAYERS, "simulator", "simulator_options", *LIMITS)
-"""The options for driving a road."""
 ENDINGS: Final = {
     "minimal": "nothing smaller was found to fail",
     "spent": "all drives are spent",
     "stopped": "interrupted",
 }
-
-
-@dataclass(frozen=True)
-class Setup:
-    """Terms of drives."""
-
-    parts: RecordedParts
-    map_size: float
-    """m."""
-    margin: float
-    """m."""
-    lane_width: float
-    """m."""
-
-    def tester(self) -> RoadTester:
-        """Drives roads so."""
-        from frenetic.campaign import RoadTester
-
-        simulator, driver = self.parts.make_simulator(), self.parts.make_driver()
-        with as_usage_error():
-            return RoadTester(simulator, driver, self.map_size, self.margin, self.lane_width)
 
 
 @dataclass(frozen=True)
@@ -99,10 +75,7 @@ class Done:
         return ENDINGS[self.minimised.ending] if trouble is None else f"gave up: {trouble}"
 
 
-@click.command(
-    cls=GroupedCommand,
-    short_help="Reduce failing roads to the shortest and plainest that still fail.",
-)
+@click.command(cls=GroupedCommand)
 @click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @click.option(
@@ -147,7 +120,6 @@ def minimise(
     max_drives: int,
     guard: float,
     out: Path | None,
-    map_size: float,
     as_json: bool,
     **how: Any,
 ) -> None:
@@ -159,16 +131,19 @@ def minimise(
     road found so far.
     """
     from frenetic._support.interrupt import catch_interrupt
+    from frenetic.campaign import RoadTester
     from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
     from frenetic.spec import describe
 
     if source.is_dir():
-        setup, works = _of_campaign(context, source, test_ids, top, out)
+        spec, works = _of_campaign(context, source, test_ids, top, out)
     elif test_ids or top is not None:
         raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
     else:
-        setup, works = _of_file(source, out, map_size, how)
-    tester = setup.tester()
+        spec, works = _of_file(source, out, how)
+    simulator, driver = spec.make_simulator(), spec.make_driver()
+    with as_usage_error():
+        tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
     works[0].files.make_folder()  # before hours are spent on what cannot be written
 
     done: list[Done] = []
@@ -206,7 +181,8 @@ def minimise(
                 complain(f"{work.name}: {error}")
                 failed = True
             else:
-                repeat = _command_line(context, setup, work.files.road)
+                words = shlex.join(spec.drive_words(brief=True))
+                repeat = f"frenetic drive {shell(work.files.road)} {words}".rstrip()
                 done.append(Done(work, minimised, repeat, there))
             if interrupt.requested:
                 break
@@ -228,7 +204,7 @@ def _of_campaign(
     test_ids: tuple[int, ...],
     top: int | None,
     out: Path | None,
-) -> tuple[Setup, list[Work]]:
+) -> tuple[Spec, list[Work]]:
     """Terms of a campaign's drives, and the tests to minimise."""
     from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
@@ -236,20 +212,15 @@ def _of_campaign(
     from frenetic.report.failures import file_stem
     from frenetic.report.minimised import MINIMISED, MinimisedFiles
 
-    given = {
-        name: context.params[name]
-        for name in PARTS
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-    }
-    if context.get_parameter_source("map_size") is ParameterSource.COMMANDLINE:
+    given = given_options(context)
+    if "map_size" in given:
         raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
     if test_ids and top is not None:
         raise click.UsageError("--top and the ID of a test exclude each other")
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):
         raise click.UsageError("--out is for one road: leave it out where there are several")
     with CampaignStore.open(folder) as store:
-        parts = recorded_parts(store, given)  # which makes sure that the others are there, too
-        place: dict[str, Any] = {k: store.config[k] for k in ("map_size", "margin", "lane_width")}
+        spec = recorded_spec(store, given)
         if test_ids:
             records = [store.test(test_id) for test_id in dict.fromkeys(test_ids)]
         else:
@@ -275,63 +246,22 @@ def _of_campaign(
             )
     if not works:
         raise click.UsageError(f"{folder} holds no failing road: there is nothing to minimise")
-    return Setup(parts, **place), works
+    return spec, works
 
 
-def _of_file(
-    path: Path, out: Path | None, map_size: float, how: Mapping[str, Any]
-) -> tuple[Setup, list[Work]]:
+def _of_file(path: Path, out: Path | None, how: Mapping[str, Any]) -> tuple[Spec, list[Work]]:
     """The same for a road file and the options given with it."""
     from frenetic.report.minimised import MinimisedFiles
-    from frenetic.road import MARGIN
     from frenetic.road.files import read_road
-    from frenetic.simulators import Rules
 
-    check_map_size(map_size)
+    spec = Spec.from_options(how)
+    check_map_size(spec.map_size)
     road = read_road(path).road()
     target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
     if target.exists() and target.samefile(path):
         raise click.UsageError(f"{target} is the road itself: choose another file with --out")
-    with as_usage_error():
-        rules = Rules(speed_limit=how["speed_limit"], oob_tolerance=how["oob_tolerance"])
-    parts = RecordedParts(
-        driver=how["driver"],
-        driver_options=dict(how["driver_options"]),
-        noise=how["noise"],
-        delay=how["delay"],
-        view=how["view"],
-        simulator=how["simulator"],
-        simulator_options=dict(how["simulator_options"]),
-        rules=rules,
-        wall_limit=how["wall_limit"],
-    )
-    setup = Setup(parts, map_size, MARGIN, road.lane_width)
-    return setup, [Work(path.name, road, MinimisedFiles.beside(target))]
-
-
-def _command_line(context: click.Context, setup: Setup, road: Path) -> str:
-    """The command that drives a road so, to be pasted into a shell."""
-    parts, rules = setup.parts, setup.parts.rules
-    how: dict[str, Any] = {name: getattr(parts, name, None) for name in PARTS}
-    how |= {
-        "speed_limit": rules.speed_limit,
-        "oob_tolerance": rules.oob_tolerance,
-        "map_size": setup.map_size,
-    }
-    if parts.wall_limit == usual_wall_limit(parts.simulator):
-        how["wall_limit"] = None
-    words = []
-    for parameter in context.command.params:
-        if parameter.name not in how:
-            continue
-        option, value = parameter.opts[0], how[parameter.name]
-        if isinstance(value, Mapping):
-            for name, setting in value.items():
-                text = setting if isinstance(setting, str) else json.dumps(setting)
-                words += [option, f"{name}={text}"]
-        elif value is not None and value != parameter.get_default(context):
-            words += [option, str(value).removesuffix(".0")]
-    return f"frenetic drive {shell(road)} {shlex.join(words)}".rstrip()
+    works = [Work(path.name, road, MinimisedFiles.beside(target))]
+    return replace(spec, lane_width=road.lane_width), works
 
 
 def _minimise(

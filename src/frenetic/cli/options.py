@@ -1,20 +1,28 @@
-"""Shared parts of several commands' options: types, decorators, checks."""
+"""What the options of several commands share: types, groups in help, checks."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeAlias, TypeVar
 
 import click
 
 from frenetic._support.durations import parse_duration
-from frenetic.cli.beamng import beamng_options, with_beamng
+from frenetic.spec import read_setting
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Decorator: TypeAlias = Callable[[Any], Any]
+"""Gives a command an option."""
+
+
+def with_options(options: Sequence[Decorator], command: Callable[P, R]) -> Callable[P, R]:
+    """The command with all these options, in this order."""
+    for option in reversed(options):
+        command = option(command)
+    return command
 
 
 class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
@@ -56,109 +64,53 @@ class Setting(click.ParamType):  # type: ignore[type-arg]
         name, equals, text = str(value).partition("=")
         if not equals or not name.strip():
             self.fail(f"{value!r} is not NAME=VALUE", param, ctx)
-        for read in (json.loads, float):
-            try:
-                return name.strip(), read(text)
-            except ValueError:
-                continue
-        return name.strip(), text
+        return name.strip(), read_setting(text)
 
 
-def driver_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options that choose a driver, a simulator and the rules."""
-    options = [
-        click.option(
-            "--driver",
-            default="planner",
-            show_default=True,
-            metavar="D",
-            help="Who drives: a name ('frenetic drivers'), package.module:Class or file.py:Class.",
-        ),
-        click.option(
-            "--driver-option",
-            "driver_options",
-            type=Setting(),
-            multiple=True,
-            help="An option of the driver, such as aggression=1.2; may be repeated.",
-        ),
-        click.option(
-            "--noise",
-            type=float,
-            metavar="M",
-            help="Let the driver err about its lateral place, by this standard deviation in m.",
-        ),
-        click.option(
-            "--delay", type=float, metavar="S", help="Let the controls arrive this many s late."
-        ),
-        click.option(
-            "--view", type=float, metavar="M", help="Let the driver see only this many m ahead."
-        ),
-        click.option(
-            "--simulator",
-            default="embedded",
-            show_default=True,
-            is_eager=True,
-            metavar="S",
-            help="What moves the car (see 'frenetic simulators').",
-        ),
-        click.option(
-            "--simulator-option",
-            "simulator_options",
-            type=Setting(),
-            multiple=True,
-            callback=with_beamng,
-            help="An option of the simulator, such as friction=0.7; may be repeated.",
-        ),
-        click.option("--speed-limit", type=float, default=70.0, show_default=True, help="km/h."),
-        click.option(
-            "--oob-tolerance",
-            type=float,
-            default=0.95,
-            show_default=True,
-            help="Share of the car that may be outside its lane, above 0 and up to 1.",
-        ),
-        click.option(
-            "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."
-        ),
-        click.option(
-            "--wall-limit",
-            type=float,
-            callback=_or_usual_limit,
-            help="s of wall time that one drive may take. [default: 60, with beamng 600]",
-        ),
-    ]
-    command = beamng_options(command)
-    for option in reversed(options):
-        command = option(command)
-    return command
+class GroupedOption(click.Option):
+    """An option of a group.
+
+    Args:
+        group: the group's headline.
+        arguments: those of `click.Option`.
+    """
+
+    def __init__(self, *arguments: Any, group: str, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.group = group
 
 
-def _or_usual_limit(ctx: click.Context, _: click.Parameter, value: float | None) -> float:
-    from frenetic.spec import usual_wall_limit
+class GroupedCommand(click.Command):
+    """A command whose help groups its options."""
 
-    return usual_wall_limit(ctx.params["simulator"]) if value is None else value
+    first_group = "Options"
+    """The headline of the options that come first: of those without a group, if no other."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Writes all options, group by group."""
+        groups: dict[str, list[tuple[str, str]]] = {self.first_group: []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                group = parameter.group if isinstance(parameter, GroupedOption) else "Options"
+                groups.setdefault(group, []).append(record)
+        for group, records in groups.items():
+            with formatter.section(group):
+                formatter.write_dl(records)
 
 
-redriving_workers_option = click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Drive on N roads at once, in processes of their own.",
-)
-drive_limit_option = click.option(
-    "--drive-limit",
-    type=Duration(),
-    help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
-    " 10 s]",
-)
 lane_option = click.option(
     "--lane",
     type=int,
     metavar="ID",
     help="OpenDRIVE: lane to drive on; one on the left (above 0) is driven against the road."
     " [default: -1]",
+)
+drive_limit_option = click.option(
+    "--drive-limit",
+    type=Duration(),
+    help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
+    " 10 s]",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 

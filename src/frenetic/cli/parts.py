@@ -1,72 +1,116 @@
-"""Makes drivers, simulators, strategies and campaigns from a command line."""
+"""The options by which driver, simulator and rules are chosen, as `frenetic.spec` declares them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable
+from typing import Any, Final, ParamSpec, TypeVar
 
 import click
 
-from frenetic.cli.options import as_usage_error
-from frenetic.registry import SIMULATORS, Registry
+from frenetic.cli.beamng import beamng_options, with_beamng
+from frenetic.cli.options import Decorator, Setting, with_options
+from frenetic.drivers.loading import LAYERS
+from frenetic.spec import NUMBERS, Spec, drive_options, usual_wall_limit
 
-if TYPE_CHECKING:
-    from frenetic.drivers import Driver
-    from frenetic.simulators import Simulator
+P = ParamSpec("P")
+R = TypeVar("R")
 
-LAYERS = ("noise", "delay", "view")
-LIMITS = ("speed_limit", "oob_tolerance", "wall_limit")
-
-WALL_LIMIT: Final = 60.0
-"""Default limit of a drive's wall time, in s, unless the simulator has its own."""
-
-
-def make_driver(
-    spec: str,
-    options: Mapping[str, Any],
-    noise: float | None,
-    delay: float | None,
-    view: float | None,
-) -> Driver:
-    """The driver of a command line, under the layers that it asks for."""
-    from frenetic.drivers.loading import load_driver
-
-    return load_driver(spec, options, noise=noise, delay=delay, view=view)
+_EXAMPLES: Final = {
+    "strategy": "threshold=-0.2",
+    "driver": "aggression=1.2",
+    "simulator": "friction=0.7",
+}
 
 
-def make_simulator(
-    spec: str,
-    options: Mapping[str, Any],
-    speed_limit: float,
-    oob_tolerance: float,
-    wall_limit: float,
-) -> Simulator:
-    """The simulator of a command line, with its rules."""
-    from frenetic.simulators import Rules
+def part_choice(kind: str, help: str, default: str | None = None) -> Decorator:  # noqa: A002
+    """The options for a part and for its own options."""
+    is_simulator = kind == "simulator"
+    options = [
+        click.option(
+            f"--{kind}",
+            default=default,
+            show_default=True,
+            is_eager=is_simulator,
+            metavar=kind[0].upper(),
+            help=help,
+        ),
+        click.option(
+            f"--{kind}-option",
+            f"{kind}_options",
+            type=Setting(),
+            multiple=True,
+            callback=with_beamng if is_simulator else None,
+            help=f"An option of the {kind}, such as {_EXAMPLES[kind]}; may be repeated.",
+        ),
+    ]
+    return lambda command: with_options(options, command)
 
-    with as_usage_error():
-        rules = Rules(speed_limit=speed_limit, oob_tolerance=oob_tolerance)
-    simulator: Simulator = make_part(
-        SIMULATORS, spec, options, {"rules": rules, "wall_limit": wall_limit}
-    )
-    return simulator
 
-
-def usual_wall_limit(simulator: str) -> float:
-    """The wall time in s that a drive in the simulator of that name may take by default."""
-    from frenetic.simulators.capabilities import usual
-
-    return usual(SIMULATORS.load(simulator)).usual_wall_limit
-
-
-def make_part(
-    registry: Registry, spec: str, options: Mapping[str, Any], available: Mapping[str, object]
-) -> Any:
-    """A part with its options, and with those of the command that its class takes."""
-    for name in options:
-        if name in available:
-            raise click.UsageError(
-                f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
-                " the command"
+def driver_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options that choose a driver, a simulator and the rules."""
+    options: list[Decorator] = [
+        part_choice(
+            "driver",
+            "Who drives: a name ('frenetic drivers'), package.module:Class or file.py:Class.",
+            Spec.driver.name,
+        ),
+        *(
+            click.option(f"--{layer.name}", type=float, metavar=layer.unit.upper(), help=layer.help)
+            for layer in LAYERS
+        ),
+        part_choice(
+            "simulator", "What moves the car (see 'frenetic simulators').", Spec.simulator.name
+        ),
+        *(
+            click.option(
+                _option(number.name),
+                type=float,
+                default=number.default,
+                show_default=True,
+                callback=_or_usual_limit if number.default is None else None,
+                help=number.help,
             )
-    return registry.make_from(spec, options, available)
+            for number in NUMBERS
+        ),
+    ]
+    return with_options(options, beamng_options(command))
+
+
+def part_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options that choose other parts than the recorded ones; None if not given."""
+    options: list[Decorator] = [
+        part_choice("driver", "Another driver than the campaign's."),
+        *(
+            click.option(
+                f"--{layer.name}", type=float, metavar=layer.unit.upper(), help=layer.another
+            )
+            for layer in LAYERS
+        ),
+        part_choice("simulator", "Another simulator than the campaign's."),
+        *(
+            click.option(
+                _option(number.name), type=float, metavar=number.metavar, help=number.another
+            )
+            for number in NUMBERS
+            if number.another
+        ),
+    ]
+    return with_options(options, beamng_options(command))
+
+
+def was_given(context: click.Context, name: str) -> bool:
+    """Whether the command line gives an option, so that its value is no default."""
+    return context.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE
+
+
+def given_options(context: click.Context) -> dict[str, Any]:
+    """Name -> value of the options of `driver_options` that the command line gives."""
+    return {name: context.params[name] for name in drive_options() if was_given(context, name)}
+
+
+def _option(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
+
+
+def _or_usual_limit(ctx: click.Context, _: click.Parameter, value: float | None) -> float:
+    return usual_wall_limit(ctx.params["simulator"]) if value is None else value

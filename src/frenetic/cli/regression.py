@@ -1,4 +1,4 @@
-"""The command that drives a campaign's failures again with other parts: replay."""
+"""The command that drives a campaign's failures again with other parts: regression."""
 
 from __future__ import annotations
 
@@ -10,28 +10,17 @@ import click
 from rich.table import Table
 
 from frenetic._support.words import counted
-from frenetic.cli.console import Log, Results, announced_compilation
-from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import (
-    as_usage_error,
-    drive_limit_option,
-    json_option,
-    redriving_workers_option,
-)
-from frenetic.cli.progress import counted_progress
-from frenetic.cli.recorded import part_options, recorded_parts
+from frenetic.cli.console import Log, Results
+from frenetic.cli.options import GroupedCommand
+from frenetic.cli.redriving import interrupted, recorded_spec, redriving_options, shown_driving
 
 if TYPE_CHECKING:
     from frenetic.redrive.record import Redrive
     from frenetic.redrive.regression import Replay
 
 
-@click.command(
-    cls=GroupedCommand,
-    short_help="Drive a campaign's failures again, with another driver or simulator.",
-)
+@click.command(cls=GroupedCommand)
 @click.argument("campaign", type=click.Path(path_type=Path))
-@part_options
 @click.option(
     "--all", "everything", is_flag=True, help="All roads that were driven, not only the failures."
 )
@@ -41,10 +30,8 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Write the results as JUnit XML, one test case per road.",
 )
-@redriving_workers_option
-@drive_limit_option
-@json_option
-def replay(
+@redriving_options
+def regression(
     campaign: Path,
     everything: bool,
     junit: Path | None,
@@ -66,14 +53,11 @@ def replay(
     if junit is not None and not junit.absolute().parent.is_dir():
         raise click.UsageError(f"--junit {junit}: there is no folder {junit.parent}")
     with CampaignStore.open(campaign) as store:
-        parts = recorded_parts(store, given)
-    driver, simulator = parts.make_driver(), parts.make_simulator()
+        spec = recorded_spec(store, given)
+    driver, simulator = spec.make_driver(), spec.make_simulator()
     log = Log()
-    with (
-        announced_compilation(log) as compiled,
-        counted_progress(log, "Driving again") as show,
-        as_usage_error(),
-    ):
+    with shown_driving(log, "Driving again") as hooks:
+        show = hooks["on_progress"]
         replayed = replay_campaign(
             campaign,
             simulator,
@@ -81,9 +65,7 @@ def replay(
             everything=everything,
             workers=workers,
             drive_limit=drive_limit,
-            on_progress=lambda now: show(now.tests, now.total),
-            on_start=compiled,
-            on_interrupt=log.stopping,
+            **{**hooks, "on_progress": lambda now: show(now.tests, now.total)},
         )
     if as_json:
         from frenetic.redrive.regression import replay_document
@@ -93,8 +75,7 @@ def replay(
         is_the_same_drive = all(value in (None, ()) for value in given.values())
         _print(replayed, everything, is_the_same_drive)
     if replayed.missing:
-        log.print(f"Interrupted: {replayed.missing} roads were not driven")
-        raise click.exceptions.Exit(130)
+        raise interrupted(log, replayed.missing)
     if junit is not None:
         write_junit(replayed, junit)
     if not replayed.passed:

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 
-@click.command(short_help="Write a campaign's report: one HTML file.")
+@click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.option(
     "--out",

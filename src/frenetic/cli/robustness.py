@@ -12,16 +12,9 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 from rich.table import Table
 
-from frenetic.cli.console import Log, Results, announced_compilation, shell
-from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import (
-    as_usage_error,
-    drive_limit_option,
-    json_option,
-    redriving_workers_option,
-)
-from frenetic.cli.progress import counted_progress
-from frenetic.cli.recorded import part_options, recorded_parts
+from frenetic.cli.console import Log, Results, shell
+from frenetic.cli.options import GroupedCommand
+from frenetic.cli.redriving import chosen_tests, recorded_spec, redriving_options, shown_driving
 
 if TYPE_CHECKING:
     from frenetic.redrive.conditions import Variation
@@ -89,7 +82,7 @@ class VaryingCommand(GroupedCommand):
         return super().parse_args(ctx, spread)
 
 
-@click.command(cls=VaryingCommand, short_help="Say how often failures repeat, and what matters.")
+@click.command(cls=VaryingCommand)
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @click.option(
@@ -116,11 +109,8 @@ class VaryingCommand(GroupedCommand):
     metavar="N",
     help="Only the N most telling failures. [default: all failures]",
 )
-@part_options
-@redriving_workers_option
-@drive_limit_option
-@json_option
-def rerun(
+@redriving_options
+def robustness(
     campaign: Path,
     test_ids: tuple[int, ...],
     times: int,
@@ -140,38 +130,30 @@ def rerun(
     failure is fragile if it surely repeats in less than half of the worlds, robust if in half or
     more. Results are kept in the campaign's database.
     """
-    from frenetic.analysis.failures import representative_failures
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
     from frenetic.redrive.robustness import rerun as rerun_campaign
 
-    if test_ids and top is not None:
-        raise click.UsageError("--top and the ID of a test exclude each other")
     with CampaignStore.open(campaign) as store:
-        parts = recorded_parts(store, given)
-        chosen: list[int] | None = list(test_ids) or None
-        if top is not None:
-            chosen = [record.candidate.id for record in representative_failures(store, top)]
-    driver, simulator = parts.make_driver(), parts.make_simulator()
+        chosen = chosen_tests(store, test_ids, top)
+        spec = recorded_spec(store, given)
+    driver, simulator = spec.make_driver(), spec.make_simulator()
     variations = [one.variation(simulator) for one in asked]
     log = Log()
-    left = interrupted = 0
-
-    def progress(now: RerunProgress) -> None:
-        nonlocal left
-        left = now.total - now.drives
-        show(now.drives, now.total)
+    left = interrupts = 0
 
     def stopping() -> None:
-        nonlocal interrupted
-        interrupted += 1
+        nonlocal interrupts
+        interrupts += 1
         log.stopping()
 
-    with (
-        announced_compilation(log) as compiled,
-        counted_progress(log, "Driving again") as show,
-        as_usage_error(),
-    ):
+    with shown_driving(log, "Driving again") as hooks:
+
+        def progress(now: RerunProgress) -> None:
+            nonlocal left
+            left = now.total - now.drives
+            hooks["on_progress"](now.drives, now.total)
+
         reruns = rerun_campaign(
             campaign,
             simulator,
@@ -182,9 +164,7 @@ def rerun(
             seed=seed,
             workers=workers,
             drive_limit=drive_limit,
-            on_progress=progress,
-            on_start=compiled,
-            on_interrupt=stopping,
+            **{**hooks, "on_progress": progress, "on_interrupt": stopping},
         )
     is_judged = any(one.judged for one in reruns)
     if as_json:
@@ -196,9 +176,9 @@ def rerun(
         if is_judged:
             kept = campaign / DATABASE
             click.echo(f"Kept in {kept}; to see it: frenetic report {shell(campaign)}")
-    elif not interrupted:
+    elif not interrupts:
         click.echo(f"{campaign} holds no failure")
-    if interrupted and (left or not reruns):
+    if interrupts and (left or not reruns):
         raise click.exceptions.Exit(130)
     if reruns and not is_judged:
         raise click.exceptions.Exit(1)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore
 
 
-@click.command(short_help="Look at a campaign, or at one of its tests.")
+@click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.argument("test_id", type=int, required=False, metavar="[ID]")
 @click.option(

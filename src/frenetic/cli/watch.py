@@ -57,7 +57,7 @@ _STYLES: Final = {
 }
 
 
-@click.command(short_help="Follow a running campaign, from anywhere that sees its folder.")
+@click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.option("--once", is_flag=True, help="Print how it goes now, and leave.")
 @click.option(

@@ -17,12 +17,12 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.configuration import shown
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.trajectory_codec import decode_columns
 from frenetic.errors import CampaignError
 from frenetic.export.columns import DERIVED, TESTS, TRAJECTORIES, Column, Kind
 from frenetic.outcome import Outcome
+from frenetic.spec import shown
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 Which: TypeAlias = Literal["all", "failures", "none"]

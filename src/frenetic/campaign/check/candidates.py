@@ -11,7 +11,7 @@ import numpy as np
 from frenetic.campaign.check.database import Tables
 from frenetic.campaign.check.findings import Findings, Subject
 from frenetic.campaign.check.rows import CandidateRow, candidate_rows
-from frenetic.campaign.configuration import is_number, shown
+from frenetic.spec import is_number, shown
 
 
 def check_candidates(

@@ -20,7 +20,6 @@ from frenetic.campaign.check.database import (
 from frenetic.campaign.check.findings import Findings
 from frenetic.campaign.check.report import CheckReport, Holdings, State
 from frenetic.campaign.check.results import check_results
-from frenetic.campaign.configuration import is_number
 from frenetic.campaign.lock import find_holder
 from frenetic.campaign.record import Counts
 from frenetic.campaign.store import (
@@ -32,6 +31,7 @@ from frenetic.campaign.store import (
     translated,
 )
 from frenetic.outcome import Outcome
+from frenetic.spec import is_number
 
 
 def check_campaign(

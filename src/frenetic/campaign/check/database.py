@@ -6,23 +6,15 @@ import json
 import sqlite3
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any
 
 from frenetic.campaign.check.findings import Findings, Severity, Subject
-from frenetic.campaign.configuration import (
-    BUDGET,
-    CONFIGURATION,
-    command_faults,
-    configuration_faults,
-    is_number,
-    shown,
-)
 from frenetic.campaign.store import MIGRATIONS
 from frenetic.simulators.drive import CarBody, Rules
-from frenetic.spec import Budget
+from frenetic.spec import Budget, Decoded, decode_budget, decode_config, is_number, shown
 
 
 def check_file(connection: sqlite3.Connection, findings: Findings) -> None:
@@ -125,11 +117,12 @@ def check_facts(connection: sqlite3.Connection, findings: Findings) -> Facts:
     config = facts.get("config")
     if not isinstance(config, dict):
         findings.add(Subject.CONFIGURATION, "there is no configuration")
-        config = {}
+        known = Decoded()
     else:
-        for fault in configuration_faults(config):
+        known = decode_config(config)
+        for fault in known.faults:
             findings.add(Subject.CONFIGURATION, fault)
-        for fault in command_faults(config):
+        for fault in known.command_faults:
             text = f"the campaign cannot be resumed: {fault}"
             findings.add(Subject.CONFIGURATION, text, Severity.WARNING)
     for name, is_fine, needed in (
@@ -137,7 +130,7 @@ def check_facts(connection: sqlite3.Connection, findings: Findings) -> Facts:
         ("finished_at", is_moment, "a date and time"),
         ("interrupted", lambda value: isinstance(value, bool), "true or false"),
         ("seconds", lambda value: is_number(value) and value >= 0.0, "a number of at least 0"),
-        ("budget", lambda value: not BUDGET(value), "a budget"),
+        ("budget", lambda value: _budget(value) is not None, "a budget"),
     ):
         if name in facts and not is_fine(facts[name]):
             text = f"the fact {name} is {shown(facts[name])}: {needed} is needed"
@@ -150,12 +143,10 @@ def check_facts(connection: sqlite3.Connection, findings: Findings) -> Facts:
         finished_at=facts.get("finished_at", ""),
         interrupted=facts.get("interrupted", False),
         seconds=facts.get("seconds"),
-        first_budget=_budget(config.get("budget")),
+        first_budget=known.values.get("budget"),
         last_budget=_budget(facts.get("budget")),
-        setting=_setting(config),
-        versions=MappingProxyType(
-            {} if CONFIGURATION["versions"].check(config.get("versions")) else config["versions"]
-        ),
+        setting=_setting(known),
+        versions=MappingProxyType(known.values.get("versions", {})),
     )
 
 
@@ -167,19 +158,16 @@ def is_moment(value: object) -> bool:
         return False
 
 
-def _budget(value: Any) -> Budget | None:
-    return None if BUDGET(value) else Budget(**value)
-
-
-def _setting(config: Mapping[str, Any]) -> Setting | None:
-    """Terms of the drives, None if the configuration lacks them."""
-    needed = ("lane_width", "map_size", "margin", "rules", "car")
-    if any(name not in config or CONFIGURATION[name].check(config[name]) for name in needed):
+def _budget(value: object) -> Budget | None:
+    try:
+        return decode_budget(value)
+    except ValueError:
         return None
-    return Setting(
-        lane_width=float(config["lane_width"]),
-        map_size=float(config["map_size"]),
-        margin=float(config["margin"]),
-        rules=Rules(**config["rules"]),
-        car=CarBody(**config["car"]),
-    )
+
+
+def _setting(known: Decoded) -> Setting | None:
+    """Terms of the drives, None if the configuration lacks them."""
+    names = [item.name for item in fields(Setting)]
+    if not known.values.keys() >= set(names):
+        return None
+    return Setting(**{name: known.values[name] for name in names})

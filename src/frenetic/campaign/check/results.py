@@ -14,13 +14,13 @@ from frenetic.campaign.check.database import Facts, Setting, Tables, is_moment
 from frenetic.campaign.check.findings import Findings, Severity, Subject
 from frenetic.campaign.check.rows import ResultRow, result_rows
 from frenetic.campaign.check.verdicts import judged_otherwise, refused_otherwise
-from frenetic.campaign.configuration import is_number, shown
 from frenetic.campaign.trajectory_codec import decode
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.simulators.drive import Trajectory
+from frenetic.spec import is_number, shown
 
 _POSE: Final = ("x", "y", "heading")
 _JUDGED: Final = ("moobd", "moobd_distance", "max_oob_share")

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Any
 
-from frenetic.campaign.configuration import BUDGET, command_faults
-from frenetic.campaign.store import JSONValue
+from frenetic._support.json_value import JSONValue, plain
+from frenetic.errors import CampaignError
 from frenetic.report.html.blocks import Block, Command, Fact, Facts, Paragraph, Section
-
-_NUMBERS: Final = ("noise", "delay", "view", "speed_limit", "oob_tolerance", "wall_limit")
+from frenetic.spec import Spec, number_word
 
 
 def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> Section:
@@ -46,27 +45,11 @@ def repeat_command(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
 
     None if the campaign was started from Python, or does not record its command.
     """
-    command = _command(config)
-    budget: Any = facts.get("budget", config.get("budget"))
-    if command is None or BUDGET(budget):
+    spec = _spec({**config, **{k: v for k, v in facts.items() if k == "budget"}})
+    if spec is None:
         return None
-    if (entrant := _generator(config)) is not None:
-        return shlex.join(_bench_words(entrant, command, config))
-    words = ["frenetic", "run"]
-    for name in ("simulations", "time", "failures"):
-        if budget[name] is not None:
-            words += [f"--{name}", _number(budget[name])]
-    words += _part_words(command, "strategy")
-    words += drive_words(command, config.get("map_size"))
-    lookahead = config.get("lookahead")
-    words += ["--unordered"] if lookahead is None else ["--ordered", "--lookahead", str(lookahead)]
-    if isinstance(config.get("cluster"), str):
-        words += ["--cluster", str(config["cluster"])]
-    elif isinstance(config.get("workers"), int):
-        words += ["--workers", str(config["workers"])]
-    if config.get("seed") is not None:
-        words += ["--seed", str(config["seed"])]
-    return shlex.join(words)
+    entrant = _generator(config)
+    return shlex.join(spec.run_words() if entrant is None else _bench_words(entrant, spec))
 
 
 def drive_options(config: Mapping[str, JSONValue]) -> str | None:
@@ -74,13 +57,17 @@ def drive_options(config: Mapping[str, JSONValue]) -> str | None:
 
     None if the campaign was started from Python, or does not record its command.
     """
-    command = _command(config)
-    return None if command is None else shlex.join(drive_words(command, config.get("map_size")))
+    spec = _spec(config)
+    return None if spec is None else shlex.join(spec.drive_words())
 
 
-def _command(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
-    command: Any = config.get("command")
-    return command if isinstance(command, Mapping) and not command_faults(config) else None
+def _spec(config: Mapping[str, JSONValue]) -> Spec | None:
+    """What the campaign was made of; None if its parts have no names, or the record is damaged."""
+    try:
+        spec = Spec.from_json(config, source="")
+    except CampaignError:
+        return None
+    return None if spec.driver.name is None else spec
 
 
 def _generator(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
@@ -92,32 +79,13 @@ def _generator(config: Mapping[str, JSONValue]) -> Mapping[str, Any] | None:
     return entrant if is_whole else None
 
 
-def _bench_words(
-    entrant: Mapping[str, Any], command: Mapping[str, Any], config: Mapping[str, JSONValue]
-) -> list[str]:
+def _bench_words(entrant: Mapping[str, Any], spec: Spec) -> list[str]:
     words = ["frenetic", "bench", "--generator", entrant["spec"]]
     for name in ("path", "python"):
         words += [f"--{name}", str(entrant[name])] if entrant.get(name) else []
     for name, value in entrant["budget"].items():
-        words += [f"--{name.replace('_', '-')}", _number(value)]
-    words += ["--repeats", "1", "--seed", str(config.get("seed"))]
-    return words + drive_words(command, config.get("map_size"))
-
-
-def drive_words(command: Mapping[str, Any], map_size: object) -> list[str]:
-    """The options of a command line that choose driver, simulator, rules and map."""
-    words = [*_part_words(command, "driver"), *_part_words(command, "simulator")]
-    for name in _NUMBERS:
-        if command.get(name) is not None:
-            words += [f"--{name.replace('_', '-')}", _number(command[name])]
-    return [*words, "--map-size", _number(map_size)]
-
-
-def _part_words(command: Mapping[str, Any], part: str) -> list[str]:
-    words = [f"--{part}", command[part]]
-    for name, value in command[f"{part}_options"].items():
-        words += [f"--{part}-option", f"{name}={_setting(value)}"]
-    return words
+        words += [f"--{name.replace('_', '-')}", number_word(value)]
+    return [*words, "--repeats", "1", "--seed", str(spec.seed), *spec.drive_words()]
 
 
 def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> str:
@@ -162,33 +130,11 @@ def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue
     return " ".join(sentences)
 
 
-def _setting(value: object) -> str:
-    """An option's value for the command line: JSON, or else a text."""
-    if isinstance(value, str):
-        try:
-            json.loads(value)
-        except ValueError:
-            try:
-                float(value)
-            except ValueError:
-                return value
-        return json.dumps(value)
-    return json.dumps(value, default=_plain)
-
-
-def _plain(value: object) -> object:
-    return dict(value) if isinstance(value, Mapping) else list(value)  # type: ignore[call-overload]
-
-
-def _number(value: object) -> str:
-    return str(value).removesuffix(".0")
-
-
 def _flat(value: object, name: str = "") -> Iterator[Fact]:
     """The values in nested objects, each with the path to it."""
     if isinstance(value, Mapping) and value:
         for key, inner in value.items():
             yield from _flat(inner, f"{name}.{key}" if name else str(key))
     else:
-        text = value if isinstance(value, str) else json.dumps(value, default=_plain)
+        text = value if isinstance(value, str) else json.dumps(value, default=plain)
         yield Fact(name.removeprefix("options."), text)

@@ -1,4 +1,4 @@
-"""The commands about single roads: drive, validate."""
+"""The command that drives a single road: drive."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.console import Log, announced_compilation, complain, facts_of_drive, print_facts
-from frenetic.cli.grouping import GroupedCommand
-from frenetic.cli.options import check_map_size, driver_options, json_option, lane_option
-from frenetic.cli.parts import make_driver, make_simulator
-from frenetic.errors import FreneticError
+from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
+from frenetic.cli.options import GroupedCommand, check_map_size, json_option, lane_option
+from frenetic.cli.parts import driver_options
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.oracle import Result
     from frenetic.road import Road
 
 
-@click.command(cls=GroupedCommand, short_help="Drive one road from a file.")
+@click.command(cls=GroupedCommand)
 @click.argument("road", type=click.Path(path_type=Path))
 @driver_options
 @click.option(
@@ -34,21 +33,11 @@ if TYPE_CHECKING:
 @json_option
 def drive(
     road: Path,
-    driver: str,
-    driver_options: tuple[tuple[str, Any], ...],
-    noise: float | None,
-    delay: float | None,
-    view: float | None,
-    simulator: str,
-    simulator_options: tuple[tuple[str, Any], ...],
-    speed_limit: float,
-    oob_tolerance: float,
-    map_size: float,
-    wall_limit: float,
     plot: Path | None,
-    lane: int | None,
     anyway: bool,
+    lane: int | None,
     as_json: bool,
+    **how: Any,
 ) -> None:
     """Drive one road from a file and say what happened.
 
@@ -63,13 +52,11 @@ def drive(
     from frenetic.outcome import Outcome
     from frenetic.road.files import read_road
 
-    the_driver = make_driver(driver, dict(driver_options), noise, delay, view)
-    the_simulator = make_simulator(
-        simulator, dict(simulator_options), speed_limit, oob_tolerance, wall_limit
-    )
+    spec = Spec.from_options(how)
+    the_driver, the_simulator = spec.make_driver(), spec.make_simulator()
     loaded = read_road(road, lane=lane).road()
-    check_map_size(map_size)
-    fitted, verdict = loaded.placed(map_size)
+    check_map_size(spec.map_size)
+    fitted, verdict = loaded.placed(spec.map_size)
     the_road = fitted or loaded
     if not verdict.valid and not anyway:
         result = Result(Outcome.INVALID, verdict.message, None, None, None, 0.0, None)
@@ -105,42 +92,3 @@ def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None) 
     if plot is not None:
         facts.append(("picture", str(plot)))
     print_facts(facts)
-
-
-@click.command(short_help="Say whether roads are valid, as the competition does.")
-@click.argument(
-    "files", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILE..."
-)
-@click.option(
-    "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."
-)
-@lane_option
-@json_option
-def validate(files: tuple[Path, ...], map_size: float, lane: int | None, as_json: bool) -> None:
-    """Say for each road file whether it is valid by the competition's rules.
-
-    Points are judged where they lie, curvatures where they fit the map. The exit code is 1 if any
-    road is invalid, 2 if a file cannot be read; the other files are still judged.
-    """
-    from frenetic.road.files import read_road
-
-    check_map_size(map_size)
-    verdicts: list[dict[str, Any]] = []
-    unreadable = []
-    for path in files:
-        try:
-            verdict = read_road(path, lane=lane).check_validity(map_size)
-        except FreneticError as error:
-            unreadable.append(str(error))
-            continue
-        verdicts.append({"file": str(path), "valid": verdict.valid, "message": verdict.message})
-        if not as_json:
-            click.echo(f"{path}: {'valid' if verdict.valid else 'INVALID  ' + verdict.message}")
-    if as_json:
-        click.echo(json.dumps(verdicts))
-    if unreadable:
-        for message in unreadable:
-            complain(message)
-        raise click.exceptions.Exit(2)
-    if not all(verdict["valid"] for verdict in verdicts):
-        raise click.exceptions.Exit(1)

@@ -1,0 +1,87 @@
+"""The command that goes on with a campaign: resume."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import click
+
+from frenetic.cli.beamng import moved, place_options
+from frenetic.cli.options import Duration, GroupedCommand, as_usage_error, json_option
+from frenetic.cli.search import make_campaign, search, worker_options
+from frenetic.spec import Budget, Spec
+
+
+@click.command(cls=GroupedCommand)
+@click.argument("campaign", type=click.Path(path_type=Path))
+@click.option("--simulations", type=int, metavar="N", help="N more drives.")
+@click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
+@click.option("--failures", type=int, metavar="N", help="N more failures.")
+@worker_options
+@place_options
+@json_option
+def resume(
+    campaign: Path,
+    simulations: int | None,
+    seconds: float | None,
+    failures: int | None,
+    workers: int | None,
+    cluster: str | None,
+    drive_limit: float | None,
+    as_json: bool,
+) -> None:
+    """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
+
+    Its log is replayed to a fresh strategy, so an interrupted campaign ends as if it had never been
+    interrupted: exactly so if it has one worker or is ordered and its budget counts simulations or
+    failures. A given budget is added to what is spent. If BeamNG.tech has moved, give its new
+    place, which holds for this time.
+    """
+    from frenetic.campaign import CampaignStore
+    from frenetic.campaign.store import DATABASE
+    from frenetic.outcome import Outcome
+
+    with CampaignStore.open(campaign) as store:
+        config, facts, counts = store.config, store.facts, store.counts()
+        spent = store.elapsed()
+    if "entrant" in config:
+        raise click.UsageError(
+            f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
+            " 'frenetic bench --resume --out BENCH'"
+        )
+    if config.get("command") is None:
+        raise click.UsageError(
+            f"{campaign} was started from Python: resume it there, with Campaign.resume()"
+        )
+    given = {"simulations": simulations, "time": seconds, "failures": failures}
+    done: dict[str, Any] = {
+        "simulations": counts.simulations,
+        "time": spent,
+        "failures": counts.by_outcome[Outcome.FAIL],
+    }
+    with as_usage_error():
+        for name, more in given.items():
+            if more is not None and more <= 0:
+                raise ValueError(f"{name} is {more}: more than 0 is needed")
+        if any(more is not None for more in given.values()):
+            limits = {k: None if v is None else done[k] + v for k, v in given.items()}
+            recorded: dict[str, Any] = {"budget": asdict(Budget(**limits))}
+        else:
+            recorded = {k: v for k, v in facts.items() if k == "budget"}
+        spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
+        assert spec.budget is not None
+        budget = spec.budget
+        if budget.spent(done["simulations"], spent, done["failures"]) >= 1.0:
+            raise ValueError(
+                f"the budget of {campaign} is spent: say how much more, with --simulations,"
+                " --time or --failures"
+            )
+    simulator = spec.simulator
+    simulator = replace(simulator, options=moved(simulator.name, simulator.options))
+    the_campaign = make_campaign(
+        replace(spec, simulator=simulator), campaign, workers, cluster, drive_limit
+    )
+    text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
+    search(the_campaign, the_campaign.resume, text, as_json, spec.seed)

@@ -1,0 +1,175 @@
+"""What the commands share that search: run, resume."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
+
+import click
+
+from frenetic._support.durations import format_duration
+from frenetic._support.words import counted
+from frenetic.cli.console import (
+    Log,
+    announced_compilation,
+    live_progress,
+    print_failures,
+    shell,
+)
+from frenetic.cli.options import as_usage_error, drive_limit_option, with_options
+from frenetic.errors import CampaignError, FreneticError
+
+if TYPE_CHECKING:
+    from frenetic.analysis import Clusters
+    from frenetic.campaign import Campaign, CampaignStore, Summary
+    from frenetic.spec import Spec
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def worker_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The options that choose the workers."""
+    options = [
+        click.option(
+            "--workers",
+            type=click.IntRange(1),
+            metavar="N",
+            help="Drive on N roads at once, in processes of their own. [default: the cores]",
+        ),
+        click.option(
+            "--cluster",
+            metavar="ADDRESS",
+            help="Drive on the workers of a running Dask cluster, such as tcp://10.0.0.1:8786.",
+        ),
+        drive_limit_option,
+    ]
+    return with_options(options, command)
+
+
+def make_campaign(
+    spec: Spec,
+    folder: Path,
+    workers: int | None,
+    cluster: str | None,
+    drive_limit: float | None,
+) -> Campaign:
+    """The campaign of a command line.
+
+    Raises:
+        click.UsageError: the options exclude each other or are out of range.
+    """
+    from frenetic.campaign import Campaign
+
+    if cluster is not None and workers is not None:
+        raise click.UsageError(
+            "--workers and --cluster exclude each other: the cluster has its own"
+        )
+    with as_usage_error():
+        return Campaign.of(
+            spec, folder=folder, workers=workers, cluster=cluster, drive_limit=drive_limit
+        )
+
+
+def search(
+    campaign: Campaign,
+    how: Callable[..., Summary],
+    announcement: str,
+    as_json: bool,
+    seed: object,
+) -> None:
+    """Shows how a campaign goes and what it found.
+
+    Args:
+        campaign: the campaign.
+        how: its `run` or `resume`.
+        announcement: what is to be said first.
+        as_json: whether the result is printed as JSON.
+        seed: of the strategy.
+    """
+    from frenetic.analysis.failures import distinct_failures, representative_failures
+    from frenetic.campaign import CampaignStore
+    from frenetic.outcome import Outcome
+    from frenetic.report.failures import FAILURES, GALLERY, write_failures
+
+    folder = campaign.folder
+    log = Log()
+    trouble: FreneticError | None = None
+    summary: Summary | None = None
+    with announced_compilation(log) as compiled, live_progress(log) as show:
+
+        def started() -> None:
+            compiled()
+            log.print(f"{announcement}, results in {folder}", markup=False)
+
+        try:
+            summary = how(show, on_start=started, on_interrupt=log.stopping)
+        except CampaignError as error:
+            # Show what was stored until then.
+            if not campaign.started:
+                raise
+            trouble = error
+    with CampaignStore.open(folder) as store:
+        clusters = distinct_failures(store)
+        listed = representative_failures(store, clusters=clusters)
+        counts = store.counts()
+        if summary is not None and as_json:
+            more = {"distinct_failures": len(clusters), "seed": seed}
+            click.echo(json.dumps(summary.as_json() | more))
+        elif summary is not None:
+            _print_summary(summary, _first_error(store))
+        if listed and not as_json:
+            print_failures(clusters, counts.by_outcome[Outcome.FAIL], len(listed))
+        if summary is not None and not as_json:
+            click.echo(f"Results:     {folder}")
+        if listed:
+            with log.status("Drawing the most severe of them"):
+                complete = write_failures(store, listed)
+            if not as_json:
+                click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
+                click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
+        report = _write_report(log, store, clusters) if counts.tests else None
+        if report is not None and not as_json:
+            click.echo(f"Report:      {report}")
+    if trouble is not None:
+        raise trouble
+    if summary is not None and summary.interrupted:
+        raise click.exceptions.Exit(130)
+    if summary is not None and summary.errors and not summary.passed + summary.failed:
+        raise click.exceptions.Exit(1)
+
+
+def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | None:
+    """Writes the report; None if that failed, which loses nothing else."""
+    from frenetic.report.html import write_report
+
+    try:
+        with log.status("Writing the report"):
+            return write_report(store, clusters=clusters)
+    except FreneticError as error:
+        log.print(f"There is no report: {error}", markup=False)
+        return None
+
+
+def _first_error(store: CampaignStore) -> str:
+    """Prints why a drive broke first, if one did."""
+    from frenetic.outcome import Outcome
+
+    return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
+
+
+def _print_summary(summary: Summary, first_error: str) -> None:
+    least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
+    stopped = "Interrupted: " if summary.interrupted else ""
+    click.echo(
+        f"{stopped}{counted(summary.simulations, 'simulation')} in"
+        f" {format_duration(summary.seconds)} ({summary.tests_per_second:.0f} tests/s):"
+        f" {counted(summary.failed, 'failure')}, {summary.passed} passed,"
+        f" {summary.invalid} invalid, {counted(summary.errors, 'error')}{least}"
+    )
+    if first_error:
+        click.echo(f"The first error: {first_error}")
+    if summary.ended:
+        click.echo(f"The strategy ended the search: {summary.ended}")

@@ -1,0 +1,380 @@
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from frenetic.campaign import Campaign
+from frenetic.cli import cli
+from frenetic.cli.parts import driver_options, part_options
+from frenetic.cli.run import run
+from frenetic.drivers import LimitedView, Noisy, Planner
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
+from frenetic.drivers.loading import LAYERS, Layer, load_driver
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.road import MAP_SIZE, MARGIN
+from frenetic.search import RandomSearch
+from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
+from frenetic.spec import NUMBERS, Budget, Part, Spec, decode_config, describe, usual_wall_limit
+
+SOURCE = "c/campaign.sqlite"
+
+texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\x00"), max_size=12)
+names = st.from_regex(r"[a-z][a-z_]{0,8}", fullmatch=True)
+positive = st.floats(1e-3, 1e6)
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=6,
+)
+options = st.dictionaries(names, values, max_size=3)
+described = st.fixed_dictionaries(
+    {"class": texts}, optional={"options": st.dictionaries(texts, values, max_size=2)}
+)
+parts = st.builds(
+    Part, st.sampled_from(["planner", "a b.py:It's", "package.module:Class"]), options, described
+)
+rules = st.builds(
+    Rules, speed_limit=positive, oob_tolerance=st.floats(0.01, 1.0), stuck_time=positive
+)
+budgets = st.builds(
+    Budget,
+    simulations=st.integers(1, 10**9),
+    time=st.none() | positive,
+    failures=st.none() | st.integers(1, 10**9),
+)
+layers = st.dictionaries(
+    st.sampled_from([layer.name for layer in LAYERS]), st.floats(-1e6, 1e6), max_size=3
+)
+specs = st.builds(
+    Spec,
+    strategy=parts,
+    driver=parts,
+    layers=layers,
+    simulator=parts,
+    rules=rules,
+    wall_limit=positive,
+    map_size=positive,
+    margin=st.floats(0.0, 50.0),
+    lane_width=positive,
+    seed=st.none() | st.integers(0, 2**40),
+    lookahead=st.none() | st.integers(1, 100),
+    budget=budgets,
+    workers=st.integers(1, 100),
+    cluster=st.none() | texts.filter(bool),
+    car=st.builds(CarBody, length=positive, width=positive),
+    versions=st.dictionaries(texts, texts, max_size=3),
+)
+
+
+def unnamed(spec: Spec) -> Spec:
+    """The same from Python: objects without names, of which no command line speaks."""
+    return replace(
+        spec,
+        strategy=Part(made=spec.strategy.made),
+        driver=Part(made=spec.driver.made),
+        simulator=Part(made=spec.simulator.made),
+        layers={},
+        wall_limit=None,
+    )
+
+
+@given(specs, st.booleans())
+def test_a_record_gives_the_spec_that_was_recorded(spec: Spec, is_named: bool) -> None:
+    spec = spec if is_named else unnamed(spec)
+    config = json.loads(json.dumps(spec.to_json()))
+    assert ("command" in config) is is_named
+    assert decode_config(config).faults == ()
+    assert Spec.from_json(config, source=SOURCE) == spec
+
+
+def asked(words: list[str]) -> dict[str, Any]:
+    """Values of the options of `frenetic run`."""
+    with run.make_context("run", list(words)) as context:
+        return dict(context.params)
+
+
+@given(specs)
+def test_the_command_line_reads_back_what_it_is_told(spec: Spec) -> None:
+    # Whatever is given twice, the last counts; a made-up simulator has no usual wall limit.
+    spec = replace(
+        spec, simulator=Part("embedded", spec.simulator.options), margin=MARGIN, lane_width=4.0
+    )
+    words = shlex.split(shlex.join(spec.run_words()))
+    assert words[:2] == ["frenetic", "run"]
+    given = asked(words[2:])
+    again = Spec.from_options(
+        given,
+        seed=given["seed"],
+        lookahead=given["lookahead"],
+        workers=given["workers"] or 1,
+        cluster=given["cluster"],
+        budget=Budget(given["simulations"], given["seconds"], given["failures"]),
+    )
+    recorded = replace(
+        spec,
+        strategy=replace(spec.strategy, made={}),
+        driver=replace(spec.driver, made={}),
+        simulator=replace(spec.simulator, made={}),
+        rules=Rules(speed_limit=spec.rules.speed_limit, oob_tolerance=spec.rules.oob_tolerance),
+        workers=1 if spec.cluster is not None else spec.workers,
+        car=None,
+        versions={},
+    )
+    assert again == recorded
+
+
+@given(specs)
+def test_brief_words_say_the_same(spec: Spec) -> None:
+    spec = replace(spec, simulator=Part("embedded"))
+    full, brief = (asked([*spec.drive_words(brief=is_brief)]) for is_brief in (False, True))
+    assert full == brief
+    assert Spec(wall_limit=usual_wall_limit("embedded")).drive_words(brief=True) == []
+
+
+def test_what_is_usual_is_what_the_parts_have() -> None:
+    spec = Spec()
+    assert (spec.map_size, spec.margin, spec.rules) == (MAP_SIZE, MARGIN, Rules())
+    for number in NUMBERS:
+        if number.default is not None:
+            usual = getattr(spec, number.name, getattr(spec.rules, number.name, None))
+            assert number.default == usual
+    campaign = Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=1),
+    )
+    assert campaign.tester.lane_width == spec.lane_width
+
+
+# Objects
+
+
+def test_it_makes_what_it_says(tmp_path: Path) -> None:
+    spec = Spec(
+        strategy=Part("random"),
+        driver=Part("planner", {"aggression": 1.2}),
+        layers={"view": 20.0, "noise": 0.1},
+        simulator=Part("embedded", {"friction": 0.7}),
+        rules=Rules(speed_limit=50.0),
+        seed=7,
+        lookahead=3,
+        budget=Budget(simulations=5),
+    )
+    campaign = Campaign.of(spec, folder=tmp_path / "c", workers=2)
+    driver = campaign.tester.driver
+    assert isinstance(driver, Noisy)
+    assert isinstance(driver.driver, LimitedView)
+    assert campaign.seed == 7
+    assert campaign.tester.simulator.rules.speed_limit == 50.0
+    made = campaign.spec()
+    assert made.driver.made == describe(driver)
+    assert (made.lookahead, made.workers) == (3, 2)
+    assert Spec.from_json(made.to_json(), source=SOURCE) == made
+    assert campaign.configuration() == made.to_json()
+
+
+def test_an_option_that_follows_from_others_is_refused() -> None:
+    spec = Spec(strategy=Part("random", {"seed": 5}))
+    with pytest.raises(FreneticError, match="--strategy-option seed is not allowed"):
+        spec.make_strategy()
+
+
+# Something replaced
+
+
+RECORDED = Spec(
+    strategy=Part("random", {}, {"class": "a:R"}),
+    driver=Part("planner", {"aggression": 1.2}, {"class": "a:D"}),
+    layers={"delay": 0.1, "view": 30.0},
+    simulator=Part("embedded", {"friction": 0.7}, {"class": "a:S"}),
+    rules=Rules(speed_limit=50.0, stuck_time=5.0),
+    wall_limit=90.0,
+)
+
+
+def test_without_anything_given_nothing_is_replaced() -> None:
+    given = {"driver": None, "driver_options": (), "noise": None, "wall_limit": None}
+    assert RECORDED.replaced(given) == RECORDED
+
+
+def test_another_part_comes_with_its_own_options() -> None:
+    other = RECORDED.replaced({"driver": "stanley", "driver_options": (("gain", 2),)})
+    assert other.driver == Part("stanley", {"gain": 2})
+    assert (other.layers, other.simulator) == (RECORDED.layers, RECORDED.simulator)
+    added = RECORDED.replaced({"driver_options": {"speed": 1}}).driver
+    assert added == Part("planner", {"aggression": 1.2, "speed": 1})
+
+
+def test_layers_are_added_replaced_and_taken_away() -> None:
+    other = RECORDED.replaced({"delay": 0.0, "noise": 0.2, "view": math.inf})
+    assert other.layers == {"noise": 0.2}
+    assert not other.driver.made
+    assert RECORDED.replaced({"view": 10.0}).layers == {"delay": 0.1, "view": 10.0}
+
+
+def test_rules_that_are_not_given_stay() -> None:
+    other = RECORDED.replaced({"speed_limit": 60.0})
+    assert other.rules == Rules(speed_limit=60.0, stuck_time=5.0)
+    with pytest.raises(FreneticError, match="oob_tolerance is 2"):
+        RECORDED.replaced({"oob_tolerance": 2.0})
+
+
+def test_the_limit_of_another_simulator_says_nothing_about_this_one() -> None:
+    assert RECORDED.replaced({"simulator_options": {"friction": 0.6}}).wall_limit == 90.0
+    assert RECORDED.replaced({"simulator": "beamng"}).wall_limit == 600.0
+    assert RECORDED.replaced({"simulator": "beamng", "wall_limit": 5.0}).wall_limit == 5.0
+
+
+# Damage
+
+
+def recorded() -> dict[str, Any]:
+    spec = replace(RECORDED, budget=Budget(simulations=5), car=CarBody(), seed=1)
+    config: dict[str, Any] = json.loads(json.dumps(spec.to_json()))
+    return config
+
+
+def test_every_fault_is_told() -> None:
+    config = recorded() | {"map_size": "large", "lookahead": 0}
+    config["rules"]["speed_limit"] = -1.0
+    config["command"]["driver"] = 3
+    del config["car"]
+    with pytest.raises(CampaignError) as caught:
+        Spec.from_json(config, source=SOURCE)
+    message = str(caught.value)
+    assert message.startswith(f"{SOURCE} is damaged: it does not say with what it was driven (")
+    for fault in (
+        "the map_size is 'large': a number above 0 is needed",
+        "the lookahead is 0: a whole number of at least 1 or null is needed",
+        "speed_limit is -1.0: a positive number is needed",
+        "the car is missing",
+        "the command: driver is 3: a text is needed",
+    ):
+        assert fault in message
+    assert "\n" not in message
+
+
+def test_whoever_needs_no_names_minds_no_damaged_command() -> None:
+    config = recorded()
+    del config["command"]["simulator"]
+    spec = Spec.from_json(config, source=SOURCE, needs_names=False)
+    assert spec.driver == Part(made={"class": "a:D"})
+    with pytest.raises(CampaignError, match="the command: simulator is missing"):
+        Spec.from_json(config, source=SOURCE)
+
+
+def test_records_of_older_versions_lack_what_was_not_there_yet() -> None:
+    config = recorded()
+    for name in ("workers", "cluster", "lookahead"):
+        del config[name]
+    spec = Spec.from_json(config, source=SOURCE)
+    assert (spec.workers, spec.cluster, spec.lookahead) == (1, None, None)
+
+
+@given(st.dictionaries(st.sampled_from([*recorded(), "command"]), values))
+def test_decoding_never_raises_anything_else(damage: dict[str, Any]) -> None:
+    with suppress(CampaignError):
+        Spec.from_json(recorded() | damage, source=SOURCE)
+
+
+# A layer that nobody knew
+
+
+class Sleepy:
+    """A driver that sees nothing at all now and then."""
+
+    def __init__(self, driver: Driver, *, share: float) -> None:
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(f"share is {share}: 0 to 1 is needed")
+        self.driver = driver
+        self.options = {"share": share}
+
+    @classmethod
+    def over(cls, driver: Driver, amount: float) -> Sleepy:
+        return cls(driver, share=amount)
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.driver.reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        return self.driver.act(observation)
+
+
+@pytest.fixture
+def sleep() -> Iterator[Layer]:
+    layer = Layer(
+        name="sleep",
+        target=f"{__name__}:Sleepy",
+        unit="share",
+        nothing=0.0,
+        help="Let the driver sleep for this share of the time.",
+    )
+    LAYERS.append(layer)
+    yield layer
+    LAYERS.remove(layer)
+
+
+def test_a_layer_is_known_everywhere_once_it_is_in_the_table(sleep: Layer) -> None:
+    spec = Spec.from_json(recorded(), source=SOURCE)  # made before there was this layer
+    assert "sleep" not in spec.layers
+    spec = spec.replaced({"sleep": 0.2})
+    assert spec.layers["sleep"] == 0.2
+    assert "--sleep 0.2" in shlex.join(spec.drive_words())
+    command = spec.command()
+    assert command is not None
+    assert command["sleep"] == 0.2
+    config = spec.to_json() | {"driver": {"class": "a:D"}}
+    assert Spec.from_json(config, source=SOURCE).layers == spec.layers
+    made = replace(spec, layers={"view": 30.0, "sleep": 0.2}).make_driver()
+    assert isinstance(made, LimitedView)
+    assert isinstance(made.driver, Sleepy)
+    assert describe(load_driver("planner", sleep=0.3))["options"] == {"share": 0.3}
+    with pytest.raises(FreneticError, match="layer over driver 'planner': share is 7"):
+        load_driver("planner", sleep=7.0)
+
+    @click.command()
+    @driver_options
+    def fresh(**how: Any) -> None:
+        assert Spec.from_options(how).layers == {"sleep": 0.4}
+
+    @click.command()
+    @part_options
+    def again(**how: Any) -> None:
+        assert spec.replaced(how).layers == {"delay": 0.1, "view": 30.0}
+
+    fresh.main(["--sleep", "0.4"], standalone_mode=False)
+    again.main(["--sleep", "0"], standalone_mode=False)
+    with fresh.make_context("fresh", []) as context:
+        assert sleep.help in " ".join(fresh.get_help(context).split())
+
+
+def test_there_is_no_unknown_layer() -> None:
+    with pytest.raises(TypeError, match="there is no layer fog"):
+        load_driver("planner", fog=1.0)
+
+
+# The table of commands
+
+
+def test_a_command_is_called_like_its_module() -> None:
+    from frenetic.cli import COMMANDS
+
+    with click.Context(cli, info_name="frenetic") as context:
+        for name, row in COMMANDS.items():
+            command = cli.get_command(context, name)
+            assert command is not None
+            assert command.name == name
+            if name not in ("drivers", "strategies", "simulators"):
+                assert row.target.partition(":")[0] == name.replace("-", "_")
