@@ -15,7 +15,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frenetic.campaign import Campaign
-from frenetic.cli import cli
 from frenetic.cli.parts import driver_options, part_options
 from frenetic.cli.run import run
 from frenetic.drivers import LimitedView, Noisy, Planner
@@ -363,18 +362,3 @@ def test_a_layer_is_known_everywhere_once_it_is_in_the_table(sleep: Layer) -> No
 def test_there_is_no_unknown_layer() -> None:
     with pytest.raises(TypeError, match="there is no layer fog"):
         load_driver("planner", fog=1.0)
-
-
-# The table of commands
-
-
-def test_a_command_is_called_like_its_module() -> None:
-    from frenetic.cli import COMMANDS
-
-    with click.Context(cli, info_name="frenetic") as context:
-        for name, row in COMMANDS.items():
-            command = cli.get_command(context, name)
-            assert command is not None
-            assert command.name == name
-            if name not in ("drivers", "strategies", "simulators"):
-                assert row.target.partition(":")[0] == name.replace("-", "_")

@@ -16,7 +16,6 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -73,6 +72,8 @@ class Registry:
         Raises:
             FreneticError: an installed package claims a name that is already taken.
         """
+        from importlib.metadata import entry_points  # takes its time, and no help needs it
+
         found = {
             name: Entry(name, target, "built in", summary)
             for name, (target, summary) in self.built_in.items()

@@ -12,7 +12,10 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
 import pytest
+
+from frenetic.cli import COMMANDS, cli
 
 if TYPE_CHECKING:
     from command_line import Answer, Frenetic
@@ -616,3 +619,38 @@ def test_friction_is_an_option_of_the_simulator(frenetic: Frenetic) -> None:
 
 def test_unknown_command_is_a_mistake(frenetic: Frenetic) -> None:
     refused(frenetic("fly"), "No such command 'fly'")
+
+
+@pytest.mark.parametrize(("former", "name"), [("rerun", "robustness"), ("replay", "regression")])
+def test_former_names_of_commands_work_as_well(
+    frenetic: Frenetic, campaign: str, former: str, name: str
+) -> None:
+    helps = [frenetic(each, "--help").out for each in (former, name)]
+    assert helps[0].replace(f"frenetic {former}", f"frenetic {name}") == helps[1]
+    old, new = (frenetic(each, campaign, "--json") for each in (former, name))
+    assert (old.code, old.out) == (new.code, new.out)
+    listed = frenetic("--help").out
+    assert f"  {name} " in listed
+    assert f"  {former} " not in listed
+
+
+def test_a_command_is_called_like_its_module() -> None:
+    with click.Context(cli, info_name="frenetic") as context:
+        for name, row in COMMANDS.items():
+            command = cli.get_command(context, name)
+            assert command is not None
+            assert command.name == name
+            if name not in ("drivers", "strategies", "simulators"):
+                assert row.target.partition(":")[0] == name.replace("-", "_")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_needs_nothing_that_takes_time(command: str) -> None:
+    code = (
+        "import sys\n"
+        "from frenetic.cli import cli\n"
+        f"cli.main(['{command}', '--help'], standalone_mode=False)\n"
+        "slow = {'numba', 'matplotlib', 'numpy', 'scipy', 'plotly'}\n"
+        "assert not slow & set(sys.modules), slow & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ.copy())

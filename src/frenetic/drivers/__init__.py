@@ -6,19 +6,14 @@ there are without waiting for numba.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from frenetic._support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.drivers.builtin import BeamngAi, Planner, Stanley
     from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
     from frenetic.drivers.layers import Delayed, LimitedView, Noisy
-
-_HOMES = {
-    "builtin": ("BeamngAi", "Planner", "Stanley"),
-    "driver": ("Controls", "Driver", "DriveSetup", "Observation"),
-    "layers": ("Delayed", "LimitedView", "Noisy"),
-}
 
 __all__ = [
     "BeamngAi",
@@ -33,11 +28,11 @@ __all__ = [
     "Stanley",
 ]
 
-
-def __getattr__(name: str) -> Any:
-    for module, names in _HOMES.items():
-        if name in names:
-            value = getattr(import_module(f"frenetic.drivers.{module}"), name)
-            globals()[name] = value
-            return value
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.drivers.builtin": ("BeamngAi", "Planner", "Stanley"),
+        "frenetic.drivers.driver": ("Controls", "Driver", "DriveSetup", "Observation"),
+        "frenetic.drivers.layers": ("Delayed", "LimitedView", "Noisy"),
+    },
+)
