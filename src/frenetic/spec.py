@@ -1,12 +1,12 @@
-"""What a run is made of: one typed object, and its only way from and to everything else.
+"""The spec of a run: one typed object, with one conversion each from and to its other forms.
 
-A `Spec` comes from the options of a command line (`Spec.from_options`), from what a campaign's
-database records (`Spec.from_json`) or from a campaign of objects (`Campaign.spec`). It makes the
-objects (`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record
-(`to_json`) and the words of a command line that does the same (`drive_words`, `run_words`).
+A `Spec` comes from the options of a command line (`Spec.from_options`), from a campaign's record
+(`Spec.from_json`) or from a campaign of objects (`Campaign.spec`). It makes the objects
+(`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record (`to_json`) and the
+words of a command line that does the same (`drive_words`, `run_words`).
 
-Its options are declared here (`NUMBERS`) and in `frenetic.drivers.loading.LAYERS`. The module
-imports nothing that takes time before it is needed, as every command's help reads it.
+Its options are declared here (`NUMBERS`) and in `frenetic.drivers.loading.LAYERS`. Every command's
+help reads this module, so slow imports are inside functions.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.registry import SIMULATORS, STRATEGIES, USER_MODULE, Registry, options_of
 
-# What is imported inside functions below takes longer to import than help may.
+# Imports inside functions below are too slow for help.
 
 if TYPE_CHECKING:
     from frenetic.drivers import Driver
@@ -36,24 +36,24 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 WALL_LIMIT: Final = 60.0
-"""Wall time that a drive may take unless it is said, or the simulator says otherwise, in s."""
+"""Default limit of a drive's wall time, in s, unless the simulator has its own."""
 _SHOWN_OPTIONS: Final = 3
 _PARTS: Final = ("strategy", "driver", "simulator")
 
 
 @dataclass(frozen=True)
 class Number:
-    """A number of a `Spec` with an option of its own."""
+    """A number of a `Spec` with its own option."""
 
     name: str
-    """Of the option, in the record of a command line and in a `Spec` or its rules."""
+    """Name of the option, in the record of a command line and in a `Spec` or its rules."""
     default: float | None
-    """None if it depends on the simulator."""
+    """Default, None if it depends on the simulator."""
     help: str
     metavar: str | None = None
-    """Where it takes the place of a campaign's."""
+    """Placeholder in help where it replaces a campaign's."""
     another: str = ""
-    """Help there; empty if it cannot be replaced."""
+    """Help where it replaces a campaign's; empty if it cannot be replaced."""
 
 
 NUMBERS: Final = (
@@ -74,12 +74,12 @@ NUMBERS: Final = (
         "Another limit of a drive's wall time.",
     ),
 )
-"""The numbers that say how roads are driven, beside the layers of the driver."""
+"""The numbers for driving roads, beside the layers of the driver."""
 
 
 @dataclass(frozen=True)
 class Budget:
-    """How much a campaign may spend. Only drives cost simulations; INVALID roads are free.
+    """The budget of a campaign. Only drives cost simulations; INVALID roads are free.
 
     Raises:
         ValueError: nothing is limited, or a limit is not positive.
@@ -120,24 +120,24 @@ class Budget:
 
 @dataclass(frozen=True)
 class Part:
-    """A strategy, driver or simulator: what it is called, and what came of that."""
+    """A strategy, driver or simulator: its name and options, and the object's description."""
 
     name: str | None = None
     """A registered name, ``package.module:Class`` or ``file.py:Class``; None for an object that
     came from Python."""
     options: Mapping[str, Any] = field(default_factory=dict)
-    """Given with the name."""
+    """Options given with the name."""
     made: Mapping[str, JSONValue] = field(default_factory=dict)
-    """The object as `describe` tells it; empty before there is one."""
+    """The description of the object by `describe`; empty before it is made."""
 
     def replaced(self, name: str | None, options: Mapping[str, Any]) -> Part:
-        """Another part with its own options, or else this one with some options added."""
+        """Another part with its own options, or else this one with added options."""
         if name is not None:
             return Part(name, options)
         return Part(self.name, {**self.options, **options}) if options else self
 
     def words(self, kind: str, usual: Part | None = None) -> list[str]:
-        """The options of a command line that choose it, without the name if that is usual."""
+        """The options of a command line that choose it, without a default name."""
         assert self.name is not None
         words = [] if usual is not None and self.name == usual.name else [f"--{kind}", self.name]
         for name, value in self.options.items():
@@ -153,18 +153,18 @@ def _usual_rules() -> Rules:
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """What a run is made of."""
+    """The spec of a run."""
 
     strategy: Part = Part()
-    """Who proposes roads; without a name where nobody does, as for `frenetic drive`."""
+    """The strategy; without a name where there is none, as for `frenetic drive`."""
     driver: Part = Part("planner")
-    """The system under test; described with its layers."""
+    """The system under test, described with its layers."""
     layers: Mapping[str, float] = field(default_factory=dict)
     """Name of a layer of `LAYERS` -> its amount, if it is laid over the driver."""
     simulator: Part = Part("embedded")
     rules: Rules = field(default_factory=_usual_rules)
     wall_limit: float | None = None
-    """Wall time that a drive may take in s; None for the usual one of the simulator."""
+    """Limit of a drive's wall time, in s; None for the simulator's default."""
     map_size: float = 200.0
     """Side of the square map in m."""
     margin: float = 10.0
@@ -172,30 +172,30 @@ class Spec:
     lane_width: float = 4.0
     """m."""
     seed: Any = None
-    """Of the strategy; strategies of one's own may take whatever JSON holds but objects."""
+    """Seed of the strategy; a user's own strategy may take any JSON but objects."""
     lookahead: int | None = None
-    """Candidates outstanding at once in an ordered campaign, None in one that is not."""
+    """Number of outstanding candidates in an ordered campaign, None in an unordered one."""
     budget: Budget | None = None
-    """None where nothing is searched."""
+    """Budget, None without a search."""
     workers: int = 1
     cluster: str | None = None
     """Address of a Dask scheduler."""
     car: CarBody | None = None
-    """The simulator's, None before there is one."""
+    """Car of the simulator, None before it is made."""
     versions: Mapping[str, str] = field(default_factory=dict)
-    """Package -> version with which it ran."""
+    """Package -> its version in the run."""
 
     # From a command line
 
     @classmethod
     def from_options(cls, given: Mapping[str, Any], **others: Any) -> Spec:
-        """What the options of a command line ask for.
+        """The spec of a command line's options.
 
         Args:
             given: name -> value of an option: of a part such as ``driver``, of its options
                 (``driver_options``, a mapping or pairs), of the layers and of `NUMBERS`. A record's
                 ``command`` is such a mapping, too.
-            others: fields of the spec that are known from elsewhere.
+            others: fields of the spec from elsewhere.
 
         Raises:
             FreneticError: a rule is out of range.
@@ -211,15 +211,14 @@ class Spec:
         return cls(layers=layers, **(values | others))
 
     def replaced(self, given: Mapping[str, Any]) -> Spec:
-        """The same with what is given on a command line in the place of what it has.
+        """The same spec with replacements from a command line.
 
-        Another driver or simulator comes with the options that are given for it, as the recorded
-        ones belong to the old one; without another, given options are added to the recorded ones.
-        Layers and rules stay unless they are given; the amount with which a layer does nothing
-        takes it away.
+        Another driver or simulator comes with its own given options, since the recorded ones belong
+        to the old one; without another, given options are added to the recorded ones. Layers and
+        rules stay unless they are given; an amount without effect removes a layer.
 
         Args:
-            given: as for `from_options`; what is None or empty is not given.
+            given: as for `from_options`; None or empty values are not given.
 
         Raises:
             FreneticError: a rule is out of range, or another simulator cannot be loaded.
@@ -236,7 +235,7 @@ class Spec:
                 layers[layer.name] = amount
         if layers != self.layers:
             driver = replace(driver, made={})
-        # The limit of another simulator says nothing about this one.
+        # The limit of another simulator does not hold for this one.
         limit = asked.get("wall_limit", self.wall_limit)
         if "wall_limit" not in asked and simulator.name != self.simulator.name:
             limit = usual_wall_limit(simulator.name)
@@ -255,16 +254,16 @@ class Spec:
     def from_json(
         cls, config: Mapping[str, Any], *, source: object, needs_names: bool = True
     ) -> Spec:
-        """What a campaign's record says.
+        """The spec of a campaign's record.
 
         Args:
-            config: as `to_json` makes it; entries that it does not make are left alone.
-            source: what to call the place where it stands.
-            needs_names: whether a damaged command line is a fault; otherwise the parts have no
-                names then.
+            config: as `to_json` makes it; other entries are ignored.
+            source: name of its place for messages.
+            needs_names: whether a damaged command line is a fault; otherwise the parts then have no
+                names.
 
         Raises:
-            CampaignError: the record is damaged; the message tells everything that is wrong.
+            CampaignError: the record is damaged; the message lists all faults.
         """
         decoded = decode_config(config)
         command: Any = config.get("command")
@@ -287,7 +286,7 @@ class Spec:
         )
 
     def to_json(self) -> dict[str, JSONValue]:
-        """What a campaign's database records."""
+        """The campaign's record in its database."""
         command = self.command()
         return {
             "seed": self.seed,
@@ -364,7 +363,7 @@ class Spec:
         """The options of `frenetic drive` that choose driver, simulator, rules and map.
 
         Args:
-            brief: leave out what is so anyway.
+            brief: leave out defaults.
         """
         usual = Spec() if brief else None
         words = self.driver.words("driver", usual.driver if usual else None)
@@ -379,7 +378,7 @@ class Spec:
         return words
 
     def run_words(self) -> list[str]:
-        """The command line that searches so, without a folder."""
+        """The command line of this search, without a folder."""
         assert self.budget is not None
         words = ["frenetic", "run"]
         for name, value in asdict(self.budget).items():
@@ -405,7 +404,7 @@ class Spec:
 
 
 def usual_wall_limit(simulator: str | None) -> float:
-    """Wall time that a drive in the simulator of that name may take by default, in s."""
+    """Default limit of a drive's wall time in the simulator of that name, in s."""
     if simulator is None:
         return WALL_LIMIT
     from frenetic.simulators.capabilities import usual  # numba takes its time
@@ -424,7 +423,7 @@ def _layer_names() -> list[str]:
 
 
 def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
-    """The rules with those that are given."""
+    """The rules, replaced by given ones."""
     known = {item.name for item in fields(rules)}
     try:
         return replace(rules, **{k: v for k, v in given.items() if k in known})
@@ -443,7 +442,7 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
     return registry.make_from(part.name, part.options, available)
 
 
-# Parts as records and reports tell them
+# Parts in records and reports
 
 
 def describe(part: object) -> dict[str, JSONValue]:
@@ -488,9 +487,8 @@ def part_text(part: object, recorded: object = None) -> str:
     """A driver or simulator in words, such as ``Planner, delayed (seconds 0.05)``.
 
     Args:
-        part: as `describe` tells it; the name is that of the driver under its layers.
-        recorded: another one; options by which the part differs from it are added if both are of
-            the same class.
+        part: as `describe` gives it; the name is that of the driver under its layers.
+        recorded: another one of the same class, whose differing options are added.
     """
     *layers, inner = _over_each_other(part)
     texts = [_class_of(inner)]
@@ -505,7 +503,7 @@ def part_text(part: object, recorded: object = None) -> str:
 
 
 def _over_each_other(part: object) -> Iterator[Mapping[str, Any]]:
-    """A part and all that it is laid over, from the outside."""
+    """A part and those under it, from the outside."""
     while isinstance(part, Mapping):
         yield part
         if not isinstance(part.get("driver"), Mapping):
@@ -519,7 +517,7 @@ def _class_of(part: Mapping[str, Any]) -> str:
 
 
 def _options_of(part: Mapping[str, Any], name: str = "options") -> Iterator[tuple[str, object]]:
-    """Names and values of its options, those within others, too."""
+    """Names and values of its options, including nested ones."""
     value = part.get(name)
     if isinstance(value, Mapping):
         for inner in value:
@@ -537,16 +535,16 @@ def _in_words(options: Mapping[str, object]) -> list[str]:
     return told if len(told) <= _SHOWN_OPTIONS else [*told[:_SHOWN_OPTIONS], "…"]
 
 
-# Values as a command line reads them
+# Values on a command line
 
 
 def number_word(value: object) -> str:
-    """A number as a word of a command line."""
+    """A number for a command line."""
     return str(value).removesuffix(".0")
 
 
 def read_setting(text: str) -> Any:
-    """The value of NAME=VALUE on a command line: JSON or a number if it is some, or else a text."""
+    """The value of NAME=VALUE on a command line: JSON or a number if possible, else a text."""
     for read in (json.loads, float):
         try:
             return read(text)
@@ -556,7 +554,7 @@ def read_setting(text: str) -> Any:
 
 
 def _setting(value: object) -> str:
-    """A value as `read_setting` reads it back."""
+    """A value in a form that `read_setting` reads back."""
     if isinstance(value, str):
         return value if read_setting(value) == value else json.dumps(value)
     return json.dumps(value, default=plain)
@@ -578,19 +576,19 @@ class Entry:
 
     decode: Decoder
     is_needed: bool = True
-    """Whether it is always there; records of older versions lack the others."""
+    """Whether every record has it; records of older versions lack the others."""
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """What a campaign's record says, and what is wrong with it."""
+    """A campaign's decoded record, with its faults."""
 
     values: Mapping[str, Any] = field(default_factory=dict)
-    """Name of a field -> its value, of those that are sound."""
+    """Name of a sound field -> its value."""
     faults: tuple[str, ...] = ()
-    """What is wrong, each in one line."""
+    """Faults, each in one line."""
     command_faults: tuple[str, ...] = ()
-    """What keeps a campaign of a command line from being resumed, each in one line."""
+    """Faults that keep a campaign of a command line from being resumed, each in one line."""
 
 
 def decode_config(config: Mapping[str, Any], only: Collection[str] = ()) -> Decoded:
@@ -638,7 +636,7 @@ def _decode(
 
 
 def shown(value: object) -> str:
-    """What a value looks like, shortened."""
+    """The repr of a value, shortened."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -677,7 +675,7 @@ def _whole_number(at_least: int) -> Decoder:
 
 
 def _if(is_fine: Callable[[Any], bool], needed: str) -> Decoder:
-    """Decodes what is fine to itself."""
+    """Decodes a valid value to itself."""
 
     def decode(value: Any) -> Any:
         if not is_fine(value):
@@ -707,7 +705,7 @@ _versions: Final = _if(
 
 
 def _described(value: Any) -> Mapping[str, JSONValue]:
-    """A part as `describe` tells it."""
+    """A part in the form of `describe`."""
     if not isinstance(value, Mapping) or not isinstance(value.get("class"), str):
         raise ValueError("an object with a class is needed")
     for name in ("options", "driver"):
@@ -766,11 +764,11 @@ CONFIGURATION: Final[Mapping[str, Entry]] = MappingProxyType(
         "versions": Entry(_versions),
     }
 )
-"""What a campaign records, beside ``command``."""
+"""Entries of a campaign's record, beside ``command``."""
 
 
 def command_entries() -> dict[str, Entry]:
-    """What a record holds as ``command`` if the campaign was started from a command line."""
+    """Entries of a record's ``command``, if the campaign was started from a command line."""
     named: dict[str, Entry] = {}
     for kind in _PARTS:
         named |= {kind: Entry(_text), f"{kind}_options": Entry(_object)}

@@ -6,11 +6,11 @@ instead of a millisecond, of a budget that gives it half a minute. Everything th
 needs numba.
 
 Processes take turns at compiling. Numba keeps an index, from the types of a kernel's arguments to
-the numbers of its compiled forms, beside these forms. Of two processes that compile a kernel at
-once for different arguments, both may take the same number; from then on one of the two calls runs
-the other's machine code. A fresh installation meets this as soon as its first campaign starts two
-workers. Numba announces when it begins and ends to compile, which includes reading and writing
-these files: that is when a process holds the lock. Others find its result on disk afterwards.
+the numbers of its compiled forms, beside these forms. Two processes that compile a kernel at once
+for different arguments may take the same number; from then on one of the two calls runs the other's
+machine code. A fresh installation meets this as soon as its first campaign starts two workers.
+Numba announces the start and end of compiling, which includes reading and writing these files: a
+process holds the lock in between. Others find its result on disk afterwards.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ else:
 LOCK: Final = "frenetic-kernels.lock"
 
 PATIENCE: Final = 30.0
-"""Time in s that a process waits for its turn. One kernel takes a few seconds, so a process that
-takes longer has been stopped; the others do not wait for it any more."""
+"""Wait of a process for its turn, in s. One kernel takes a few seconds; a process that takes longer
+has been stopped, and the others stop waiting for it."""
 
 _PAUSE: Final = 0.002
 
@@ -60,7 +60,7 @@ def njit(*, error_model: Literal["python", "numpy"] = "python") -> Callable[[_Ke
 
 
 def cache_folder(kernel: Callable[..., Any]) -> Path | None:
-    """The folder where a kernel is kept; None if it is not compiled."""
+    """The cache folder of a kernel; None if it is not compiled."""
     if not (IS_COMPILED and is_jitted(kernel)):
         return None
     return Path(cast("Any", kernel).stats.cache_path)
@@ -70,7 +70,7 @@ if IS_COMPILED:
 
     @njit()
     def _placed() -> None:
-        """Never called: says which folder numba has for this module, where the lock lies."""
+        """Never called: gives numba's folder for this module, where the lock lies."""
 
     class Turns(event.Listener):
         """Holds the lock while this process compiles."""

@@ -54,16 +54,16 @@ class BenchProgress:
     """Progress of a bench."""
 
     runs: int
-    """Complete ones."""
+    """Number of complete runs."""
     runs_in_all: int
     simulations: int
     """Number of simulations in this session's runs."""
     failures: int
     share: float
-    """0..1 of all runs' budgets."""
+    """Spent share 0..1 of all runs' budgets."""
 
     def in_words(self, seconds: float) -> str:
-        """One line, for a bench that has gone on for so many s."""
+        """Progress in one line, after so many s."""
         left = "?"
         if self.share > 0.0:
             left = format_duration(seconds * (1.0 - self.share) / self.share)
@@ -257,7 +257,7 @@ class Bench:
         return replace(comparison, notes=(*comparison.notes, *unusual_endings(self.states())))
 
     def words(self) -> list[str]:
-        """The command line that makes the bench again; its driver and simulator need names."""
+        """The command line that repeats the bench; its driver and simulator need names."""
         terms = self.terms
         words = ["frenetic", "bench", *(word for one in self.entrants for word in one.words())]
         words += ["--time", f"{terms.budget!r}s"]

@@ -81,7 +81,7 @@ class Entrant:
         return recorded | {"source": self.source()}
 
     def words(self) -> list[str]:
-        """The options of `frenetic bench` by which it takes part."""
+        """Its options of `frenetic bench`."""
         words = ["--strategy" if self.is_strategy else "--generator", self.spec]
         for option, path in (("--path", self.path), ("--python", self.python)):
             words += [] if path is None else [option, str(path)]

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 _PRELOADED: Final = ("frenetic.bench.runs", "frenetic.campaign.workers.local.preloading")
-_REPORT: Final = 0.2  # s between two words on the progress of a run
+_REPORT: Final = 0.2  # s between two messages about the progress of a run
 
 
 def run_all(

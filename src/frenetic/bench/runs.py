@@ -256,8 +256,8 @@ def hosted(
         terms: those of the bench.
         clock: of its budget.
         seed: of `random` and numpy in its process.
-        folder: for its working directory and what it prints.
-        results: folder that it is told to be the pipeline's results folder.
+        folder: for its working directory and output.
+        results: folder that it sees as the pipeline's results folder.
 
     Raises:
         OSError: its process cannot be started.

@@ -106,7 +106,7 @@ class GeneratorStrategy:
 
     Args:
         process: runs the generator; entered already.
-        tester: says how its roads are tested.
+        tester: tests its roads.
         clock: of the budget.
         patience: s of wall time that the generator may take between two tests.
         seed: of the generator, for the campaign's record.
@@ -134,7 +134,7 @@ class GeneratorStrategy:
         """Time of the last answer."""
 
     def start(self) -> None:
-        """Waits until the generator is built, or has ended at that."""
+        """Waits until the generator is built or has failed to be."""
         message = self._receive()
         if self.ending is None and (message is None or message.get("kind") != "ready"):
             self.ending = Ending(End.CRASHED, "its process sent what is no message")

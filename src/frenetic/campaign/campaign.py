@@ -77,9 +77,10 @@ class Campaign:
         map_size: m, side of the square map into which roads are fitted; by default the strategy's.
         margin: m that a road's centre line keeps from the map's edge.
         lane_width: m, of each of the two lanes.
-        workers: how many roads are driven at once. 1 drives them in this process; more are
-            processes on this machine, into which driver and simulator are copied.
-        cluster: address of a Dask scheduler whose workers drive, in place of `workers`; see
+        workers: number of roads driven at once. 1 drives them in this process; more are processes
+        on
+            this machine, into which driver and simulator are copied.
+        cluster: address of a Dask scheduler whose workers drive instead of `workers`; see
             `frenetic.campaign.workers.dask.workers`.
         ordered: whether results are told in the order of asking, with `lookahead` candidates
             outstanding at once. The campaign then depends on the seed, but not on the number and
@@ -162,9 +163,9 @@ class Campaign:
 
         Args:
             spec: with names of strategy, driver and simulator, and with a budget.
-            folder: where results go, as for the class.
-            workers: how many roads are driven at once; by default as many as the simulator is best
-                used by, or as there are cores.
+            folder: for results, as for the class.
+            workers: number of roads driven at once; by default the simulator's usual number, or one
+                per core.
             cluster: as for the class.
             drive_limit: likewise.
 

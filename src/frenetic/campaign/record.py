@@ -60,7 +60,7 @@ class Attempt:
 
     @classmethod
     def lost(cls, candidate_id: int, worker: str, seconds: float, reason: str) -> Self:
-        """The attempt of a worker that was lost after so many s."""
+        """The attempt of a worker that was lost after the given s."""
         attempt = cls.undriven(candidate_id, Outcome.ERROR, reason)
         return replace(attempt, worker_lost=True, worker=worker, seconds=seconds)
 
@@ -183,7 +183,7 @@ class TestRecord:
         """Road in its place on the map; at its default place if it fitted nowhere.
 
         Raises:
-            CampaignError: the campaign does not say how wide its lanes are.
+            CampaignError: the campaign does not record the width of its lanes.
         """
         return Road(
             self.candidate.curvatures,
@@ -197,7 +197,7 @@ class TestRecord:
         """Drive; None if nothing was driven, or if the record was read without its trajectory.
 
         Raises:
-            CampaignError: the campaign does not say which car it was.
+            CampaignError: the campaign does not record the car.
         """
         if self.trajectory is None:
             return None
@@ -291,13 +291,13 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table, and what its values have to be."""
+    """A column of a table, with its valid values."""
 
     name: str
     kind: Kind
     description: str
     unit: str = ""
-    """Empty for a text, a share or a number."""
+    """Unit, empty for a text, a share or a number."""
     optional: bool = False
     """Whether values may be missing."""
     low: float = -math.inf
@@ -305,25 +305,25 @@ class Column:
     high: float = math.inf
     """Largest value that a campaign writes."""
     is_positive: bool = False
-    """Whether nothing can be done with another value."""
+    """Whether any other value is unusable."""
     choices: tuple[str, ...] = ()
-    """The texts that are allowed; any if there are none."""
+    """Allowed texts; any if empty."""
 
     def read(self, value: object) -> Any:
-        """A value from the database as it is used.
+        """A value from the database, decoded.
 
         Raises:
-            ValueError: it is none of this column; the message goes on after the column's name.
+            ValueError: it does not fit this column; the message continues the column's name.
         """
         if value is None and self.optional:
             return None
         return _READERS[self.kind](self, value)
 
     def check(self, value: Any) -> None:
-        """Looks whether a value that was read is one that a campaign writes.
+        """Checks that a decoded value is one that a campaign writes.
 
         Raises:
-            ValueError: it is not; the message goes on after the column's name.
+            ValueError: it is not; the message continues the column's name.
         """
         if isinstance(value, float | int) and not self.low <= value <= self.high:
             raise ValueError(f"is {value}: {self._needed} is needed")
@@ -377,7 +377,7 @@ def _ids(_: Column, value: object) -> tuple[int, ...]:
 
 @lru_cache(maxsize=10_000)  # most roads have no parents, or those of their siblings
 def _ids_in(text: str) -> tuple[int, ...] | None:
-    """The ids in a JSON list, None if there is something else."""
+    """The ids in a JSON list, None for anything else."""
     try:
         ids = json.loads(text)
     except (ValueError, RecursionError):
@@ -466,7 +466,7 @@ TEST_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
 RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {name: column for name, column in TEST_COLUMNS.items() if name != "finished_at"}
 )
-"""Those of them that a `TestRecord` is made of."""
+"""The columns that make a `TestRecord`."""
 
 
 # From rows to records
@@ -477,11 +477,11 @@ class Fault(NamedTuple):
 
     column: str
     text: str
-    """Goes on after the column's name, and after that of the row if need be."""
+    """Continues the column's name, after that of the row if needed."""
 
 
 class RowError(Exception):
-    """A row holds something else than its columns are for: all of its faults."""
+    """A row with values that do not fit its columns, with all its faults."""
 
     def __init__(self, faults: Sequence[Fault]) -> None:
         super().__init__("; ".join(f"{fault.column} {fault.text}" for fault in faults))
@@ -494,7 +494,7 @@ def read_row(
     """The values of a row by their columns' names.
 
     Raises:
-        RowError: some are none of their columns; if ``strict``, also if no campaign writes them.
+        RowError: some do not fit their columns, or, if ``strict``, no campaign writes them.
     """
     values: dict[str, Any] = {}
     faults = []
@@ -511,7 +511,7 @@ def read_row(
 
 
 def read_candidate(row: Iterable[object]) -> tuple[Candidate, int]:
-    """The candidate of a row of `CANDIDATE_COLUMNS`, and how many results were told before it.
+    """The candidate of a row of `CANDIDATE_COLUMNS`, and the number of results told before it.
 
     Raises:
         RowError: the row is damaged.
@@ -555,7 +555,7 @@ def read_test(
 
 
 def row_of_candidate(candidate: Candidate, asked_after: int) -> tuple[object, ...]:
-    """A candidate as a row of `CANDIDATE_COLUMNS`; so many results were told before it.
+    """A candidate as a row of `CANDIDATE_COLUMNS`, with the number of results told before it.
 
     Raises:
         ValueError: a number is not finite.

@@ -177,7 +177,7 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
 _UNREAD: Final = frozenset({4})
-"""Schema versions that only add tables which no reader of the store misses."""
+"""Schema versions that only add tables, which readers of the store do not need."""
 
 _INSERT: Final = "INSERT INTO {} VALUES ({})"
 _INSERT_CANDIDATE: Final = _INSERT.format("candidate", ", ".join("?" * len(CANDIDATE_COLUMNS)))
@@ -361,7 +361,7 @@ class CampaignStore:
     def setting(self) -> Setting:
         """The setting of the campaign's drives.
 
-        Raises a `CampaignError` if the configuration does not say it.
+        Raises a `CampaignError` if the configuration lacks it.
         """
         if self._setting is None:
             raise self._damaged("; ".join(setting_faults(self._config)))
@@ -557,7 +557,7 @@ class CampaignStore:
             rows = self._connection.execute("SELECT seconds, elapsed FROM test ORDER BY told")
             total = 0.0
             for seconds, elapsed in rows:
-                # Logs of old versions know only what each test took.
+                # Logs of old versions hold only the time of each test.
                 if elapsed is None:
                     total += self._value("seconds", seconds)
                 else:
@@ -688,7 +688,7 @@ class CampaignStore:
 
     @contextmanager
     def _naming(self, name: str) -> Iterator[None]:
-        """Turns what is wrong with a row into a `CampaignError` that says which row it is."""
+        """Turns the faults of a row into a `CampaignError` that names the row."""
         try:
             yield
         except RowError as error:
@@ -788,10 +788,10 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
 
 def connect_to_write(path: Path) -> sqlite3.Connection:
-    """Return a connection for writing; a schema of an older version is brought up to date.
+    """Return a connection for writing; a schema of an older version is updated.
 
-    Others may write through theirs meanwhile, each transaction for itself. Raises a `CampaignError`
-    if that is no campaign's database that this version can write.
+    Others may write meanwhile, transaction by transaction. Raises a `CampaignError` if this is no
+    campaign's database that this version can write.
     """
     with translated(path):
         connection = _connect(path, "mode=rw")

@@ -31,7 +31,7 @@ class Placement:
     """Place of a road that is driven again, and its changed conditions."""
 
     pose: Pose
-    """At which the road starts."""
+    """Start of the road."""
     conditions: Conditions = USUAL
 
 
@@ -66,8 +66,9 @@ class RoadTester:
 
         Args:
             candidate: the road.
-            placement: where it lies and what its drive is like, for a road that was driven before;
-                by default it is fitted into the map and driven as any other.
+            placement: place and conditions of a road that was driven before; by default it is
+            fitted
+                into the map and driven like any other.
         """
         try:
             if placement is not None:
@@ -107,7 +108,7 @@ class RoadTester:
         return self._driven(candidate_id, road_through(points, self.lane_width), self.driver)
 
     def _test_placed(self, candidate: Candidate, placement: Placement) -> Attempt:
-        """Drives a road where it lies, in other conditions perhaps, if it is valid there."""
+        """Drives a road in place, possibly in other conditions, if it is valid there."""
         road = Road(
             candidate.curvatures, candidate.step, placement.pose, lane_width=self.lane_width
         )

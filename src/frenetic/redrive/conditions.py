@@ -1,4 +1,4 @@
-"""Conditions of drives: the ranges they are drawn from, and both as JSON."""
+"""Conditions of drives and their ranges, also as JSON."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Variation:
     """
 
     quantity: str
-    """Of `frenetic.simulators.worlds.QUANTITIES`."""
+    """Name in `frenetic.simulators.worlds.QUANTITIES`."""
     low: float
     high: float
     """Equal to `low` if the quantity is only set, not varied."""
@@ -65,7 +65,7 @@ class Variation:
 
     @classmethod
     def read(cls, item: Any) -> Variation:
-        """One from JSON.
+        """A variation from JSON.
 
         Raises:
             LookupError, TypeError, ValueError: it is none.
@@ -180,7 +180,7 @@ def read_conditions(values: Any) -> Conditions:
 
 
 def conditions_document(conditions: Conditions) -> dict[str, JSONValue]:
-    """Conditions as a JSON object, those that differ."""
+    """The differing conditions as a JSON object."""
     values = {name: value for name, value in asdict(conditions).items() if value is not None}
     if conditions.noise is None:
         del values["noise_seed"]

@@ -39,7 +39,7 @@ class Correlation:
     spearman: float
     """Rank correlation -1..1: 1 if both put the roads in the same order."""
     p: float
-    """That it is chance."""
+    """The p that it is chance."""
     pairs: int
     """Number of compared roads."""
 
@@ -49,26 +49,26 @@ class Confirmation:
     """Failures of a campaign, driven in another simulator."""
 
     simulator: Mapping[str, JSONValue]
-    """As a campaign describes it."""
+    """In the form of a campaign's description."""
     driver: Mapping[str, JSONValue]
-    """As a campaign describes it."""
+    """In the form of a campaign's description."""
     rules: Rules
     car: CarBody
-    """In the other simulator, as are the rules."""
+    """Car in the other simulator, like the rules."""
     tests: tuple[Redrive, ...]
-    """In the order in which they were chosen, the most telling first."""
+    """Drives in the order of choice, representative failures first."""
     missing: int = 0
     """Number of tests left undriven by Ctrl-C."""
 
     @cached_property
     def key(self) -> str:
-        """Eight digits that stand for simulator, driver and rules, with their options."""
+        """Eight digits for simulator, driver and rules, with their options."""
         parts = [dict(self.simulator), dict(self.driver), asdict(self.rules)]
         text = json.dumps(parts, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:8]
 
     def count(self, agreement: Agreement) -> int:
-        """Tests of which the other simulator says this."""
+        """Tests with this verdict of the other simulator."""
         return sum(test.agreement is agreement for test in self.tests)
 
     @property
@@ -78,7 +78,7 @@ class Confirmation:
 
     @cached_property
     def correlation(self) -> Correlation | None:
-        """How the MOOBDs go together; None if fewer than three pairs vary."""
+        """Correlation of the MOOBDs; None if fewer than three pairs vary."""
         pairs = [(one.recorded.moobd, one.moobd) for one in self.tests]
         known = [(a, b) for a, b in pairs if a is not None and b is not None]
         if len(known) < LEAST_PAIRS:
@@ -181,9 +181,9 @@ def _of_run(run: Run) -> Confirmation:
 
 
 def read_confirmations(folder: Path) -> tuple[Confirmation, ...]:
-    """What is kept of a campaign's confirmations, in the order in which they were made.
+    """The stored confirmations of a campaign, oldest first.
 
-    Of those with the same simulator, driver and rules, the last is kept.
+    Of those with the same simulator, driver and rules, the last counts.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.

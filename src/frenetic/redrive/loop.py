@@ -63,7 +63,7 @@ class Task:
 
 
 def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) -> RoadTester:
-    """Drives a campaign's roads with parts that may be others than its own.
+    """Drives a campaign's roads, possibly with other parts.
 
     Raises:
         CampaignError: the campaign's configuration is damaged.
@@ -86,23 +86,23 @@ def drive_again(
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
 ) -> tuple[Redrive, ...]:
-    """Drives roads of a campaign again and stores how each drive ends, then tells it.
+    """Drives roads of a campaign again; stores each drive, then reports it.
 
     Args:
         folder: of the campaign.
-        describe: says what the run is; called with the first drive.
-        drives: tests, and the conditions in which each is driven.
-        tester: as for `drive_all`, like the arguments that are not described here.
+        describe: describes the run; called with the first drive.
+        drives: tests, with the conditions of each drive.
+        tester: as for `drive_all`.
         purpose: of the run.
-        optional: whether to go on where nothing can be stored.
-        workers: see there.
-        drive_limit: see there.
-        on_drive: called with every drive once it is stored.
-        on_start: see there.
-        on_interrupt: see there.
+        optional: whether to go on if nothing can be stored.
+        workers: as for `drive_all`.
+        drive_limit: likewise.
+        on_drive: called with every stored drive.
+        on_start: as for `drive_all`.
+        on_interrupt: likewise.
 
     Returns:
-        The drives that were made, in the order in which they were asked for.
+        The drives, in the given order.
 
     Raises:
         CampaignError: they cannot be stored, a test was not driven, or as for `drive_all`.

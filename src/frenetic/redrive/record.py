@@ -1,4 +1,4 @@
-"""The record of a road that was driven again, and the runs in which that was done."""
+"""Records of roads that were driven again, and of the runs."""
 
 from __future__ import annotations
 
@@ -19,31 +19,31 @@ from frenetic.simulators.worlds import Conditions
 
 
 class Purpose(StrEnum):
-    """What roads are driven again for."""
+    """Purpose of driving roads again."""
 
     ROBUSTNESS = "robustness"
     """Whether failures repeat."""
     CONFIRMATION = "confirmation"
-    """Whether they are failures in another simulator, too."""
+    """Whether failures are confirmed in another simulator."""
     REGRESSION = "regression"
     """Whether they are fixed."""
     MINIMISING = "minimising"
-    """What makes them fail."""
+    """The shortest road that still fails."""
 
 
 class Agreement(StrEnum):
-    """What another simulator says of a failure."""
+    """Verdict of another simulator on a failure."""
 
     CONFIRMED = "confirmed"
     """The driver fails there, too."""
     NOT_CONFIRMED = "not confirmed"
     """The driver passes there."""
     NOT_JUDGED = "not judged"
-    """Nothing is known: the road is INVALID there, or the simulator or driver broke."""
+    """The road is INVALID there, or the simulator or driver broke."""
 
 
 class Change(StrEnum):
-    """What became of a test."""
+    """Change of a test."""
 
     FIXED = "fixed"
     """It failed and passes now."""
@@ -53,14 +53,14 @@ class Change(StrEnum):
     STILL_PASSING = "still passing"
     """It did not fail, nor does it now."""
     NOT_JUDGED = "not judged"
-    """Nothing is known: the road is INVALID now, or the simulator or driver broke."""
+    """The road is INVALID now, or the simulator or driver broke."""
 
 
 @dataclass(frozen=True)
 class Redrive:
     """A drive of a campaign's road after the campaign: a row of its table.
 
-    It holds the verdict as a `TestRecord` does, which is what the campaign itself recorded.
+    It holds the verdict in the form of the campaign's own `TestRecord`.
     """
 
     recorded: TestRecord = field(compare=False)
@@ -74,15 +74,15 @@ class Redrive:
     departure_side: Side | None = None
     """The side of the lane on which it left."""
     reason: str = ""
-    """Why it ended so, for people."""
+    """Reason of the outcome, for people."""
     max_oob_share: float | None = field(default=None, compare=False)
-    """Largest oob share of the drive, 0..1; None where it is not known, as for the next two."""
+    """Largest oob share of the drive, 0..1; None if unknown, as for the next two."""
     duration: float | None = field(default=None, compare=False)
-    """Simulated s."""
+    """Simulated time, in s."""
     seconds: float | None = field(default=None, compare=False)
-    """s of wall time that it took."""
+    """Wall time that it took, in s."""
     trajectory: Trajectory | None = field(default=None, compare=False)
-    """None if nothing was driven, or if it was not kept."""
+    """Trajectory; None if nothing was driven, or if it was not kept."""
 
     @classmethod
     def of(
@@ -93,7 +93,7 @@ class Redrive:
         *,
         keep_trajectory: bool,
     ) -> Redrive:
-        """What came of driving a test's road again."""
+        """The record of a test's road that was driven again."""
         result, departure = attempt.result, attempt.result.departure
         return cls(
             recorded,
@@ -116,14 +116,14 @@ class Redrive:
 
     @property
     def trouble(self) -> str | None:
-        """Why it could not be judged; None if it was."""
+        """Reason why it could not be judged; None if it was."""
         return None if self.outcome.is_driven else self.reason
 
     @property
     def margin(self) -> float:
-        """Distance to failing, in m: the MOOBD of a drive that passed; all failures are as bad.
+        """Distance to failing, in m: the MOOBD of a drive that passed; all failures are equal.
 
-        How far out a car is when its drive is ended says more of its speed than of the road.
+        The distance of a failing car from its lane depends more on its speed than on the road.
         """
         return -math.inf if self.outcome is Outcome.FAIL or self.moobd is None else self.moobd
 
@@ -143,13 +143,13 @@ class Redrive:
 
     @property
     def is_same(self) -> bool:
-        """Whether outcome and MOOBD are exactly what they were."""
+        """Whether outcome and MOOBD are exactly as before."""
         before = self.recorded
         return self.outcome is before.outcome and self.moobd == before.moobd
 
     @property
     def agreement(self) -> Agreement:
-        """What this drive says of a failure."""
+        """Verdict of this drive on a failure."""
         if not self.outcome.is_driven:
             return Agreement.NOT_JUDGED
         failed = self.outcome is Outcome.FAIL
@@ -157,7 +157,7 @@ class Redrive:
 
     @property
     def change(self) -> Change:
-        """What became of the test."""
+        """Change of the test."""
         if not self.outcome.is_driven:
             return Change.NOT_JUDGED
         failed = self.recorded.outcome is Outcome.FAIL
@@ -165,7 +165,7 @@ class Redrive:
             return Change.STILL_FAILING if failed else Change.NEWLY_FAILING
         return Change.FIXED if failed else Change.STILL_PASSING
 
-    # The same by the names of confirmations and replays
+    # The same under the names of confirmations and replays
 
     @property
     def other(self) -> Redrive:
@@ -201,26 +201,26 @@ class Redrive:
 
 @dataclass(frozen=True)
 class Run:
-    """Roads that were driven again in one go, by the same parts."""
+    """A run of driving roads again, with the same parts."""
 
     purpose: Purpose
     driver: Mapping[str, JSONValue]
-    """As a campaign describes it, like the simulator."""
+    """The driver as a campaign describes it, like the simulator."""
     simulator: Mapping[str, JSONValue]
     rules: Rules | None = None
-    """None where they are not known, like the car."""
+    """Rules, None if unknown, like the car."""
     car: CarBody | None = None
     planned: int = 0
-    """Drives that were to be made; fewer are there if Ctrl-C came before."""
+    """Number of planned drives; Ctrl-C leaves fewer."""
     seed: int | None = None
-    """From which conditions were drawn, if they were."""
+    """Ranges of the drawn conditions, if any."""
     variations: tuple[Variation, ...] = ()
     drives: tuple[Redrive, ...] = ()
-    """In the order in which they were planned."""
+    """Drives in the planned order."""
 
 
 def verdict_document(drive: Redrive | TestRecord) -> dict[str, JSONValue]:
-    """How a drive ended, as a JSON object."""
+    """The end of a drive as a JSON object."""
     return {
         "outcome": str(drive.outcome),
         "moobd": drive.moobd,

@@ -22,8 +22,8 @@ from frenetic.simulators.worlds import USUAL
 from frenetic.spec import describe
 
 SUITE: Final = "frenetic replay"
-"""Name of the whole in a JUnit file."""
-# What XML 1.0 cannot hold, not even escaped.
+"""Name of the suite in a JUnit file."""
+# Characters that XML 1.0 cannot hold, even escaped.
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
@@ -34,16 +34,16 @@ class Replay:
     campaign: str
     """Name of its folder."""
     driver: Mapping[str, JSONValue]
-    """As a campaign describes it."""
+    """In the form of a campaign's description."""
     simulator: Mapping[str, JSONValue]
-    """As a campaign describes it."""
+    """In the form of a campaign's description."""
     tests: tuple[Redrive, ...]
-    """In the order of their ids."""
+    """Drives in the order of the tests' ids."""
     missing: int
     """Number of tests left undriven by Ctrl-C."""
 
     def count(self, change: Change) -> int:
-        """Tests of which this became."""
+        """Tests with this change."""
         return sum(test.change is change for test in self.tests)
 
     @property
@@ -145,9 +145,9 @@ def _of_run(folder: Path, run: Run) -> Replay:
 
 
 def read_replays(folder: Path | str) -> tuple[Replay, ...]:
-    """What is kept of a campaign's replays, in the order in which they were made.
+    """The stored replays of a campaign, oldest first.
 
-    Of those with the same driver, simulator and rules, the last is kept.
+    Of those with the same driver, simulator and rules, the last counts.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.

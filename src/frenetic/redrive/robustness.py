@@ -39,29 +39,29 @@ TIMES: Final = 20
 LEVEL: Final = 0.5
 """Failing share that separates robust failures (at least) from fragile ones (less)."""
 LEAST_DRIVES: Final = 8
-"""Drives from which on it is said which quantities matter."""
+"""Fewest drives for a verdict on which quantities matter."""
 
 
 class Stability(StrEnum):
     """Whether a failure repeats."""
 
     ROBUST = "robust"
-    """In at least half of the worlds: the interval lies above."""
+    """It repeats in at least half of the worlds: the interval lies above."""
     UNCLEAR = "unclear"
     """The interval lies on both sides; more drives would decide."""
     FRAGILE = "fragile"
-    """In less than half of the worlds: the interval lies below."""
+    """It repeats in less than half of the worlds: the interval lies below."""
 
 
 @dataclass(frozen=True)
 class Influence:
-    """How a varied quantity goes with how the car did."""
+    """Influence of a varied quantity on the drives."""
 
     quantity: str
     spearman: float
     """Rank correlation -1..1 of the quantity with `Redrive.margin`: negative if more is worse."""
     p: float
-    """That it is chance, corrected by Holm for the number of varied quantities."""
+    """The p that it is chance, corrected by Holm for the number of varied quantities."""
 
     @property
     def matters(self) -> bool:
@@ -76,17 +76,17 @@ class Influence:
 
 @dataclass(frozen=True)
 class Rerun:
-    """How often the failure of one test repeats."""
+    """Repeats of one test's failure."""
 
     recorded: TestRecord = field(compare=False)
     """The campaign's own test."""
     variations: tuple[Variation, ...]
     seed: int
-    """From which the worlds were drawn."""
+    """Ranges of the worlds."""
     driver: Mapping[str, JSONValue]
-    """As a campaign describes it."""
+    """In the form of a campaign's description."""
     simulator: Mapping[str, JSONValue]
-    """As a campaign describes it."""
+    """In the form of a campaign's description."""
     drives: tuple[Redrive, ...]
 
     @property
@@ -105,7 +105,7 @@ class Rerun:
 
     @property
     def judged(self) -> int:
-        """Drives that passed or failed; of the others nothing is known."""
+        """Drives that passed or failed; the others count neither way."""
         return sum(drive.outcome.is_driven for drive in self.drives)
 
     @property
@@ -135,20 +135,20 @@ class Rerun:
 
     @property
     def what_varied(self) -> str:
-        """The ranges from which the worlds were drawn, for people."""
+        """The ranges of the worlds, for people."""
         return ", ".join(map(str, self.variations)) or "nothing varied"
 
     @property
     def _setting(self) -> tuple[int, str, frozenset[Variation]]:
-        """What a later rerun has in common with one that it replaces."""
+        """Key that a later rerun shares with one that it replaces."""
         parts = json.dumps([self.driver, self.simulator], sort_keys=True)
         return self.test_id, parts, frozenset(self.variations)
 
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
-        """How the varied quantities go with how the car did, the closest first.
+        """Influences of the varied quantities, the strongest first.
 
-        None if there are fewer than `LEAST_DRIVES` drives that were judged, or all failed.
+        None if fewer than `LEAST_DRIVES` drives were judged, or all failed.
         """
         judged = [drive for drive in self.drives if drive.outcome.is_driven]
         margins = [drive.margin for drive in judged]
@@ -179,10 +179,10 @@ class Rerun:
 
 @dataclass(frozen=True)
 class RerunProgress:
-    """How far the reruns of a campaign's failures have come."""
+    """Progress of driving a campaign's failures again."""
 
     test_id: int
-    """Of the last drive."""
+    """Outcome of the last drive."""
     drives: int
     total: int
     failed: int
@@ -205,19 +205,18 @@ def rerun(
 ) -> tuple[Rerun, ...]:
     """Drives failing roads of a campaign again and stores how often they fail.
 
-    Each road is driven where it lies, in the same worlds as every other. What is done is kept in
-    the campaign's folder, see `read_reruns`, also if Ctrl-C ends it. It replaces what was there of
-    the same test with the same parts and ranges. A test none of whose drives could be judged is not
-    kept.
+    Each road is driven in place, in the same worlds as every other. The drives are stored in the
+    campaign, also after Ctrl-C, see `read_reruns`. They replace older ones of the same test with
+    the same parts and ranges. A test without a judged drive is not stored.
 
     Args:
         folder: of the campaign.
         simulator: the campaign's, not yet entered.
         driver: the campaign's.
-        test_ids: tests that were driven; all failures by default, the most severe first.
+        test_ids: driven tests; all failures by default, the most severe first.
         times: drives of each.
-        variations: what differs between the drives; nothing by default.
-        seed: from which the worlds are drawn.
+        variations: ranges of the varied quantities; none by default.
+        seed: of the worlds.
         workers: number of roads driven at once, as for `Campaign`.
         drive_limit: s of wall time, likewise.
         on_progress: called after every drive.
@@ -230,13 +229,13 @@ def rerun(
     Raises:
         CampaignError: the campaign or what is kept of earlier reruns is damaged, or a test was not
             driven.
-        FreneticError: the simulator cannot vary what should be varied.
+        FreneticError: the simulator cannot vary one of the quantities.
         ValueError: an option is out of range.
     """
     folder = Path(folder)
     conditions = draw_conditions(variations, times, seed)
     check_can_vary(simulator, [variation.quantity for variation in variations])
-    # They are alike in what is laid over the driver.
+    # All have the same layers over the driver.
     with in_conditions(conditions[0], simulator, driver) as layered:
         check_pair(simulator, layered)
     with CampaignStore.open(folder) as store:
@@ -279,7 +278,7 @@ def rerun(
 
 
 def _reruns_of(run: Run) -> Iterator[Rerun]:
-    """What a run says of each of its tests."""
+    """The reruns of a run, one per test."""
     of_test: dict[int, list[Redrive]] = {}
     for drive in run.drives:
         of_test.setdefault(drive.test_id, []).append(drive)
@@ -297,10 +296,10 @@ def _reruns_of(run: Run) -> Iterator[Rerun]:
 def telling_reruns(
     reruns: Iterable[Rerun], driver: Mapping[str, JSONValue], simulator: Mapping[str, JSONValue]
 ) -> dict[int, Rerun]:
-    """Of each test the rerun that says most about a failure of these parts: test id -> rerun.
+    """The most informative rerun of each test with these parts: test id -> rerun.
 
-    Reruns with other parts say nothing about it; among the others one in which something varied
-    says more than one in which nothing did, and a later more than an earlier one.
+    Reruns with other parts do not count. One with variations is preferred to one without, and a
+    later one to an earlier one.
 
     Args:
         reruns: as `read_reruns` gives them.
@@ -313,10 +312,10 @@ def telling_reruns(
 
 
 def read_reruns(folder: Path | str) -> tuple[Rerun, ...]:
-    """What is kept of a campaign's reruns, in the order of the tests' ids.
+    """The stored reruns of a campaign, in the order of the tests' ids.
 
-    A test is there once for each driver, simulator and set of ranges with which it was driven, the
-    last at the end; `telling_reruns` chooses among them.
+    A test has one for each driver, simulator and set of ranges, the latest at the end;
+    `telling_reruns` chooses among them.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
@@ -334,7 +333,7 @@ def read_reruns(folder: Path | str) -> tuple[Rerun, ...]:
 
 
 def rerun_document(one: Rerun) -> dict[str, JSONValue]:
-    """A rerun as a JSON object, with what follows from its drives for other readers."""
+    """A rerun as a JSON object, with figures derived from its drives."""
     return {
         "test": one.test_id,
         "stability": None if one.stability is None else str(one.stability),

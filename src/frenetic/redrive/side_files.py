@@ -1,4 +1,4 @@
-"""Files in which older versions kept what was driven again: read once, for the database."""
+"""Side files of older versions with drives made again, read once into the database."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from frenetic.simulators.drive import CarBody, Rules
 from frenetic.simulators.worlds import USUAL
 
 READ: Final = ".read"
-"""Suffix that a file gets when it was read."""
+"""Suffix of a file that has been read."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class SideFile:
 
     name: str
     key: str
-    """Of the list in the file's JSON object."""
+    """Name of the list in the file's JSON object."""
     maker: str
     """The command that made it, and makes it again."""
     read_item: Callable[[Any, CampaignStore], Run]
 
     def read(self, store: CampaignStore) -> tuple[list[Run], str]:
-        """What it holds, and its digest.
+        """Its contents and digest.
 
         Raises:
             CampaignError: it cannot be read, is damaged, or was written by a newer version.
@@ -164,4 +164,4 @@ SIDE_FILES: Final[Mapping[Purpose, SideFile]] = MappingProxyType(
         ),
     }
 )
-"""What was driven again for a purpose -> the file that held it."""
+"""Purpose of driving again -> the file with its drives."""

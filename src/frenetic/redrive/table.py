@@ -1,9 +1,9 @@
-"""The tables of a campaign's database that hold what was driven again.
+"""The tables of a campaign's database for roads that were driven again.
 
-Each run is a row of ``redrive_run``, each drive one of ``redrive``. They are written through a
-connection of their own, a short transaction per drive: SQLite's own locks let a campaign, and
-others that drive again, write meanwhile. What older versions kept in files beside the database is
-brought into the tables once, see `frenetic.redrive.side_files`.
+Each run is a row of ``redrive_run``, each drive one of ``redrive``. They have their own connection
+and a short transaction per drive, so SQLite's locks let a campaign, and others that drive again,
+write meanwhile. Side files of older versions are read into the tables once, see
+`frenetic.redrive.side_files`.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ _INSERT_DRIVE: Final = f"""
     INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory)
     VALUES ({", ".join("?" * (len(_COLUMNS) + 1))})
 """  # noqa: S608
-# What a run that has ended replaces: the drives of older runs for the same purpose with the same
-# parts and ranges; for robustness, only of the tests that it tells something about.
+# An ended run replaces the drives of older runs for the same purpose with the same parts and
+# ranges; for robustness, only those of its judged tests.
 _REPLACED: Final = """
     SELECT older.id FROM redrive_run AS older JOIN redrive_run AS this USING
         (purpose, driver, simulator, variations)
@@ -112,7 +112,7 @@ _DELETE_RUNS: Final = """
 
 
 def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
-    """What was driven again for a purpose, the runs in the order in which they were begun.
+    """The runs for a purpose, oldest first.
 
     Raises:
         CampaignError: the database, or a file of an older version, is damaged, or a newer version
@@ -167,7 +167,7 @@ def _to_run(purpose: Purpose, *values: Any) -> Run:
 
 @contextmanager
 def _damaged(path: Path, what: str) -> Iterator[None]:
-    """Turns what is wrong with a row into a `CampaignError`."""
+    """Turns the faults of a row into a `CampaignError`."""
     try:
         yield
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError, RowError) as error:
@@ -179,14 +179,14 @@ def _damaged(path: Path, what: str) -> Iterator[None]:
 class RunWriter:
     """Stores the drives of a run as they come; a context manager.
 
-    The run is begun with its first drive. At the end it replaces what older runs with the same
-    parts and ranges have driven.
+    The run begins with its first drive. At the end it replaces the drives of older runs with the
+    same parts and ranges.
 
     Args:
         folder: of the campaign.
         purpose: of the run.
-        describe: says what the run is, once its simulator has started.
-        optional: whether the run goes on without being stored if that is not possible.
+        describe: describes the run, once its simulator has started.
+        optional: whether to go on if the run cannot be stored.
 
     Raises:
         CampaignError: the database cannot be written, or a file of an older version is damaged.
@@ -260,10 +260,10 @@ class RunWriter:
 
 
 def take_in_side_file(store: CampaignStore, purpose: Purpose) -> list[Run]:
-    """Brings what an older version kept in a file into the database, once, and renames the file.
+    """Reads an older version's file into the database, once, and renames the file.
 
     Returns:
-        What it holds, where the database cannot be written.
+        Its contents, where the database cannot be written.
 
     Raises:
         CampaignError: it is damaged, or a newer version of frenetic has written it.
@@ -335,7 +335,7 @@ def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: 
 
 
 def _is_real(value: object) -> bool:
-    """Whether it is a number, one of numpy's perhaps, which would be stored as a blob."""
+    """Whether it is a number, possibly numpy's, which would be stored as a blob."""
     return value is not None and not isinstance(value, str)
 
 

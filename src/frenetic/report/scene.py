@@ -1,4 +1,4 @@
-"""A road seen from above with what was driven on it, as pictures draw it."""
+"""The picture of a road from above with its drive."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def look(road: Road, drive: Drive) -> SeenDrive:
 
 @dataclass(frozen=True)
 class Focus:
-    """The record that a picture is about."""
+    """The main record of a picture."""
 
     record: int
     what: str  # headline of the close-up
@@ -109,7 +109,7 @@ class Focus:
 
 
 def focus_of(seen: SeenDrive) -> Focus | None:
-    """The departure, else where the drive ended without passing, else the car's worst moment."""
+    """The departure, else the end of a drive that did not pass, else the car's worst moment."""
     if not len(seen):
         return None
     result, last = seen.result, len(seen) - 1
@@ -173,12 +173,12 @@ def _turned(points: FloatArray, turn: float) -> FloatArray:
 
 
 def sane(places: FloatArray) -> FloatArray:
-    """(n, 2) m, with places that are out of any picture brought near enough to draw."""
+    """Places, (n, 2) in m, with those out of any picture brought near enough to draw."""
     return np.clip(places, -1e6, 1e6)
 
 
 def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
-    """(n, 2) m, the road's outer edges."""
+    """The road's outer edges, (n, 2) in m."""
     spacing = max(spacing, road.length / _MAX_POINTS)
     return np.vstack(
         [road.sample(spacing, road.lane_width), road.sample(spacing, -road.lane_width)]
@@ -186,9 +186,9 @@ def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
 
 
 def best_turn(road: Road) -> float:
-    """Angle in rad by which the map is turned on paper: 0 unless that wastes the paper.
+    """Angle by which the map is turned on paper, in rad: 0 unless that wastes paper.
 
-    A road that is long and narrow, upright or aslant, is laid down, driven from left to right.
+    A long and narrow road, upright or aslant, is laid down, driven from left to right.
     """
     outline = _outline(road, 4.0)
 
@@ -224,7 +224,7 @@ def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
 
 @dataclass
 class _Labels:
-    """Places labels in a panel where they hide nothing and do not touch each other."""
+    """Places labels in a panel without hiding anything or touching each other."""
 
     axes: Any
     view: View
@@ -459,7 +459,7 @@ def _draw_map_edge(axes: Any, view: View, map_size: float | None) -> None:
 
 
 def _map_edge(map_size: float) -> FloatArray:
-    """(n, 2) m, points all around the map."""
+    """Points all around the map, (n, 2) in m."""
     along = np.linspace(0.0, map_size, 201)
     near, far = np.zeros_like(along), np.full_like(along, map_size)
     x = np.concatenate([along, far, along[::-1], near])

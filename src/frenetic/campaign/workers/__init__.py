@@ -1,4 +1,4 @@
-"""Those who test roads: this process, several local ones, or a Dask cluster."""
+"""Workers, which test roads: this process, several local ones, or a Dask cluster."""
 
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.workers.in_process import InProcessWorker

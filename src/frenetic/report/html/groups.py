@@ -1,7 +1,4 @@
-"""Blocks that show groups side by side, and how a comparison becomes them.
-
-A table, curves, spreads, and pairs.
-"""
+"""Blocks that show a comparison's groups side by side: a table, curves, spreads, and pairs."""
 
 from __future__ import annotations
 
@@ -186,7 +183,7 @@ def groups_of(comparison: Comparison) -> tuple[Group, ...]:
 
 
 def group_tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[GroupTable]:
-    """Medians, ranks, and what was filled of the feature maps."""
+    """Medians, ranks, and filled cells of the feature maps."""
     varying, constant = _varying(comparison)
     alike = ", ".join(f"{one.measure.title} {one.measure.text(value)}" for one, value in constant)
     yield GroupTable(

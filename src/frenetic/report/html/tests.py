@@ -1,4 +1,4 @@
-"""The tests of which a page speaks: all as columns, and the drives of some, to show and replay."""
+"""The tests of a page: all as columns, and the drives of some, for showing and replaying."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class RoadData:
     curvatures: tuple[float, ...]
     """1/m."""
     pose: tuple[float, float, float]
-    """M in m, rad."""
+    """Pose of the first sample, in m, m and rad."""
 
     @classmethod
     def of(cls, road: Road) -> RoadData:

@@ -5,7 +5,7 @@ The user starts ``dask scheduler``, and on each computer ``dask worker ADDRESS -
 seats. A campaign opens each seat once, for as long as it runs, and hands it one candidate after the
 other, so it knows the worker of each drive.
 
-What the seats do is in `seats`, what is said to Dask in `dask_link`; here is what follows from it.
+`seats` holds the seats, `link` the connection to Dask; this module decides.
 """
 
 from __future__ import annotations
@@ -435,13 +435,13 @@ class WorkerSlot:
         self.limit = self.since + limit
 
     def begin(self, call: Call) -> None:
-        """Takes note of what it is asked to do."""
+        """Records its present task."""
         last, self.call = self.call, call
         if last is not None and last is not self.handle:
             last.release()  # only now, since Dask delays all but the first message by 10 ms
 
     def release(self) -> None:
-        """Lets go of it: Dask ends it when its drive, if there is one, has ended."""
+        """Releases it: Dask ends it after its drive, if any."""
         for call in (self.call, self.handle):
             if call is not None:
                 call.release()

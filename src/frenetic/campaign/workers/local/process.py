@@ -202,7 +202,7 @@ _of_departure = attrgetter(*(field.name for field in fields(Departure)))
 
 
 def encode_message(message: Message) -> bytes:
-    """A worker's message as bytes; an attempt's trajectory has to be packed."""
+    """A worker's message as bytes; an attempt's trajectory must be packed."""
     values = _values_of(message) if isinstance(message, Attempt) else message
     return pickle.dumps((_KINDS.index(type(message)), *values), _PROTOCOL)
 
@@ -219,7 +219,7 @@ def decode_message(data: bytes) -> Message:
 
 
 def encode_task(candidate: Candidate | None, placement: Placement | None = None) -> bytes:
-    """A candidate for a worker as bytes, see `RoadTester.test`; None if no other will come."""
+    """A candidate for a worker as bytes, see `RoadTester.test`; None ends the worker."""
     if type(candidate) is not Candidate or candidate.points is not None:
         return pickle.dumps((candidate, placement), _PROTOCOL)
     origin = candidate.origin

@@ -76,9 +76,9 @@ class LocalWorkers:
     Args:
         tester: copied into each process, so driver and simulator must be picklable.
         count: of processes.
-        drive_limit: s of wall time after which a worker that tests one candidate is taken to hang,
-            and killed.
-        log: is told what happens to the workers, if there is one.
+        drive_limit: s of wall time after which a worker that tests one candidate counts as hanging
+            and is killed.
+        log: gets the events of the workers, if given.
 
     Raises:
         CampaignError: driver or simulator cannot be copied into another process.
