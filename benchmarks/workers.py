@@ -10,21 +10,29 @@ the first worker's being ready to the last result; starting is given beside it. 
 the median of those within each round.
 
 The second table is for one worker: the share of that time which is spent on storing.
+
+    python benchmarks/workers.py --pools
+
+drives the same random roads with our local workers and with Python's own pools.
 """
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, RoadTester
+from frenetic.campaign.workers import Attempt, LocalWorkers
 from frenetic.drivers import Planner
 from frenetic.registry import STRATEGIES
+from frenetic.search import Candidate
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.embedded import compile_kernels
 
@@ -105,13 +113,96 @@ def storing_share(strategy: str, simulations: int) -> float:
     return storing.seconds / measured.seconds
 
 
+def attempts_of_local_workers(
+    tester: RoadTester, candidates: Sequence[Candidate], count: int
+) -> Iterator[Attempt | None]:
+    """None when all is ready, then the attempts of our own workers."""
+    waiting = list(reversed(candidates))
+    done = 0
+    with LocalWorkers(tester, count, drive_limit=60.0) as workers:
+        while not workers.free:
+            workers.wait(1.0)
+        yield None
+        while done < len(candidates):
+            while waiting and workers.free:
+                workers.submit(waiting.pop())
+            attempts = workers.wait(1.0)
+            done += len(attempts)
+            yield from attempts
+
+
+worker_tester: RoadTester
+"""That of a pool's process."""
+
+
+def prepare_worker(tester: RoadTester) -> None:
+    global worker_tester
+    compile_kernels()
+    worker_tester = tester
+
+
+def attempt_in_worker(candidate: Candidate) -> Attempt:
+    return worker_tester.attempt(candidate)
+
+
+def attempts_of_executor(
+    tester: RoadTester, candidates: Sequence[Candidate], count: int
+) -> Iterator[Attempt | None]:
+    """The same of a `concurrent.futures.ProcessPoolExecutor`."""
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, context, prepare_worker, (tester,)) as executor:
+        list(executor.map(attempt_in_worker, candidates[: 2 * count]))
+        yield None
+        for future in as_completed(executor.submit(attempt_in_worker, c) for c in candidates):
+            yield future.result()
+
+
+def attempts_of_pool(
+    tester: RoadTester, candidates: Sequence[Candidate], count: int
+) -> Iterator[Attempt | None]:
+    """The same of a `multiprocessing.Pool`."""
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(count, prepare_worker, (tester,)) as pool:
+        pool.map(attempt_in_worker, candidates[: 2 * count], 1)
+        yield None
+        yield from pool.imap_unordered(attempt_in_worker, candidates)
+
+
+def compare_pools(count: int, simulations: int, rounds: int) -> None:
+    """Drives the same roads in each kind of worker; prints rates and costs here, per test."""
+    strategy = STRATEGIES.make("random", seed=SEED)
+    candidates = [strategy.ask() for _ in range(simulations)]
+    tester = RoadTester(EmbeddedSimulator(), Planner())
+    print(f"{'workers':<22}{'roads/s, best':>14}{'ms of this process per road':>30}")
+    for name, kind in (
+        ("ours", attempts_of_local_workers),
+        ("ProcessPoolExecutor", attempts_of_executor),
+        ("multiprocessing.Pool", attempts_of_pool),
+    ):
+        rates, costs = [], []
+        for _ in range(rounds):
+            attempts = kind(tester, candidates, count)
+            next(attempts)
+            start, spent = time.perf_counter(), time.process_time()
+            driven = sum(1 for _ in attempts)
+            spent = time.process_time() - spent
+            assert driven == simulations
+            rates.append(simulations / (time.perf_counter() - start))
+            costs.append(1e3 * spent / simulations)
+        print(f"{name:<22}{max(rates):>14.0f}{min(costs):>30.3f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--simulations", type=int, default=3000)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--pools", action="store_true", help="compare with Python's own pools")
     options = parser.parse_args()
     compile_kernels()
+    if options.pools:
+        compare_pools(max(options.workers), options.simulations, options.rounds)
+        return
     print(
         f"{'strategy':<10}{'workers':>8}{'tests/s, best':>15}{'ratio':>7}{'median':>9}{'ratio':>7}"
         f"{'starting':>10}"
