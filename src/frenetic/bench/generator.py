@@ -86,13 +86,13 @@ class GeneratorProcess:
         )
         assert self._process.stdout is not None
         assert self._process.stderr is not None
-        self._threads = {
-            threading.Thread(target=target, args=(stream,), daemon=True): stream
+        self._threads = [
+            threading.Thread(target=target, args=(stream,), daemon=True)
             for target, stream in (
                 (self._read, self._process.stdout),
                 (self._keep, self._process.stderr),
             )
-        }
+        ]
         for thread in self._threads:
             thread.start()
         with suppress(GeneratorLostError):  # `receive` will find out
@@ -111,11 +111,9 @@ class GeneratorProcess:
         assert self._process.stdin is not None
         with suppress(OSError):
             self._process.stdin.close()
-        for thread, stream in self._threads.items():
+        for thread in self._threads:
+            # A process outside the group may keep a stream open for ever.
             thread.join(_LEAVING_LIMIT)
-            # A stream that a process outside the group keeps open would block for ever.
-            if not thread.is_alive():
-                stream.close()
 
     def send(self, message: Mapping[str, Any]) -> None:
         """Sends an object.
@@ -166,19 +164,19 @@ class GeneratorProcess:
                     return None
 
     def _read(self, stream: IO[bytes]) -> None:
-        """Passes lines on; an empty one marks the end."""
-        with suppress(OSError, ValueError):
+        """Passes lines on, closes the stream; an empty line marks the end."""
+        with suppress(OSError, ValueError), stream:
             while line := stream.readline(LONGEST_MESSAGE):
                 self._received.put(line)
         self._received.put(b"")
 
     def _keep(self, stream: IO[bytes]) -> None:
-        """Writes the generator's output into its file, up to a limit."""
+        """Writes the generator's output into its file, up to a limit, and closes the stream."""
         room = MOST_LOGGED
         file: IO[bytes] | None = None
         with suppress(OSError):
             file = self._log.open("wb", buffering=0)
-        with suppress(OSError, ValueError):
+        with suppress(OSError, ValueError), stream:
             while data := stream.read1(65536):  # type: ignore[attr-defined]
                 if room > 0 and file is not None:
                     text = data if len(data) < room else data[:room] + _LEFT_OUT
