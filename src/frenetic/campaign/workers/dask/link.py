@@ -3,9 +3,9 @@
 Dask's client has its own thread. It puts events into a queue as messages, which the campaign's
 thread takes out; so the campaign waits for one thing only, and is woken at once.
 
-Dask's ``as_completed`` would wait for finished tasks only. A campaign also has to hear that a worker
-joined, leaves, died or cannot run its code, and that the scheduler is gone, while no task finishes.
-Workers that hang are restarted by their nannies, as Dask does it.
+Dask's ``as_completed`` would wait for finished tasks only. A campaign also has to hear that a
+worker joined, leaves, died or cannot run its code, and that the scheduler is gone, while no task
+finishes. Workers that hang are restarted by their nannies, as Dask does it.
 """
 
 from __future__ import annotations
