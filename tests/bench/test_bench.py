@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import pids
@@ -19,6 +20,7 @@ from pids import LIMIT, descendants, until_gone
 from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
 from frenetic.bench.bench import unusual_endings
 from frenetic.bench.generator import GeneratorProcess
+from frenetic.bench.processes import PRELOADED
 from frenetic.bench.results import write_results
 from frenetic.bench.runs import assignment
 from frenetic.campaign import CampaignStore
@@ -483,6 +485,11 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
     assert not bench.runs[0].folder.exists()
     source.write_text(SNEAKY, encoding="utf-8")
     assert [end.ending for end in bench.run(resume=True)] == [Ending(End.OVER)]
+
+
+def test_what_is_preloaded_is_there() -> None:
+    for name in PRELOADED:  # the server of processes would leave it out without a word
+        assert find_spec(name) is not None
 
 
 class Frail(DummySimulator):

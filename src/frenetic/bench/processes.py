@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
-_PRELOADED: Final = ("frenetic.bench.runs", "frenetic.campaign.workers.local.preloading")
+PRELOADED: Final = ("frenetic.bench.runs", "frenetic.campaign.workers.local.preloading")
+"""Modules that the server of runs imports."""
 _REPORT: Final = 0.2  # s between two messages about the progress of a run
 
 
@@ -90,7 +91,7 @@ def _context() -> ForkServerContext | SpawnContext:
     """The way to make processes: where that is safe, from a server that has loaded everything."""
     if platform.system() == "Linux":
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(list(_PRELOADED))
+        context.set_forkserver_preload(list(PRELOADED))
         return context
     return multiprocessing.get_context("spawn")
 
