@@ -23,7 +23,7 @@ def check(campaign: Path, quick: bool, as_json: bool) -> None:
     """Check the database of a CAMPAIGN, and say what it holds.
 
     Reads everything, compares it, judges it again, and changes nothing. The campaign may be
-    running. Prints a line per finding and then ends with exit code 1.
+    running. Prints a line per finding; the exit code is 1 if there is any, otherwise 0.
     """
     from frenetic.campaign.check import check_campaign
 
