@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -69,11 +70,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """The longest files come first, so that all processes end together."""
+    """The longest files come first, and new ones, so that all processes end together."""
     if hasattr(config, "workerinput"):
         lines = DURATIONS.read_text(encoding="utf-8").splitlines()
         seconds = {file: float(number) for number, file in map(str.split, lines)}
-        items.sort(key=lambda item: -seconds.get(file_of(item.nodeid), 0.0))
+        items.sort(key=lambda item: -seconds.get(file_of(item.nodeid), math.inf))
 
 
 class Durations:
