@@ -604,7 +604,7 @@ def decode_config(config: Mapping[str, Any], only: Collection[str] = ()) -> Deco
 
 
 def command_faults(command: object, without: Collection[str] = ()) -> tuple[str, ...]:
-    """What is wrong with the command line of a record, None being none; each in one line.
+    """Faults of a record's command line (None without one), each in one line.
 
     Args:
         command: the record's.

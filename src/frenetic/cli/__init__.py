@@ -1,6 +1,6 @@
 """The command line: parses, calls the library, prints.
 
-A command imports what it needs when it runs, so that ``frenetic --help`` is there at once.
+A command is imported when it runs, so ``frenetic --help`` starts at once.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ class Row:
     target: str
     """``module:name`` in this package, imported when the command is used."""
     summary: str
-    """What it does, in one sentence."""
+    """Its summary, in one sentence."""
     former_name: str = ""
-    """What it was called earlier, which works as well."""
+    """Its former name, which still works."""
 
 
 COMMANDS: Final = {
@@ -61,8 +61,8 @@ COMMANDS: Final = {
     "minimise": Row(
         "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
     ),
-    "compare": Row("compare:compare", "Hold campaigns against each other, with their repeats."),
-    "bench": Row("bench:bench", "Hold road generators against each other."),
+    "compare": Row("compare:compare", "Compare groups of campaigns, with their repeats."),
+    "bench": Row("bench:bench", "Compare road generators, with repeats."),
     "drive": Row("drive:drive", "Drive one road from a file."),
     "validate": Row("validate:validate", "Say whether roads are valid, as the competition does."),
     "export-road": Row(
@@ -94,7 +94,7 @@ class CommandTable(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes what each does, without importing it."""
+        """Writes the summary of each, without importing it."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, COMMANDS[name].summary) for name in self.list_commands(ctx)])
 

@@ -1,4 +1,4 @@
-"""What a command line says on stderr when something is wrong with it."""
+"""Messages on stderr about mistakes on the command line."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import click
 
 
 def fail(message: str) -> NoReturn:
-    """Ends the program with one line about a mistake of the user."""
+    """Ends the program with one line about a user's mistake."""
     complain(message)
     sys.exit(2)
 
 
 def complain(message: str) -> None:
-    """Prints one line about a mistake of the user to stderr."""
+    """Prints one line about a user's mistake to stderr."""
     click.echo(f"frenetic: {' '.join(message.split())}", err=True)
 
 

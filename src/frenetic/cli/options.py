@@ -1,4 +1,4 @@
-"""What the options of several commands share: types, groups in help, checks."""
+"""Shared parts of several commands' options: types, groups in help, checks."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class GroupedCommand(click.Command):
     """A command whose help groups its options."""
 
     first_group = "Options"
-    """The headline of the options that come first: of those without a group, if no other."""
+    """The headline of the first options: of those without a group, by default."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Writes all options, group by group."""

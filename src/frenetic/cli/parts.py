@@ -1,4 +1,4 @@
-"""The options by which driver, simulator and rules are chosen, as `frenetic.spec` declares them."""
+"""The options that choose driver, simulator and rules, as `frenetic.spec` declares them."""
 
 from __future__ import annotations
 

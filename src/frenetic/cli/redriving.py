@@ -1,4 +1,4 @@
-"""What the commands share that drive a campaign's roads again: robustness, confirm, regression."""
+"""Shared parts of the commands that drive roads again: robustness, confirm, regression."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ R = TypeVar("R")
 
 
 def redriving_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options by which parts and workers are chosen, and --json."""
+    """The options that choose parts and workers, and --json."""
     workers = click.option(
         "--workers",
         type=click.IntRange(1),
@@ -37,7 +37,7 @@ def redriving_options(command: Callable[P, R]) -> Callable[P, R]:
 
 
 def recorded_spec(store: CampaignStore, given: Mapping[str, Any]) -> Spec:
-    """What a campaign was made of, with what the command line gives in its place.
+    """The spec of a campaign, with replacements from the command line.
 
     Args:
         store: the campaign.
@@ -46,7 +46,7 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any]) -> Spec:
     Raises:
         CampaignError: the campaign was started from Python and a part is not given, or its record
             is damaged.
-        FreneticError: a rule that is given is out of range.
+        FreneticError: a given rule is out of range.
     """
     from frenetic.campaign.store import DATABASE
 
@@ -65,7 +65,7 @@ def chosen_tests(
     """The tests that the command line names; None if it names none.
 
     Raises:
-        click.UsageError: it names them in two ways.
+        click.UsageError: it names them twice.
     """
     from frenetic.analysis.failures import representative_failures
 
@@ -78,11 +78,11 @@ def chosen_tests(
 
 @contextmanager
 def shown_driving(log: Log, what: str) -> Iterator[Mapping[str, Any]]:
-    """Gives what `frenetic.redrive` is to call while it drives.
+    """Gives the callbacks for `frenetic.redrive`.
 
     Args:
-        log: on which it is shown.
-        what: is being done, such as "Driving again".
+        log: the console for progress.
+        what: the work, such as "Driving again".
     """
     with (
         announced_compilation(log) as compiled,
@@ -93,6 +93,6 @@ def shown_driving(log: Log, what: str) -> Iterator[Mapping[str, Any]]:
 
 
 def interrupted(log: Log, missing: int) -> click.exceptions.Exit:
-    """Says how many roads were not driven; the end of the command."""
+    """Prints the number of undriven roads and ends the command."""
     log.print(f"Interrupted: {missing} roads were not driven")
     return click.exceptions.Exit(130)

@@ -1,4 +1,4 @@
-"""The command that goes on with a campaign: resume."""
+"""The command that resumes a campaign: resume."""
 
 from __future__ import annotations
 

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from frenetic.simulators import Simulator
 
 VARY: Final = "--vary"
-# `frenetic.simulators.worlds.QUANTITIES`, which takes longer to import than help may.
+# `frenetic.simulators.worlds.QUANTITIES`, whose import is too slow for help.
 QUANTITIES: Final = ("friction", "speed", "noise", "delay", "start", "heading")
 
 
 @dataclass(frozen=True)
 class AskedVariation:
-    """A quantity to vary, as it was asked for."""
+    """A quantity to vary, as given."""
 
     quantity: str
     limits: tuple[float, float] | None

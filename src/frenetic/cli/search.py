@@ -1,4 +1,4 @@
-"""What the commands share that search: run, resume."""
+"""Shared parts of the commands that search: run, resume."""
 
 from __future__ import annotations
 
@@ -80,13 +80,13 @@ def search(
     as_json: bool,
     seed: object,
 ) -> None:
-    """Shows how a campaign goes and what it found.
+    """Runs a campaign, and shows its progress and failures.
 
     Args:
         campaign: the campaign.
         how: its `run` or `resume`.
-        announcement: what is to be said first.
-        as_json: whether the result is printed as JSON.
+        announcement: the first line.
+        as_json: whether to print the result as JSON.
         seed: of the strategy.
     """
     from frenetic.analysis.failures import distinct_failures, representative_failures

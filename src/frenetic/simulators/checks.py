@@ -1,4 +1,4 @@
-"""Checks of a simulator: what it finds out about itself, and what every simulator has to pass."""
+"""Checks of a simulator: its own, and those that every simulator must pass."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def drive_options(config: Mapping[str, JSONValue]) -> str | None:
 
 
 def _spec(config: Mapping[str, JSONValue]) -> Spec | None:
-    """What the campaign was made of; None if its parts have no names, or the record is damaged."""
+    """The spec of the campaign; None if its parts have no names, or the record is damaged."""
     try:
         spec = Spec.from_json(config, source="")
     except CampaignError:
