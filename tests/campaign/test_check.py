@@ -20,7 +20,7 @@ import pytest
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import CheckReport, Severity, State, Subject, check_campaign
-from frenetic.campaign.check.findings import SHOWN
+from frenetic.campaign.check.report import SHOWN
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, LOCK, MIGRATIONS
 from frenetic.campaign.trajectory_codec import decode, encode

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from enum import Enum, auto
@@ -325,7 +325,8 @@ class Column:
         Raises:
             ValueError: it is not; the message continues the column's name.
         """
-        if isinstance(value, float | int) and not self.low <= value <= self.high:
+        is_number = self.kind is Kind.REAL or self.kind is Kind.WHOLE
+        if is_number and value is not None and not self.low <= value <= self.high:
             raise ValueError(f"is {value}: {self._needed} is needed")
 
     @property
@@ -346,6 +347,8 @@ def _whole(column: Column, value: object) -> int:
 
 
 def _real(column: Column, value: object) -> float:
+    if type(value) is float and not column.is_positive and math.isfinite(value):
+        return value  # as almost all are
     if not is_number(value) or (column.is_positive and value <= 0.0):  # type: ignore[operator]
         raise ValueError(f"is {shown(value)}: {column._needed} is needed")
     return float(value)  # type: ignore[arg-type]
@@ -360,12 +363,17 @@ def _text(column: Column, value: object) -> str:
 
 
 def _moment(_: Column, value: object) -> str:
+    if not is_moment(value):
+        raise ValueError(f"is {shown(value)}: a date and time is needed")
+    return str(value)
+
+
+def is_moment(value: object) -> bool:
+    """Whether it is a date and time with its distance from UTC, in ISO 8601."""
     try:
-        if isinstance(value, str) and datetime.fromisoformat(value).tzinfo is not None:
-            return value
+        return isinstance(value, str) and datetime.fromisoformat(value).tzinfo is not None
     except ValueError:
-        pass
-    raise ValueError(f"is {shown(value)}: a date and time is needed")
+        return False
 
 
 def _ids(_: Column, value: object) -> tuple[int, ...]:
@@ -415,7 +423,8 @@ _READERS: Final[Mapping[Kind, Callable[[Column, object], Any]]] = {
     Kind.PAIRS: _pairs,
 }
 
-_POSE: Final = "x", "y", "heading"
+POSE: Final = "x", "y", "heading"
+"""Columns of a pose."""
 
 _CANDIDATE_COLUMNS: Final = (
     Column("id", Kind.WHOLE, "of the candidate: counts from 1 in the order of asking", low=1),
@@ -467,6 +476,7 @@ RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {name: column for name, column in TEST_COLUMNS.items() if name != "finished_at"}
 )
 """The columns that make a `TestRecord`."""
+_AS_THEY_ARE: Final = tuple(RECORD_COLUMNS.keys() - {"candidate_id", "outcome", *POSE})
 
 
 # From rows to records
@@ -481,32 +491,43 @@ class Fault(NamedTuple):
 
 
 class RowError(Exception):
-    """A row with values that do not fit its columns, with all its faults."""
+    """A row with a value that does not fit its column."""
 
-    def __init__(self, faults: Sequence[Fault]) -> None:
-        super().__init__("; ".join(f"{fault.column} {fault.text}" for fault in faults))
-        self.faults = tuple(faults)
+    def __init__(self, column: str, text: str) -> None:
+        super().__init__(f"{column} {text}")
+        self.fault = Fault(column, text)
 
 
-def read_row(
-    columns: Mapping[str, Column], row: Iterable[object], *, strict: bool = False
-) -> dict[str, Any]:
-    """The values of a row by their columns' names.
+def read_values(
+    columns: Mapping[str, Column], row: Iterable[object]
+) -> tuple[dict[str, Any], list[Fault]]:
+    """The values of a row by their columns' names, as far as they can be read, and their faults.
 
-    Raises:
-        RowError: some do not fit their columns, or, if ``strict``, no campaign writes them.
+    A value that can be read, but is none that a campaign writes, is a fault, too.
     """
     values: dict[str, Any] = {}
     faults = []
     for column, value in zip(columns.values(), row, strict=True):
         try:
             values[column.name] = column.read(value)
-            if strict:
-                column.check(values[column.name])
+            column.check(values[column.name])
         except ValueError as error:
             faults.append(Fault(column.name, str(error)))
-    if faults:
-        raise RowError(faults)
+    return values, faults
+
+
+def read_row(columns: Mapping[str, Column], row: Iterable[object]) -> dict[str, Any]:
+    """The values of a row by their columns' names.
+
+    Raises:
+        RowError: some cannot be read.
+    """
+    values: dict[str, Any] = {}
+    try:
+        for column, value in zip(columns.values(), row, strict=True):
+            values[column.name] = column.read(value)
+    except ValueError as error:
+        raise RowError(column.name, str(error)) from None
     return values
 
 
@@ -535,19 +556,31 @@ def read_test(
     Raises:
         RowError: the row is damaged.
     """
-    values = read_row(RECORD_COLUMNS, row)
-    del values["candidate_id"]
-    pose = tuple(values.pop(name) for name in _POSE)
-    missing = [name for name, value in zip(_POSE, pose, strict=True) if value is None]
-    if missing and len(missing) < len(_POSE):
-        raise RowError([Fault(missing[0], "is None: only a part of its pose is there")])
-    values["outcome"] = Outcome(values["outcome"])
+    return record_of(read_row(RECORD_COLUMNS, row), candidate, trajectory, setting)
+
+
+def record_of(
+    values: Mapping[str, Any],
+    candidate: Candidate,
+    trajectory: Trajectory | None,
+    setting: Setting | None,
+) -> TestRecord:
+    """The record of values that were read from the columns of a test.
+
+    Raises:
+        RowError: only a part of the pose is there.
+    """
+    pose = tuple(values[name] for name in POSE)
+    missing = [name for name, value in zip(POSE, pose, strict=True) if value is None]
+    if missing and len(missing) < len(POSE):
+        raise RowError(missing[0], "is None: only a part of its pose is there")
     return TestRecord(
         candidate=candidate,
+        outcome=Outcome(values["outcome"]),
         pose=None if missing else pose,
         trajectory=trajectory,
         setting=setting,
-        **values,
+        **{name: values[name] for name in _AS_THEY_ARE},
     )
 
 

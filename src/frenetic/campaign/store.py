@@ -692,7 +692,7 @@ class CampaignStore:
         try:
             yield
         except RowError as error:
-            column, text = error.faults[0]
+            column, text = error.fault
             raise self._damaged(f"the {column} {name} {text}") from None
 
     def _value(self, column: str, value: object) -> Any:

@@ -6,8 +6,14 @@ each stored drive is judged again. A campaign may be running meanwhile: later re
 """
 
 from frenetic.campaign.check.check import check_campaign
-from frenetic.campaign.check.findings import Finding, Severity, Subject
-from frenetic.campaign.check.report import CheckReport, Holdings, State
+from frenetic.campaign.check.report import (
+    CheckReport,
+    Finding,
+    Holdings,
+    Severity,
+    State,
+    Subject,
+)
 
 __all__ = [
     "CheckReport",

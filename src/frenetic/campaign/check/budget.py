@@ -16,15 +16,15 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.check.database import Facts
-from frenetic.campaign.check.findings import Findings, Subject
-from frenetic.campaign.check.results import Series
+from frenetic.campaign.check.report import FindingCollector, Subject
+from frenetic.campaign.check.rows import Series
 from frenetic.outcome import Outcome
 from frenetic.spec import Budget
 
 _SAME: Final = 1e-9
 
 
-def check_budget(series: Series, facts: Facts, ended: bool, findings: Findings) -> None:
+def check_budget(series: Series, facts: Facts, ended: bool, findings: FindingCollector) -> None:
     """Checks the spent share of the budget in each result.
 
     Args:

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import MappingProxyType
 
 from frenetic.campaign.check.budget import check_budget
-from frenetic.campaign.check.candidates import check_candidates
 from frenetic.campaign.check.database import (
     Facts,
     Tables,
@@ -17,9 +16,8 @@ from frenetic.campaign.check.database import (
     check_file,
     check_schema,
 )
-from frenetic.campaign.check.findings import Findings
-from frenetic.campaign.check.report import CheckReport, Holdings, State
-from frenetic.campaign.check.results import check_results
+from frenetic.campaign.check.report import CheckReport, FindingCollector, Holdings, State
+from frenetic.campaign.check.rows import check_candidates, check_results
 from frenetic.campaign.lock import find_holder
 from frenetic.campaign.record import Counts
 from frenetic.campaign.store import (
@@ -77,7 +75,7 @@ def _check(
     quick: bool,
     on_test: Callable[[int, int], None] | None,
 ) -> CheckReport:
-    findings = Findings()
+    findings = FindingCollector()
     tables, facts = Tables(MappingProxyType({})), Facts()
     with findings.reading("the file"):
         check_file(connection, findings)
@@ -108,7 +106,7 @@ def _check(
 
 
 def _last_numbers(
-    connection: sqlite3.Connection, tables: Tables, findings: Findings
+    connection: sqlite3.Connection, tables: Tables, findings: FindingCollector
 ) -> tuple[int, int]:
     """The last candidate's id and the last result's number, at the same moment."""
     last = {"candidate": 0, "test": 0}
@@ -130,7 +128,7 @@ def _holdings(
     version: int,
     tables: Tables,
     facts: Facts,
-    findings: Findings,
+    findings: FindingCollector,
 ) -> Holdings:
     by_outcome = dict.fromkeys(Outcome, 0)
     told = asked = trajectories = 0

@@ -7,17 +7,16 @@ import sqlite3
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, fields
-from datetime import datetime
 from types import MappingProxyType
 from typing import Any
 
-from frenetic.campaign.check.findings import Findings, Severity, Subject
+from frenetic.campaign.check.report import FindingCollector, Severity, Subject
+from frenetic.campaign.record import Setting, is_moment
 from frenetic.campaign.store import MIGRATIONS
-from frenetic.simulators.drive import CarBody, Rules
 from frenetic.spec import Budget, Decoded, decode_budget, decode_config, is_number, shown
 
 
-def check_file(connection: sqlite3.Connection, findings: Findings) -> None:
+def check_file(connection: sqlite3.Connection, findings: FindingCollector) -> None:
     """Lets SQLite check its pages, indexes and constraints."""
     for (text,) in connection.execute("PRAGMA integrity_check"):
         for line in str(text).splitlines():
@@ -38,7 +37,9 @@ class Tables:
         return all(name in self.columns for name in names)
 
 
-def check_schema(connection: sqlite3.Connection, version: int, findings: Findings) -> Tables:
+def check_schema(
+    connection: sqlite3.Connection, version: int, findings: FindingCollector
+) -> Tables:
     """Compares the tables with those of a new database of the same version."""
     with closing(sqlite3.connect(":memory:")) as model:
         for statements in MIGRATIONS[:version]:
@@ -75,20 +76,6 @@ def _columns(connection: sqlite3.Connection, table: str) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Setting:
-    """Terms of a campaign's drives."""
-
-    lane_width: float
-    """m."""
-    map_size: float
-    """m."""
-    margin: float
-    """m."""
-    rules: Rules
-    car: CarBody
-
-
-@dataclass(frozen=True)
 class Facts:
     """Usable facts of a database about its campaign."""
 
@@ -105,7 +92,7 @@ class Facts:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def check_facts(connection: sqlite3.Connection, findings: Findings) -> Facts:
+def check_facts(connection: sqlite3.Connection, findings: FindingCollector) -> Facts:
     """Checks the configuration and the other facts."""
     facts: dict[str, Any] = {}
     for key, text in connection.execute("SELECT key, value FROM campaign ORDER BY key"):
@@ -148,14 +135,6 @@ def check_facts(connection: sqlite3.Connection, findings: Findings) -> Facts:
         setting=_setting(known),
         versions=MappingProxyType(known.values.get("versions", {})),
     )
-
-
-def is_moment(value: object) -> bool:
-    """Whether it is a date and time with its distance from UTC, in ISO 8601."""
-    try:
-        return isinstance(value, str) and datetime.fromisoformat(value).tzinfo is not None
-    except ValueError:
-        return False
 
 
 def _budget(value: object) -> Budget | None:

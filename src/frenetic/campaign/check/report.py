@@ -1,14 +1,95 @@
-"""The result of a check."""
+"""The result of a check: findings, and the contents of the database."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import sqlite3
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Final
 
-from frenetic.campaign.check.findings import Finding
 from frenetic.campaign.record import Counts
+
+SHOWN: Final = 10
+"""Most findings of a subject in detail; the rest are only counted."""
+
+
+class Severity(StrEnum):
+    """Severity of a finding."""
+
+    ERROR = "error"
+    """Something is lost or wrong."""
+    WARNING = "warning"
+    """Everything is there, but something cannot be used, or this version judges otherwise."""
+
+
+class Subject(StrEnum):
+    """Subject of a finding."""
+
+    DATABASE = "database"
+    """The file, as SQLite sees it."""
+    SCHEMA = "schema"
+    """Its tables and columns."""
+    CONFIGURATION = "configuration"
+    """Its facts about the campaign."""
+    CANDIDATE = "candidate"
+    """A road that was asked for."""
+    ORDER = "order"
+    """The order of asking and telling."""
+    BUDGET = "budget"
+    """The spent share of the budget."""
+    TEST = "test"
+    """A result."""
+    TRAJECTORY = "trajectory"
+    """A trajectory."""
+    VERDICT = "verdict"
+    """A drive or a road whose verdict differs now."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong."""
+
+    subject: Subject
+    severity: Severity
+    message: str
+    """One line."""
+
+
+class FindingCollector:
+    """Collects findings; of a subject with many, it keeps the first and counts the others."""
+
+    def __init__(self) -> None:
+        self._kept: list[Finding] = []
+        self._counts: Counter[tuple[Subject, Severity]] = Counter()
+
+    def add(self, subject: Subject, message: str, severity: Severity = Severity.ERROR) -> None:
+        """Adds a finding."""
+        self._counts[subject, severity] += 1
+        if self._counts[subject, severity] <= SHOWN:
+            self._kept.append(Finding(subject, severity, " ".join(message.split())))
+
+    def all(self) -> tuple[Finding, ...]:
+        """The findings in order; at the end the number of further ones."""
+        return (
+            *self._kept,
+            *(
+                Finding(subject, severity, f"{number - SHOWN:,} more about a {subject}")
+                for (subject, severity), number in self._counts.items()
+                if number > SHOWN
+            ),
+        )
+
+    @contextmanager
+    def reading(self, what: str) -> Iterator[None]:
+        """Turns SQLite's errors while reading into findings."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            self.add(Subject.DATABASE, f"{what} cannot be read to the end: {error}")
 
 
 class State(StrEnum):

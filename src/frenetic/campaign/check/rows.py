@@ -1,110 +1,302 @@
-"""Unchecked rows of a database, read a batch at a time."""
+"""The check of candidates and results: each row on its own, and the order of asking and telling.
+
+Rows are read by the declared columns of `frenetic.campaign.record`, a batch at a time. The rules
+about several values of a row are here.
+"""
 
 from __future__ import annotations
 
+import math
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
 
-from frenetic.campaign.check.database import Tables
+import numpy as np
 
-_BATCH: Final = 500  # read at once, so that no reader blocks the emptying of a writer's log
+from frenetic.campaign.check.database import Facts, Tables
+from frenetic.campaign.check.report import FindingCollector, Severity, Subject
+from frenetic.campaign.check.verdicts import judged_otherwise, refused_otherwise
+from frenetic.campaign.record import (
+    CANDIDATE_COLUMNS,
+    POSE,
+    TEST_COLUMNS,
+    Column,
+    RowError,
+    Setting,
+    read_candidate,
+    read_values,
+    record_of,
+)
+from frenetic.campaign.trajectory_codec import decode
+from frenetic.campaign.versions import package_versions
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.simulators.drive import Trajectory
+from frenetic.spec import shown
 
-
-class CandidateRow(NamedTuple):
-    """A candidate with its unchecked values."""
-
-    id: Any
-    operator: Any
-    parents: Any
-    generation: Any
-    step: Any
-    curvatures: Any
-    asked_after: Any
-    points: Any
-    """Points, None unless the road was proposed as points."""
-
-
-class ResultRow(NamedTuple):
-    """A result with its road and its trajectory, all values unchecked."""
-
-    candidate_id: Any
-    told: Any
-    outcome: Any
-    reason: Any
-    budget_spent: Any
-    x: Any
-    y: Any
-    heading: Any
-    moobd: Any
-    max_oob_share: Any
-    duration: Any
-    moobd_distance: Any
-    departure_time: Any
-    departure_distance: Any
-    departure_x: Any
-    departure_y: Any
-    departure_side: Any
-    seconds: Any
-    finished_at: Any
-    attempts: Any
-    worker: Any
-    elapsed: Any
-    asked_after: Any
-    """None if there is no such candidate, as for the next three."""
-    step: Any
-    curvatures: Any
-    points: Any
-    trajectory: Any
-    """None if there is none."""
-
-
-_OLD: Final[Mapping[str, str]] = {
-    "attempts": "1 AS attempts",
-    "worker": "NULL AS worker",
-    "elapsed": "NULL AS elapsed",
-    "points": "NULL AS points",
+_BATCH: Final = 500  # rows read at once, so that no reader keeps a writer's log from being emptied
+_OLD: Final[Mapping[str, str]] = {"attempts": "1"}
+"""Values of columns that databases of older versions lack, unless it is NULL."""
+_JUDGED: Final = ("moobd", "moobd_distance", "max_oob_share")
+_DEPARTURE: Final = tuple(name for name in TEST_COLUMNS if name.startswith("departure_"))
+_NEEDED: Final[Mapping[Outcome, tuple[str, ...]]] = {
+    Outcome.PASS: (*POSE, *_JUDGED, "duration", "trajectory"),
+    Outcome.FAIL: (*POSE, *_JUDGED, "duration", "trajectory"),
+    Outcome.INVALID: (),
+    Outcome.ERROR: (),
+    Outcome.DROPPED: (),
 }
-"""Substitutes for columns that databases of old versions lack."""
+_FORBIDDEN: Final[Mapping[Outcome, tuple[str, ...]]] = {
+    Outcome.PASS: _DEPARTURE,
+    Outcome.FAIL: (),
+    Outcome.INVALID: (*_JUDGED, *_DEPARTURE, "duration", "trajectory"),
+    Outcome.ERROR: (*_JUDGED, *_DEPARTURE),
+    Outcome.DROPPED: (*POSE, *_JUDGED, *_DEPARTURE, "duration", "trajectory"),
+}
 
 
-def candidate_rows(
-    connection: sqlite3.Connection, tables: Tables, last: int
-) -> Iterator[CandidateRow]:
-    """The candidates with ids up to ``last``, in the order of their ids."""
-    select = f"""
-        SELECT {", ".join(_here(tables, "candidate", CandidateRow._fields))} FROM candidate
-        WHERE id > ? AND id <= ? ORDER BY id LIMIT {_BATCH}
-    """  # noqa: S608  # names of columns
+def _selected(tables: Tables, table: str, columns: Mapping[str, Column]) -> str:
+    """Columns of a table for a SELECT, whatever version it is of."""
+    here = tables.columns[table]
+    return ", ".join(
+        f"{table}.{name}" if name in here else f"{_OLD.get(name, 'NULL')} AS {name}"
+        for name in columns
+    )
+
+
+def _rows(
+    connection: sqlite3.Connection, select: str, last: int, counter: int
+) -> Iterator[Sequence[Any]]:
+    """Rows of a SELECT after a number and up to another, which is in the column ``counter``."""
     done = 0
-    while rows := connection.execute(select, (done, last)).fetchall():
-        yield from map(CandidateRow._make, rows)
-        done = rows[-1][0]
+    while rows := connection.execute(f"{select} LIMIT {_BATCH}", (done, last)).fetchall():
+        yield from rows
+        done = rows[-1][counter]
 
 
-def result_rows(connection: sqlite3.Connection, tables: Tables, last: int) -> Iterator[ResultRow]:
-    """The results told as numbers up to ``last``, in the order of telling."""
-    names = ResultRow._fields
-    of_candidate, trajectory = names.index("asked_after"), names.index("trajectory")
-    columns = [
-        *_here(tables, "test", names[:of_candidate]),
-        *_here(tables, "candidate", names[of_candidate:trajectory]),
-    ]
-    columns[0] = "test.candidate_id"
+# Candidates
+
+
+def check_candidates(
+    connection: sqlite3.Connection, tables: Tables, last: int, told: int, findings: FindingCollector
+) -> None:
+    """Checks each candidate on its own, and the order of asking.
+
+    Args:
+        connection: to the database.
+        tables: its tables.
+        last: id of the last candidate to check.
+        told: number of results.
+        findings: takes the findings.
+    """
     select = f"""
-        SELECT {", ".join(columns)}, data
+        SELECT {_selected(tables, "candidate", CANDIDATE_COLUMNS)} FROM candidate
+        WHERE id > ? AND id <= ? ORDER BY id
+    """  # noqa: S608  # names of columns
+    generations: dict[int, int] = {}
+    before = asked_after = 0
+    for row in _rows(connection, select, last, 0):
+        number = row[0]
+        name = f"candidate {number}"
+        if number != before + 1:
+            findings.add(Subject.ORDER, f"{_span(before + 1, number - 1)} missing")
+        before = number
+        values, faults = read_values(CANDIDATE_COLUMNS, row)
+        for fault in faults:
+            findings.add(Subject.CANDIDATE, f"{name}: the {fault.column} {fault.text}")
+        if "parents" in values and "generation" in values:
+            parents, generation = values["parents"], values["generation"]
+            if unknown := [str(parent) for parent in parents if not 1 <= parent < number]:
+                text = f"{name} has parents that were not asked before it: {', '.join(unknown)}"
+                findings.add(Subject.ORDER, text)
+            wanted = max((generations.get(parent, -1) + 1 for parent in parents), default=0)
+            if generation != wanted and all(parent in generations for parent in parents):
+                text = f"{name} is of generation {generation}, its parents make it {wanted}"
+                findings.add(Subject.CANDIDATE, text)
+            generations[number] = generation
+        if "asked_after" in values:
+            place = values["asked_after"]
+            if place < asked_after:
+                text = f"{name} was asked after {place} results, the one before it after"
+                findings.add(Subject.ORDER, f"{text} {asked_after}")
+            elif place > told:
+                text = f"{name} was asked after {place} results, but there are {told}"
+                findings.add(Subject.ORDER, text)
+            asked_after = place
+
+
+def _span(first: int, last: int) -> str:
+    return f"candidate {first} is" if first == last else f"candidates {first} to {last} are"
+
+
+# Results
+
+
+@dataclass
+class Series:
+    """Values of all results that are checked together, in the order of telling."""
+
+    ids: list[int] = field(default_factory=list)
+    """Ids of the candidates."""
+    outcomes: list[Outcome | None] = field(default_factory=list)
+    """Outcomes, None for an unknown one."""
+    spent: list[float] = field(default_factory=list)
+    """Shares of the budget; NaN where it is no number, as for the next."""
+    elapsed: list[float] = field(default_factory=list)
+    """Campaign time, in s."""
+
+
+def check_results(
+    connection: sqlite3.Connection,
+    tables: Tables,
+    last: int,
+    facts: Facts,
+    findings: FindingCollector,
+    *,
+    quick: bool,
+    on_test: Callable[[int], None],
+) -> Series:
+    """Checks each result with its trajectory, and the order of telling.
+
+    Args:
+        connection: to the database.
+        tables: its whole tables.
+        last: number of telling of the last result to check.
+        facts: facts of the database about the campaign.
+        findings: takes the findings.
+        quick: whether nothing is judged again.
+        on_test: called after each result with their number so far.
+    """
+    of_test, of_candidate = len(TEST_COLUMNS), len(CANDIDATE_COLUMNS)
+    select = f"""
+        SELECT {_selected(tables, "test", TEST_COLUMNS)},
+            {_selected(tables, "candidate", CANDIDATE_COLUMNS)}, data
         FROM test
             LEFT JOIN candidate ON candidate.id = test.candidate_id
             LEFT JOIN trajectory ON trajectory.candidate_id = test.candidate_id
-        WHERE told > ? AND told <= ? ORDER BY told LIMIT {_BATCH}
+        WHERE told > ? AND told <= ? ORDER BY told
     """  # noqa: S608  # names of columns
-    done = 0
-    while rows := connection.execute(select, (done, last)).fetchall():
-        yield from map(ResultRow._make, rows)
-        done = rows[-1][1]
+    series = Series()
+    told, elapsed = 0, 0.0
+    asked_after = of_test + list(CANDIDATE_COLUMNS).index("asked_after")
+    for row in _rows(connection, select, last, list(TEST_COLUMNS).index("told")):
+        candidate, data = row[of_test : of_test + of_candidate], row[-1]
+        values, faults = read_values(TEST_COLUMNS, row[:of_test])
+        number, now = row[:2]
+        name = f"test {number}"
+        if now != told + 1:
+            text = f"results are told as numbers {told} and then {now}, of {name}"
+            findings.add(Subject.ORDER, text)
+        told = now
+        if isinstance(row[asked_after], int) and row[asked_after] >= now:
+            text = f"{name} was told as number {now}, before it was asked, after"
+            findings.add(Subject.ORDER, f"{text} {row[asked_after]} results")
+        if values.get("elapsed") is not None:
+            # The clock's rounding may cost a few nanoseconds where a campaign is resumed.
+            if values["elapsed"] < elapsed - 1e-6:
+                text = f"{name} was told at {values['elapsed']} s, the one before it at {elapsed} s"
+                findings.add(Subject.ORDER, text)
+            elapsed = values["elapsed"]
+        texts = [f"the {fault.column} {fault.text}" for fault in faults]
+        texts += _contradictions(values | {"trajectory": data}, facts.setting)
+        for text in texts:
+            findings.add(Subject.TEST, f"{name}: {text}")
+        trajectory = _trajectory(number, data, findings)
+        if not texts and not quick:
+            _judge_again(values, candidate, trajectory, facts, findings)
+        series.ids.append(number)
+        series.outcomes.append(Outcome(values["outcome"]) if "outcome" in values else None)
+        series.spent.append(values.get("budget_spent", math.nan))
+        series.elapsed.append(elapsed if values.get("elapsed") is not None else math.nan)
+        on_test(len(series.ids))
+    return series
 
 
-def _here(tables: Tables, table: str, names: Sequence[str]) -> list[str]:
-    """Columns of a table as they can be selected from any version."""
-    here = tables.columns[table]
-    return [name if name in here else _OLD[name] for name in names]
+def _contradictions(values: Mapping[str, Any], setting: Setting | None) -> Iterator[str]:
+    """Findings about values of a result that do not go together, of those that can be read."""
+    missing = {name for name, value in values.items() if value is None}
+    if 0 < len(missing & set(POSE)) < len(POSE):
+        yield "only a part of its pose"
+    if "outcome" not in values:
+        return
+    outcome = Outcome(values["outcome"])
+    if outcome is not Outcome.DROPPED and values.get("attempts") == 0:
+        yield "the attempts is 0: a whole number of at least 1 is needed"
+    for column in _NEEDED[outcome]:
+        if column in missing:
+            yield f"{outcome} without {column}"
+    for column in _FORBIDDEN[outcome]:
+        if values.get(column) is not None:
+            yield f"{outcome} with {column}"
+    if outcome is Outcome.ERROR and ("duration" in missing) != ("trajectory" in missing):
+        yield "ERROR with only one of duration and trajectory"
+    if outcome is Outcome.FAIL:
+        lacking = [column for column in _DEPARTURE if column in missing]
+        yield from _departure_faults(lacking, values.get("max_oob_share"), setting)
+
+
+def _departure_faults(
+    lacking: Sequence[str], max_oob_share: float | None, setting: Setting | None
+) -> Iterator[str]:
+    """Checks that exactly the cars that were out further than tolerated left their lane."""
+    if lacking and len(lacking) < len(_DEPARTURE):
+        yield f"FAIL with a departure that lacks {', '.join(lacking)}"
+    if setting is None or max_oob_share is None:
+        return
+    left = max_oob_share > setting.rules.oob_tolerance
+    share = f"{max_oob_share:.1%} of the car outside its lane"
+    if left and lacking:
+        yield f"FAIL with {share}, but without {', '.join(lacking)}"
+    if not left and not lacking:
+        yield f"FAIL with a departure, but with {share} at most"
+
+
+def _trajectory(number: int, data: object, findings: FindingCollector) -> Trajectory | None:
+    """The trajectory; None if it is missing or unreadable."""
+    if data is None:
+        return None
+    name = f"the trajectory of test {number}"
+    if not isinstance(data, bytes):
+        findings.add(Subject.TRAJECTORY, f"{name} is {shown(data)}: bytes are needed")
+        return None
+    try:
+        trajectory = decode(data)
+    except CampaignError as error:
+        findings.add(Subject.TRAJECTORY, f"{name}: {error}")
+        return None
+    if len(trajectory) == 0:
+        findings.add(Subject.TRAJECTORY, f"{name} has no records")
+    elif (np.diff(trajectory.time) < 0.0).any():
+        findings.add(Subject.TRAJECTORY, f"{name} goes back in time")
+    return trajectory
+
+
+def _judge_again(
+    values: Mapping[str, Any],
+    candidate_row: Sequence[Any],
+    trajectory: Trajectory | None,
+    facts: Facts,
+    findings: FindingCollector,
+) -> None:
+    """Compares a result with the oracle's verdict on its drive, or the validity of its road."""
+    try:
+        candidate, _ = read_candidate(candidate_row)
+        record = record_of(values, candidate, trajectory, facts.setting)
+    except RowError:
+        return  # found already, with the candidate
+    setting = record.setting
+    difference = ""
+    if setting is not None and record.outcome.is_driven and trajectory is not None:
+        difference = judged_otherwise(record, trajectory, setting)
+    elif setting is not None and record.outcome is Outcome.INVALID:
+        difference = refused_otherwise(record, setting)
+    if not difference:
+        return
+    theirs, ours = facts.versions, package_versions()
+    changed = [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
+    text = f"test {record.id}: {difference}"
+    if changed:
+        text += f" (versions differ: {', '.join(changed)})"
+    severity = Severity.WARNING if changed else Severity.ERROR
+    findings.add(Subject.VERDICT, text, severity)

@@ -12,14 +12,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
 
-import numpy as np
-
-from frenetic.campaign.check.database import Setting
-from frenetic.campaign.check.rows import ResultRow
+from frenetic.campaign.record import Setting, TestRecord
 from frenetic.errors import RoadError
 from frenetic.oracle import Result, judge
-from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road, check_validity
+from frenetic.road import Road, check_validity
 from frenetic.simulators.drive import Drive, Rules, Trajectory
 
 MOOBD_TOLERANCE: Final = 1e-4
@@ -35,21 +31,19 @@ DISTANCE_TOLERANCE: Final = 1e-3
 """Largest difference along the road, in m: inside a bend a place moves further than the car."""
 
 
-def judged_otherwise(
-    row: ResultRow, outcome: Outcome, trajectory: Trajectory, setting: Setting
-) -> str:
+def judged_otherwise(record: TestRecord, trajectory: Trajectory, setting: Setting) -> str:
     """Difference of the verdict on a PASS or FAIL drive from the stored one.
 
     Empty if there is none beyond rounding.
     """
     try:
-        road = _road(row, setting)
+        road = record.road
     except RoadError as error:
         return f"it was driven, but its road is none: {error}"
     first = ""
     for rules in _rules(setting.rules):
         verdict = judge(road, Drive(trajectory, setting.car, rules))
-        difference = _difference(row, outcome, verdict)
+        difference = _difference(record, verdict)
         if not difference:
             return ""
         first = first or difference
@@ -71,9 +65,10 @@ def _rules(rules: Rules) -> Iterator[Rules]:
         )
 
 
-def _difference(row: ResultRow, outcome: Outcome, verdict: Result) -> str:
-    if verdict.outcome is not outcome:
-        return f"it is stored as {outcome}, judged again it is {verdict.outcome}: {verdict.reason}"
+def _difference(record: TestRecord, verdict: Result) -> str:
+    if verdict.outcome is not record.outcome:
+        again = f"judged again it is {verdict.outcome}: {verdict.reason}"
+        return f"it is stored as {record.outcome}, {again}"
     place = verdict.departure
     now: tuple[tuple[str, Any, float, str], ...] = (
         ("moobd", verdict.moobd, MOOBD_TOLERANCE, " m"),
@@ -85,14 +80,14 @@ def _difference(row: ResultRow, outcome: Outcome, verdict: Result) -> str:
         ("departure_y", place and place.y, MOOBD_TOLERANCE, " m"),
     )
     for column, value, tolerance, unit in now:
-        stored = getattr(row, column)
+        stored = getattr(record, column)
         if stored is None and value is None:
             continue
         if stored is None or value is None or not abs(stored - value) <= tolerance:
             old, new = (_number(number, unit) for number in (stored, value))
             return f"{column} is stored as {old}, judged again it is {new}"
-    if place is not None and place.side != row.departure_side:
-        return f"it left to the {row.departure_side}, judged again to the {place.side}"
+    if place is not None and place.side != record.departure_side:
+        return f"it left to the {record.departure_side}, judged again to the {place.side}"
     return ""
 
 
@@ -100,22 +95,15 @@ def _number(value: float | None, unit: str) -> str:
     return "nothing" if value is None else f"{value:.6g}{unit}"
 
 
-def refused_otherwise(row: ResultRow, setting: Setting) -> str:
+def refused_otherwise(record: TestRecord, setting: Setting) -> str:
     """Finding if a refused road is valid; otherwise empty."""
     try:
-        if row.points is not None:
-            points = np.frombuffer(row.points, dtype="<f8").reshape(-1, 2)
-            verdict = check_validity(points, setting.map_size)
+        if record.candidate.points is not None:
+            verdict = check_validity(record.candidate.points, setting.map_size)
         else:
-            curvatures = np.frombuffer(row.curvatures, dtype="<f8")
-            road = Road(curvatures, row.step, lane_width=setting.lane_width)
+            candidate = record.candidate
+            road = Road(candidate.curvatures, candidate.step, lane_width=setting.lane_width)
             _, verdict = road.placed(setting.map_size, setting.margin)
     except RoadError:
         return ""
     return "it is stored as INVALID, but its road is valid" if verdict.valid else ""
-
-
-def _road(row: ResultRow, setting: Setting) -> Road:
-    curvatures = np.frombuffer(row.curvatures, dtype="<f8")
-    pose = Pose(row.x, row.y, row.heading)
-    return Road(curvatures, row.step, pose, lane_width=setting.lane_width)
