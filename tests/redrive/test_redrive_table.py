@@ -17,13 +17,14 @@ import pytest
 from permissions import bound_by_permissions
 from redrives import forget_redrives, redriven
 
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import Budget, Campaign, CampaignStore, RoadTester, TestRecord
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE, MIGRATIONS
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import confirm, read_confirmations
+from frenetic.redrive.minimise import Minimised, MinimiseProgress, minimise_test
 from frenetic.redrive.record import Purpose, Run
 from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
 from frenetic.redrive.table import RunWriter, read_runs
@@ -242,3 +243,44 @@ def test_a_kill_loses_nothing_that_was_told(campaign: Path) -> None:
     assert check_campaign(campaign).is_sound
     rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
     assert {len(one.drives) for one in read_reruns(campaign)} == {3}
+
+
+# Minimising
+
+
+def test_each_smaller_road_is_stored_as_it_is_found(campaign: Path) -> None:
+    told: list[float] = []
+    with CampaignStore.open(campaign) as store:
+        first, second = (store.test(number) for number in failures(campaign)[:2])
+
+    def minimised(record: TestRecord, progress: Any = None) -> Minimised:
+        simulator = EmbeddedSimulator()
+        with simulator:
+            return minimise_test(
+                campaign,
+                record,
+                RoadTester(simulator, Planner()),
+                max_drives=60,
+                on_progress=progress,
+            )
+
+    def look(progress: MinimiseProgress) -> None:
+        (run,) = read_runs(campaign, Purpose.MINIMISING)
+        told.append(progress.length)
+        assert run.drives[-1].length == progress.length
+
+    found = minimised(first, look)
+    (run,) = read_runs(campaign, Purpose.MINIMISING)
+    original, smallest = run.drives[0], run.drives[-1]
+    assert len(run.drives) == 1 + len(found.improvements)
+    assert original.test_id == smallest.test_id == first.id
+    assert original.is_same
+    assert smallest.curvatures is not None
+    assert smallest.curvatures.tolist() == found.road.curvatures.tolist()
+    assert (smallest.step, smallest.moobd) == (found.road.step, found.result.moobd)
+    assert smallest.length == found.road.length == told[-1] < original.length
+    minimised(second)
+    minimised(first)
+    ids = [[drive.test_id for drive in run.drives] for run in read_runs(campaign, run.purpose)]
+    assert [set(one) for one in ids if one] == [{second.id}, {first.id}]
+    assert check_campaign(campaign).is_sound

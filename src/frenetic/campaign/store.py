@@ -142,7 +142,7 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         f"""
         CREATE TABLE redrive_run (
             id INTEGER PRIMARY KEY,
-            purpose TEXT NOT NULL,  -- robustness, confirmation or regression
+            purpose TEXT NOT NULL,  -- robustness, confirmation, regression or minimising
             driver TEXT NOT NULL,  -- JSON, as in the configuration, like the next three
             simulator TEXT NOT NULL,
             rules TEXT,
@@ -160,6 +160,8 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
             run INTEGER NOT NULL REFERENCES redrive_run (id),
             number INTEGER NOT NULL CHECK (number >= 1),  -- in the run
             test INTEGER NOT NULL REFERENCES test (candidate_id),
+            step REAL CHECK (step > 0),  -- of a minimised road, m between curvatures
+            curvatures BLOB CHECK (length(curvatures) % 8 = 0),  -- likewise, 1/m, float64
             conditions TEXT NOT NULL,  -- JSON: what differed from the campaign
             outcome TEXT NOT NULL,  -- PASS, FAIL, INVALID or ERROR
             reason TEXT NOT NULL,

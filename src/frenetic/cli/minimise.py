@@ -32,7 +32,7 @@ from frenetic.errors import FreneticError
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
-    from frenetic.campaign import RoadTester
+    from frenetic.campaign import RoadTester, TestRecord
     from frenetic.oracle import Side
     from frenetic.redrive.minimise import Minimised, MinimiseProgress
     from frenetic.report.minimised import MinimisedFiles
@@ -52,9 +52,16 @@ class Work:
     name: str
     road: Road
     files: MinimisedFiles
-    test_id: int | None = None
+    campaign: Path | None = None
+    """The campaign's folder and test, if it is one's."""
+    record: TestRecord | None = None
     side: Side | None = None
     """Side on which the car left its lane, if recorded."""
+
+    @property
+    def test_id(self) -> int | None:
+        """Id of the test; None for a road file."""
+        return None if self.record is None else self.record.id
 
 
 @dataclass(frozen=True)
@@ -240,7 +247,8 @@ def _of_campaign(
                     MinimisedFiles.beside(
                         out or folder / MINIMISED / f"{file_stem(number)}{suffix}"
                     ),
-                    number,
+                    folder,
+                    record,
                     None if given else record.departure_side,
                 )
             )
@@ -273,17 +281,14 @@ def _minimise(
     should_stop: Callable[[], bool],
 ) -> Minimised:
     """Minimises one road and shows the progress."""
-    from frenetic.redrive.minimise import minimise
+    from frenetic.redrive.minimise import minimise, minimise_test
 
+    how: dict[str, Any] = {"max_drives": max_drives, "guard": guard, "should_stop": should_stop}
     with _live(log, work) as show, as_usage_error():
-        minimised = minimise(
-            work.road,
-            tester,
-            max_drives=max_drives,
-            guard=guard,
-            on_progress=show,
-            should_stop=should_stop,
-        )
+        if work.campaign is not None and work.record is not None:
+            minimised = minimise_test(work.campaign, work.record, tester, on_progress=show, **how)
+        else:
+            minimised = minimise(work.road, tester, on_progress=show, **how)
     place = minimised.original.result.departure
     if work.side is not None and (place is None or place.side != work.side):
         log.print(

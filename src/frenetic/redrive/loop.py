@@ -17,6 +17,7 @@ from frenetic.campaign.loop import MAX_ATTEMPTS
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.trajectory_codec import decode
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
@@ -114,8 +115,15 @@ def drive_again(
 
         def note(attempt: Attempt) -> None:
             number = attempt.candidate_id
-            keep = purpose is Purpose.CONFIRMATION
-            drive = Redrive.of(*drives[number - 1], attempt, keep_trajectory=keep)
+            record, conditions = drives[number - 1]
+            packed = attempt.packed if purpose is Purpose.CONFIRMATION else None
+            drive = Redrive.of(
+                record,
+                attempt.result,
+                conditions,
+                seconds=attempt.seconds,
+                trajectory=None if packed is None else decode(packed),
+            )
             writer.add(number, drive)
             done[number] = drive
             on_drive(drive)

@@ -5,18 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from frenetic.campaign.record import TestRecord
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import FreneticError
 from frenetic.oracle import STUCK, Result, assess, judge
 from frenetic.outcome import Outcome
+from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.redrive.shrinking import Answer, Ending, Improvement, Shape, shrink
+from frenetic.redrive.table import RunWriter
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import Drive
+from frenetic.spec import describe
 
 MAX_DRIVES: Final = 500
 """Default for the most drives per road."""
@@ -118,6 +123,7 @@ def minimise(
     max_drives: int = MAX_DRIVES,
     guard: float = GUARD,
     on_progress: Callable[[MinimiseProgress], None] | None = None,
+    on_smaller: Callable[[int, FailedDrive], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Minimised:
     """The smallest road found on which the driver fails for the same reason.
@@ -134,6 +140,7 @@ def minimise(
         guard: share by which the curvatures of the neighbours differ, at least 0 and below 1; 0
             requires no neighbours.
         on_progress: called after every drive.
+        on_smaller: called with the drives so far and the original, then with every smaller road.
         should_stop: asked before every drive; the smallest road so far is then returned.
 
     Raises:
@@ -157,8 +164,15 @@ def minimise(
             f" {result.reason}"
         )
     trials = _Trials(tester, original.reason)
+    reported = start
+    if on_smaller is not None:
+        on_smaller(1, original)
 
     def report(doing: str, drives: int, smallest: Shape) -> None:
+        nonlocal reported
+        if on_smaller is not None and smallest != reported:
+            reported = smallest
+            on_smaller(drives + 1, trials.failed[smallest])
         if on_progress is not None:
             on_progress(
                 MinimiseProgress(drives + 1, max_drives, smallest.length, smallest.curves, doing)
@@ -184,6 +198,56 @@ def minimise(
         ending=shrunk.ending,
         trouble=trials.trouble if trials.gave_up else None,
     )
+
+
+def minimise_test(
+    folder: Path,
+    record: TestRecord,
+    tester: RoadTester,
+    *,
+    max_drives: int = MAX_DRIVES,
+    guard: float = GUARD,
+    on_progress: Callable[[MinimiseProgress], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> Minimised:
+    """Minimises a campaign's failing road and stores each smaller road as it is found.
+
+    Args:
+        folder: of the campaign.
+        record: the test.
+        tester: as for `minimise`, like the other arguments.
+        max_drives: see there.
+        guard: see there.
+        on_progress: see there.
+        should_stop: see there.
+
+    Raises:
+        CampaignError: the campaign's database is damaged.
+        FreneticError: as for `minimise`.
+        ValueError: likewise.
+    """
+
+    def run() -> Run:
+        simulator, driver = describe(tester.simulator), describe(tester.driver)
+        rules, car = tester.simulator.rules, tester.simulator.car
+        return Run(Purpose.MINIMISING, driver, simulator, rules, car, planned=max_drives)
+
+    with RunWriter(folder, Purpose.MINIMISING, run, optional=True) as writer:
+
+        def store(number: int, failed: FailedDrive) -> None:
+            road = failed.road
+            drive = Redrive.of(record, failed.result, step=road.step, curvatures=road.curvatures)
+            writer.add(number, drive)
+
+        return minimise(
+            record.road,
+            tester,
+            max_drives=max_drives,
+            guard=guard,
+            on_progress=on_progress,
+            on_smaller=store,
+            should_stop=should_stop,
+        )
 
 
 class _Trials:

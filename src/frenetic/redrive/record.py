@@ -7,15 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import REACH
-from frenetic.campaign.record import Attempt, TestRecord, as_text
+from frenetic.campaign.record import TestRecord, as_text
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.trajectory_codec import decode
-from frenetic.oracle import Side
+from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
 from frenetic.simulators.drive import CarBody, Rules, Trajectory
-from frenetic.simulators.worlds import Conditions
+from frenetic.simulators.worlds import USUAL, Conditions
 
 
 class Purpose(StrEnum):
@@ -83,18 +83,25 @@ class Redrive:
     """Wall time that it took, in s."""
     trajectory: Trajectory | None = field(default=None, compare=False)
     """Trajectory; None if nothing was driven, or if it was not kept."""
+    step: float | None = field(default=None, compare=False)
+    """Distance between curvatures in m, of a smaller road than the test's; None for the test's."""
+    curvatures: FloatArray | None = field(default=None, compare=False)
+    """(N,) 1/m of that road."""
 
     @classmethod
     def of(
         cls,
         recorded: TestRecord,
-        conditions: Conditions,
-        attempt: Attempt,
+        result: Result,
+        conditions: Conditions = USUAL,
         *,
-        keep_trajectory: bool,
+        seconds: float | None = None,
+        trajectory: Trajectory | None = None,
+        step: float | None = None,
+        curvatures: FloatArray | None = None,
     ) -> Redrive:
-        """The record of a test's road that was driven again."""
-        result, departure = attempt.result, attempt.result.departure
+        """The drive of a test's road, or of a smaller one, from its result."""
+        departure = result.departure
         return cls(
             recorded,
             conditions,
@@ -105,8 +112,10 @@ class Redrive:
             as_text(result.reason),
             result.max_oob_share,
             result.duration,
-            attempt.seconds,
-            None if attempt.packed is None or not keep_trajectory else decode(attempt.packed),
+            seconds,
+            trajectory,
+            step,
+            curvatures,
         )
 
     @property
@@ -195,6 +204,8 @@ class Redrive:
     @property
     def length(self) -> float:
         """Length of the road in m."""
+        if self.curvatures is not None and self.step is not None:
+            return (len(self.curvatures) - 1) * self.step
         candidate = self.recorded.candidate
         return (len(candidate.curvatures) - 1) * candidate.step
 

@@ -19,7 +19,15 @@ from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Final, Self
 
-from frenetic.campaign.record import TEST_COLUMNS, Column, Kind, RowError, TestRecord, read_row
+from frenetic.campaign.record import (
+    CANDIDATE_COLUMNS,
+    TEST_COLUMNS,
+    Column,
+    Kind,
+    RowError,
+    TestRecord,
+    read_row,
+)
 from frenetic.campaign.store import (
     DATABASE,
     CampaignStore,
@@ -63,6 +71,8 @@ _COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
         "run": Column("run", Kind.WHOLE, "in which it was driven"),
         "number": Column("number", Kind.WHOLE, "counts the drives of a run from 1"),
         "test": Column("test", Kind.WHOLE, "whose road it is"),
+        "step": replace(CANDIDATE_COLUMNS["step"], optional=True),
+        "curvatures": replace(CANDIDATE_COLUMNS["curvatures"], optional=True),
         "conditions": Column("conditions", Kind.TEXT, "in which it was driven, JSON"),
         **_VERDICT,
     }
@@ -94,7 +104,8 @@ _REPLACED: Final = """
 """
 _DELETE_DRIVES: Final = f"""
     DELETE FROM redrive WHERE run IN ({_REPLACED}) AND (
-        NOT EXISTS (SELECT 1 FROM redrive_run WHERE id = :run AND purpose = 'robustness')
+        EXISTS (SELECT 1 FROM redrive_run
+            WHERE id = :run AND purpose IN ('confirmation', 'regression'))
         OR test IN (SELECT test FROM redrive WHERE run = :run AND outcome IN ('PASS', 'FAIL'))
     )
 """  # noqa: S608
@@ -327,6 +338,8 @@ def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: 
         run,
         number,
         drive.test_id,
+        drive.step,
+        None if drive.curvatures is None else drive.curvatures.astype("<f8").tobytes(),
         json.dumps(conditions_document(drive.conditions)),
         *(float(value) if _is_real(value) else value for value in verdict),
         None if drive.trajectory is None else encode(drive.trajectory),
