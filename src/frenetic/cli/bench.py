@@ -13,11 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from rich.markup import escape
-from rich.table import Table
 
 from frenetic.cli.compare import comparison_document, print_comparison
-from frenetic.cli.console import Log, Results, announced_compilation, live_line, shell
+from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
 from frenetic.cli.options import (
     Duration,
     Folder,
@@ -425,19 +423,14 @@ def _end(the_bench: Bench, ends: Sequence[RunState], states: Sequence[RunState])
 
 
 def _print_runs(states: Sequence[RunState]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for column in ("generator", "run", "seed", "state", "folder"):
-        table.add_column(column, justify="right" if column in ("run", "seed") else "left")
-    for state in states:
-        run = state.run
-        table.add_row(
-            escape(run.entrant.name),
-            str(run.repeat),
-            str(run.seed),
-            "to do" if state.ending is None else escape(str(state.ending)),
-            escape(str(run.folder)),
-        )
-    Results().print(table)
+    print_table(
+        ("generator", ">run", ">seed", "state", "folder"),
+        [
+            (run.entrant.name, run.repeat, run.seed, state.ending or "to do", run.folder)
+            for state in states
+            for run in (state.run,)
+        ],
+    )
 
 
 def _list_names(as_json: bool) -> None:
@@ -447,12 +440,10 @@ def _list_names(as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps([{"name": e.name, "class": e.target} for e in entries]))
         return
-    table = Table(box=None, pad_edge=False)
-    for column in ("name", "class", "what it is"):
-        table.add_column(column)
-    for entry in entries:
-        table.add_row(entry.name, entry.target, entry.summary or entry.origin)
-    Results().print(table)
+    print_table(
+        ("name", "class", "what it is"),
+        [(entry.name, entry.target, entry.summary or entry.origin) for entry in entries],
+    )
     click.echo("Others: --generator package.module:Class or path/to/file.py:Class")
 
 

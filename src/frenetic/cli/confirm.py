@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
-from frenetic.cli.console import Log, Results, shell
+from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import GroupedCommand
 from frenetic.cli.redriving import (
     chosen_tests,
@@ -110,23 +109,21 @@ def _draw(log: Log, campaign: Path, confirmation: Confirmation) -> Path | None:
 def _print(confirmation: Confirmation) -> None:
     from frenetic.redrive.record import Agreement
 
-    table = Table(box=None, pad_edge=False)
-    for column in ("test", "MOOBD (m)", "there (m)"):
-        table.add_column(column, justify="right")
-    table.add_column("it is")
-    table.add_column("same place")
-    table.add_column("what happened there", overflow="fold")
-    for test in confirmation.tests:
-        moobds = (test.recorded.moobd, test.other.moobd)
-        table.add_row(
-            str(test.test_id),
-            *("-" if moobd is None else f"{moobd:.2f}" for moobd in moobds),
-            str(test.agreement),
-            "yes" if test.is_alike else "-" if not test.other.outcome.is_driven else "no",
-            test.reason,
-        )
     if confirmation.tests:
-        Results().print(table)
+        print_table(
+            (">test", ">MOOBD (m)", ">there (m)", "it is", "same place", "what happened there"),
+            [
+                (
+                    test.test_id,
+                    two_digits(test.recorded.moobd),
+                    two_digits(test.other.moobd),
+                    test.agreement,
+                    ("yes" if test.is_alike else "no") if test.other.outcome.is_driven else None,
+                    test.reason,
+                )
+                for test in confirmation.tests
+            ],
+        )
     counts = [(kind, confirmation.count(kind)) for kind in Agreement]
     told = ", ".join(f"{number} {kind}" for kind, number in counts if number)
     click.echo(

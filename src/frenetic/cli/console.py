@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from frenetic._support.durations import format_duration
@@ -161,6 +162,30 @@ def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], N
     yield line
 
 
+def print_table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], *, title: str | None = None
+) -> None:
+    """Prints a table on stdout.
+
+    Args:
+        columns: headings; one that begins with > is that of a column of numbers, flush right.
+        rows: cells, of which None is shown as a dash.
+        title: above the table, on the left.
+    """
+    table = Table(box=None, pad_edge=False, title=title, title_justify="left")
+    for heading in columns:
+        text = heading.removeprefix(">")
+        table.add_column(text, justify="left" if text == heading else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*("-" if cell is None else escape(str(cell)) for cell in row))
+    Results().print(table)
+
+
+def two_digits(value: float | None) -> str | None:
+    """A number with two decimals."""
+    return None if value is None else f"{value:.2f}"
+
+
 def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
     """Prints a table of distinct failures.
 
@@ -174,16 +199,14 @@ def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
         title += f" among the {clusters.failures} most severe of {failures}"
     if listed < len(clusters):
         title += f", the {listed} most severe"
-    table = Table(box=None, pad_edge=False)
-    for column in ("test", "MOOBD (m)", "alike"):
-        table.add_column(column, justify="right")
-    table.add_column("what happens")
-    for cluster in clusters.clusters[:listed]:
-        numbers = (str(cluster.most_severe), f"{cluster.moobd:.2f}", str(len(cluster)))
-        table.add_row(*numbers, cluster.description)
-    results = Results()
-    results.print(title, style="bold", markup=False)
-    results.print(table)
+    Results().print(title, style="bold", markup=False)
+    print_table(
+        (">test", ">MOOBD (m)", ">alike", "what happens"),
+        [
+            (one.most_severe, two_digits(one.moobd), len(one), one.description)
+            for one in clusters.clusters[:listed]
+        ],
+    )
 
 
 def facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[tuple[str, str]]:

@@ -6,9 +6,8 @@ import json
 from dataclasses import asdict
 
 import click
-from rich.table import Table
 
-from frenetic.cli.console import Results
+from frenetic.cli.console import print_table
 from frenetic.cli.options import json_option
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES, Registry
 
@@ -21,12 +20,10 @@ def _listing(name: str, registry: Registry, summary: str) -> click.Command:
         if as_json:
             click.echo(json.dumps([asdict(entry) for entry in entries]))
             return
-        table = Table(box=None, pad_edge=False)
-        for column in ("name", "from", "what it is"):
-            table.add_column(column, overflow="fold")
-        for entry in entries:
-            table.add_row(entry.name, entry.origin, entry.summary or entry.target)
-        Results().print(table)
+        print_table(
+            ("name", "from", "what it is"),
+            [(entry.name, entry.origin, entry.summary or entry.target) for entry in entries],
+        )
         click.echo(f"Your own: package.module:Class or path/to/file.py:Class as --{registry.kind}.")
 
     return listing

@@ -13,15 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from rich.table import Table
 
 from frenetic._support.words import counted
 from frenetic.cli.console import (
     PLAIN_INTERVAL,
     Log,
-    Results,
     announced_compilation,
     print_facts,
+    print_table,
     shell,
 )
 from frenetic.cli.messages import complain
@@ -329,22 +328,22 @@ def _print_one(done: Done) -> None:
         f" {counted(minimised.drives, 'drive')}, {done.ending}"
     )
     if minimised.improvements:
-        table = Table(box=None, pad_edge=False)
-        table.add_column("pass")
-        for column in ("drives", "length (m)", "samples", "curves", "not 0"):
-            table.add_column(column, justify="right")
-        for by, found in groupby(minimised.improvements, lambda improvement: improvement.by):
-            *_, last = found
-            shape = last.shape
-            table.add_row(
-                by,
-                str(last.trials),
-                f"{shape.length:.0f}",
-                str(len(shape)),
-                str(shape.curves),
-                str(sum(value != 0.0 for value in shape.values)),
-            )
-        Results().print(table)
+        passes = groupby(minimised.improvements, lambda improvement: improvement.by)
+        last = [list(found)[-1] for _, found in passes]
+        print_table(
+            ("pass", ">drives", ">length (m)", ">samples", ">curves", ">not 0"),
+            [
+                (
+                    found.by,
+                    found.trials,
+                    f"{found.shape.length:.0f}",
+                    len(found.shape),
+                    found.shape.curves,
+                    sum(value != 0.0 for value in found.shape.values),
+                )
+                for found in last
+            ],
+        )
     if done.there is not None:
         click.echo(
             f"The road of {done.there:.0f} m that an earlier call found stays in {files.road};"
@@ -363,24 +362,21 @@ def _print_one(done: Done) -> None:
 
 
 def _print_many(done: list[Done]) -> None:
-    table = Table(box=None, pad_edge=False)
-    table.add_column("test", justify="right")
-    for column in ("length (m)", "curves", "drives"):
-        table.add_column(column, justify="right")
-    table.add_column("reason")
-    table.add_column("minimal")
+    rows = []
     for item in done:
         minimised = item.minimised
         before, after = minimised.original.shape, minimised.smallest.shape
-        table.add_row(
-            str(item.work.test_id),
-            f"{before.length:.0f} -> {after.length:.0f}",
-            f"{before.curves} -> {after.curves}",
-            str(minimised.drives),
-            str(minimised.reason),
-            "yes" if minimised.ending == "minimal" else f"no, {item.ending}",
+        rows.append(
+            (
+                item.work.test_id,
+                f"{before.length:.0f} -> {after.length:.0f}",
+                f"{before.curves} -> {after.curves}",
+                minimised.drives,
+                minimised.reason,
+                "yes" if minimised.ending == "minimal" else f"no, {item.ending}",
+            )
         )
-    Results().print(table)
+    print_table((">test", ">length (m)", ">curves", ">drives", "reason", "minimal"), rows)
     different = len({(item.minimised.reason, item.minimised.smallest.shape) for item in done})
     click.echo(f"{len(done)} failures come down to {different} different roads")
     if stay := [item.work.name for item in done if item.there is not None]:

@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
 from frenetic._support.words import counted
-from frenetic.cli.console import Log, Results
+from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import GroupedCommand
 from frenetic.cli.redriving import interrupted, recorded_spec, redriving_options, shown_driving
 
 if TYPE_CHECKING:
-    from frenetic.redrive.record import Redrive
     from frenetic.redrive.regression import Replay
 
 
@@ -83,21 +81,26 @@ def regression(
 
 
 def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
+    from frenetic.outcome import Outcome
     from frenetic.redrive.record import Change
 
     listed = [test for test in replayed.tests if test.change is not Change.STILL_PASSING]
     if listed:
-        table = Table(box=None, pad_edge=False)
-        table.add_column("test", justify="right")
-        for column in ("before", "now"):
-            table.add_column(column)
-        for column in ("MOOBD before (m)", "now (m)"):
-            table.add_column(column, justify="right")
-        table.add_column("it is")
-        table.add_column("why", overflow="fold")
-        for test in listed:
-            table.add_row(*_row(test))
-        Results().print(table)
+        print_table(
+            (">test", "before", "now", ">MOOBD before (m)", ">now (m)", "it is", "why"),
+            [
+                (
+                    test.test_id,
+                    test.before,
+                    test.after,
+                    two_digits(test.moobd_before),
+                    two_digits(test.moobd_after),
+                    test.change,
+                    "" if test.after is Outcome.PASS else test.reason,
+                )
+                for test in listed
+            ],
+        )
     what = "road" if everything else "failure"
     counts = [(change, replayed.count(change)) for change in Change]
     told = ", ".join(f"{number} {change}" for change, number in counts if number)
@@ -108,17 +111,3 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
     click.echo(f"{counted(total, what)} driven again: {told}")
     if is_the_same_drive:
         click.echo(f"{replayed.same} of {total} ended exactly as before")
-
-
-def _row(test: Redrive) -> tuple[str, ...]:
-    from frenetic.outcome import Outcome
-
-    moobds = (test.moobd_before, test.moobd_after)
-    return (
-        str(test.test_id),
-        str(test.before),
-        str(test.after),
-        *("-" if moobd is None else f"{moobd:.2f}" for moobd in moobds),
-        str(test.change),
-        "" if test.after is Outcome.PASS else test.reason,
-    )

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from rich.table import Table
 
-from frenetic.cli.console import Log, Results, shell
+from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import GroupedCommand
 from frenetic.cli.redriving import chosen_tests, recorded_spec, redriving_options, shown_driving
 
@@ -189,26 +188,24 @@ def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation])
 
     how = ", ".join(str(one) for one in variations) or "the same each time"
     click.echo(f"{times} drives of each, {how}")
-    table = Table(box=None, pad_edge=False)
-    for column in ("test", "MOOBD (m)", "fails", "same place", "share", "95 % interval"):
-        table.add_column(column, justify="right")
-    table.add_column("it is")
-    table.add_column("what matters", overflow="fold")
+    rows = []
     for one in reruns:
         low, high = one.interval
-        moobd = one.recorded.moobd
         matters = [str(influence) for influence in one.influences if influence.matters]
-        table.add_row(
-            str(one.test_id),
-            "-" if moobd is None else f"{moobd:.2f}",
-            f"{one.failed} of {one.judged}",
-            str(one.alike),
-            "-" if one.share is None else f"{100.0 * one.share:.0f} %",
-            f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
-            "-" if one.stability is None else str(one.stability),
-            ", ".join(matters) or "-",
+        rows.append(
+            (
+                one.test_id,
+                two_digits(one.recorded.moobd),
+                f"{one.failed} of {one.judged}",
+                one.alike,
+                None if one.share is None else f"{100.0 * one.share:.0f} %",
+                f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
+                one.stability,
+                ", ".join(matters) or None,
+            )
         )
-    Results().print(table)
+    numbers = (">test", ">MOOBD (m)", ">fails", ">same place", ">share", ">95 % interval")
+    print_table((*numbers, "it is", "what matters"), rows)
     counts = [(kind, sum(one.stability is kind for one in reruns)) for kind in Stability]
     if any(number for _, number in counts):
         click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
