@@ -232,7 +232,7 @@ def test_rules_that_are_not_given_stay() -> None:
 
 def test_the_limit_of_another_simulator_says_nothing_about_this_one() -> None:
     assert RECORDED.replaced({"simulator_options": {"friction": 0.6}}).wall_limit == 90.0
-    assert RECORDED.replaced({"simulator": "beamng"}).wall_limit == 600.0
+    assert RECORDED.replaced({"simulator": "beamng"}).with_limit().wall_limit == 600.0
     assert RECORDED.replaced({"simulator": "beamng", "wall_limit": 5.0}).wall_limit == 5.0
 
 

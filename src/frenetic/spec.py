@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-WALL_LIMIT: Final = 60.0
-"""Default limit of a drive's wall time, in s, unless the simulator has its own."""
 _SHOWN_OPTIONS: Final = 3
 _PARTS: Final = ("strategy", "driver", "simulator")
 
@@ -236,9 +234,9 @@ class Spec:
         if layers != self.layers:
             driver = replace(driver, made={})
         # The limit of another simulator does not hold for this one.
-        limit = asked.get("wall_limit", self.wall_limit)
-        if "wall_limit" not in asked and simulator.name != self.simulator.name:
-            limit = usual_wall_limit(simulator.name)
+        limit = asked.get("wall_limit")
+        if limit is None and simulator.name == self.simulator.name:
+            limit = self.wall_limit
         return replace(
             self,
             driver=driver,
@@ -325,6 +323,12 @@ class Spec:
 
     # To objects
 
+    def with_limit(self) -> Spec:
+        """The same with the usual wall limit of its simulator if it has none."""
+        if self.wall_limit is not None or self.simulator.name is None:
+            return self
+        return replace(self, wall_limit=usual_wall_limit(self.simulator.name))
+
     def make_strategy(self) -> Strategy:
         """The strategy, with seed and map size if its class takes them.
 
@@ -350,10 +354,7 @@ class Spec:
         Raises:
             FreneticError: it cannot be made.
         """
-        limit = (
-            usual_wall_limit(self.simulator.name) if self.wall_limit is None else self.wall_limit
-        )
-        available = {"rules": self.rules, "wall_limit": limit}
+        available = {"rules": self.rules, "wall_limit": self.with_limit().wall_limit}
         simulator: Simulator = _made(SIMULATORS, self.simulator, available)
         return simulator
 
@@ -368,13 +369,12 @@ class Spec:
         usual = Spec() if brief else None
         words = self.driver.words("driver", usual.driver if usual else None)
         words += self.simulator.words("simulator", usual.simulator if usual else None)
+        if usual is not None:
+            usual = replace(usual, simulator=self.simulator).with_limit()
         for name in (*_layer_names(), *(number.name for number in NUMBERS)):
             value = self._amount(name)
-            if value is None or (usual is not None and value == usual._amount(name)):
-                continue
-            if brief and name == "wall_limit" and value == usual_wall_limit(self.simulator.name):
-                continue
-            words += [f"--{name.replace('_', '-')}", number_word(value)]
+            if value is not None and (usual is None or value != usual._amount(name)):
+                words += [f"--{name.replace('_', '-')}", number_word(value)]
         return words
 
     def run_words(self) -> list[str]:
@@ -403,10 +403,8 @@ class Spec:
         return value
 
 
-def usual_wall_limit(simulator: str | None) -> float:
+def usual_wall_limit(simulator: str) -> float:
     """Default limit of a drive's wall time in the simulator of that name, in s."""
-    if simulator is None:
-        return WALL_LIMIT
     from frenetic.simulators.capabilities import usual  # numba takes its time
 
     return usual(SIMULATORS.load(simulator)).usual_wall_limit

@@ -33,7 +33,7 @@ from frenetic.search.strategy import Strategy
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, describe, usual_wall_limit
+from frenetic.spec import Budget, Part, Spec, describe
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -173,8 +173,7 @@ class Campaign:
             FreneticError: a part cannot be made.
             ValueError: an option is out of range.
         """
-        if spec.wall_limit is None:
-            spec = replace(spec, wall_limit=usual_wall_limit(spec.simulator.name))
+        spec = spec.with_limit()
         assert spec.budget is not None
         driver, simulator = spec.make_driver(), spec.make_simulator()
         campaign = cls(

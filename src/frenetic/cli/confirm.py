@@ -10,7 +10,7 @@ import click
 
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import GroupedCommand
-from frenetic.cli.redriving import (
+from frenetic.cli.redrive import (
     chosen_tests,
     interrupted,
     recorded_spec,

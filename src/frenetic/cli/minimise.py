@@ -26,7 +26,7 @@ from frenetic.cli.console import (
 from frenetic.cli.messages import complain
 from frenetic.cli.options import GroupedCommand, as_usage_error, check_map_size, json_option
 from frenetic.cli.parts import driver_options, given_options
-from frenetic.cli.redriving import recorded_spec
+from frenetic.cli.redrive import recorded_spec
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec
 

@@ -11,7 +11,7 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import GroupedCommand
-from frenetic.cli.redriving import interrupted, recorded_spec, redriving_options, shown_driving
+from frenetic.cli.redrive import interrupted, recorded_spec, redriving_options, shown_driving
 
 if TYPE_CHECKING:
     from frenetic.redrive.regression import Replay

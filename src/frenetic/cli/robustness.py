@@ -13,7 +13,7 @@ import click
 
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import GroupedCommand
-from frenetic.cli.redriving import chosen_tests, recorded_spec, redriving_options, shown_driving
+from frenetic.cli.redrive import chosen_tests, recorded_spec, redriving_options, shown_driving
 
 if TYPE_CHECKING:
     from frenetic.redrive.conditions import Variation
