@@ -47,7 +47,7 @@ class Absent(DummySimulator):
     needs = ("a_module_that_is_nowhere",)
 
 
-class TestSummary(DummySimulator):
+class Checking(DummySimulator):
     """Has checks of its own."""
 
     entered = False
@@ -75,7 +75,7 @@ def registry(monkeypatch: pytest.MonkeyPatch) -> None:
         "dead": ("test_doctor:Dead", ""),
         "failing": ("test_doctor:Failing", ""),
         "absent": ("test_doctor:Absent", ""),
-        "told": ("test_doctor:TestSummary", ""),
+        "told": ("test_doctor:Checking", ""),
         "tuned": ("test_doctor:Tuned", ""),
     }
     monkeypatch.setattr(

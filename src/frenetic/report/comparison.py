@@ -19,7 +19,7 @@ from frenetic.analysis.metrics import curves
 from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, WIDTH, form_of, write_figure
 
-# TestSummary apart with any kind of colour vision, and in grey by their order.
+# Told apart with any kind of colour vision, and in grey by their order.
 _COLOURS: Final = ("#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200")
 
 # Sizes in inches.
