@@ -317,7 +317,7 @@ class Column:
         """
         if value is None and self.optional:
             return None
-        return _READERS[self.kind](self, value)
+        return self._reader(self, value)
 
     def check(self, value: Any) -> None:
         """Checks that a decoded value is one that a campaign writes.
@@ -325,9 +325,18 @@ class Column:
         Raises:
             ValueError: it is not; the message continues the column's name.
         """
-        is_number = self.kind is Kind.REAL or self.kind is Kind.WHOLE
-        if is_number and value is not None and not self.low <= value <= self.high:
+        if self._is_bounded and value is not None and not self.low <= value <= self.high:
             raise ValueError(f"is {value}: {self._needed} is needed")
+
+    # Looked up once: enums hash slowly.
+
+    @cached_property
+    def _reader(self) -> Callable[[Column, object], Any]:
+        return _READERS[self.kind]
+
+    @cached_property
+    def _is_bounded(self) -> bool:
+        return self.low > -math.inf or self.high < math.inf
 
     @property
     def _needed(self) -> str:
