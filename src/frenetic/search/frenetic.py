@@ -50,7 +50,7 @@ class _Scored(NamedTuple):
     candidate: Candidate
 
 
-class _Litter:
+class _Siblings:
     """The mutants of one parent: they are tried until one of them fails."""
 
     def __init__(self) -> None:
@@ -181,7 +181,7 @@ class Frenetic:
         self._tests_since_crossover = 0
         self._unvisited: list[_Scored] = []  # a heap
         self._best: list[_Scored] = []  # sorted, at most cross_num
-        self._litters: dict[int, _Litter] = {}  # of the mutants that are outstanding
+        self._siblings_of: dict[int, _Siblings] = {}  # of the mutants that are outstanding
         self._proposals = self._listing_1()
 
     def ask(self) -> Candidate:
@@ -196,14 +196,14 @@ class Frenetic:
 
         """
         candidate = self._ledger.settle(evaluation)
-        litter = self._litters.pop(candidate.id, None)
+        siblings = self._siblings_of.pop(candidate.id, None)
         ran_in_main_loop = not self._in_random_phase
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         if not evaluation.outcome.is_driven:
             return
         assert evaluation.moobd is not None  # the ledger saw to it
-        if litter is not None and evaluation.outcome is Outcome.FAIL:
-            litter.has_failed = True
+        if siblings is not None and evaluation.outcome is Outcome.FAIL:
+            siblings.has_failed = True
         if ran_in_main_loop and candidate.origin.operator not in (_MIX, _SPLICE):
             self._tests_since_crossover += 1
         if evaluation.moobd < self._threshold:
@@ -211,8 +211,8 @@ class Frenetic:
 
     def is_wanted(self, candidate: Candidate) -> bool:
         """Return whether no sibling has failed: a parent's mutants are tried until one fails."""
-        litter = self._litters.get(candidate.id)
-        return litter is None or not litter.has_failed
+        siblings = self._siblings_of.get(candidate.id)
+        return siblings is None or not siblings.has_failed
 
     @property
     def _in_random_phase(self) -> bool:
@@ -240,12 +240,12 @@ class Frenetic:
         return self._issue(self._roads.draw(self._rng), RANDOM)
 
     def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
-        litter = _Litter()
+        siblings = _Siblings()
         for name, curvatures in self._mutations(parent):
             mutant = self._issue(curvatures, name, parent)
-            self._litters[mutant.id] = litter
+            self._siblings_of[mutant.id] = siblings
             yield mutant
-            if litter.has_failed:
+            if siblings.has_failed:
                 return
 
     def _mutations(self, parent: _Scored) -> Iterator[tuple[str, FloatArray]]:
