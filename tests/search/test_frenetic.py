@@ -385,7 +385,7 @@ def test_dropped_siblings_leave_nothing_behind() -> None:
     script.tell(mutants[0], FAIL, -2.0)
     for mutant in mutants[1:]:
         script.tell(mutant, DROPPED)
-    assert len(script.search._litters) == 0
+    assert len(script.search._siblings_of) == 0
 
     # They are no tests that ran: two did so far, and more than three have to.
     assert [script.run(PASS).origin.operator in C for _ in range(3)] == [False, False, True]
@@ -753,7 +753,7 @@ def test_visited_candidates_are_forgotten_but_for_the_best() -> None:
     del candidate
 
     assert sum(ref() is not None for ref in seen) <= 20 + 2
-    assert len(search._litters) == len(search._ledger) == 0
+    assert len(search._siblings_of) == len(search._ledger) == 0
 
 
 # The listing, once more
