@@ -738,7 +738,7 @@ def test_candidates_above_the_threshold_are_forgotten() -> None:
         for name, value in vars(script).items()
         if hasattr(value, "__len__") and name != "options"
     }
-    assert {"_unvisited", "_best", "_ledger", "_litters"} <= set(held)
+    assert {"_unvisited", "_best", "_ledger", "_siblings_of"} <= set(held)
     assert set(held.values()) == {0}
 
 
