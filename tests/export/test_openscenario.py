@@ -131,8 +131,9 @@ def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path
             files[-1].write_text(text.replace('revMinor="0"', f'revMinor="{minor}"'))
     bad = tmp_path / "bad.xosc"
     bad.write_text(text.replace("<CatalogLocations />", ""))
-    script = Path(__file__).with_name("openscenario_checks.py")
-    answers = environments.answers(environments.python_with(CHECKER, request), script, *files, bad)
+    python = environments.python_with(CHECKER, request)
+    script = environments.ASAM_CHECKS
+    answers = environments.answers(python, script, "qc_openscenario", *files, bad)
     assert len(answers.pop(str(bad))["check_asam_xosc_xml_valid_schema"]) > 1
     assert len(answers) == 16
     for file, answer in answers.items():

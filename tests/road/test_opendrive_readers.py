@@ -119,9 +119,8 @@ def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path
     files[bad] = to_opendrive(Road([0.0, 0.01])).replace('hdg="', 'heading="')
     for path, text in files.items():
         path.write_text(text, encoding="utf-8")
-    answers = environments.answers(
-        environments.python_with(ASAM_CHECKER, request), HERE / "asam_checks.py", *files
-    )
+    python = environments.python_with(ASAM_CHECKER, request)
+    answers = environments.answers(python, environments.ASAM_CHECKS, "qc_opendrive", *files)
     complaint = answers.pop(str(bad))
     assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
     assert len(answers) == 60

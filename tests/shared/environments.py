@@ -12,6 +12,9 @@ from typing import Any
 
 import pytest
 
+ASAM_CHECKS = Path(__file__).with_name("asam_checks.py")
+"""Script that runs one of ASAM's checkers."""
+
 
 def python_with(package: str, request: pytest.FixtureRequest) -> str:
     """The path of a Python that has a package, in an environment that is kept between runs.
