@@ -3,19 +3,25 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_campaigns import store_of
 from made_drives import departing
 
-from frenetic.analysis import Clusters, Failure, cluster_failures
+from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
 from frenetic.analysis import failures as module
-from frenetic.analysis.failures import describe
+from frenetic.analysis.failures import describe, representative_failures
+from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.oracle import Side
+from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
+from frenetic.search import RandomSearch
+from frenetic.testing.dummy import DummyDriver, DummySimulator
 
 PLACE = 70.0
 STRAIGHT = [0.0] * 13
@@ -289,3 +295,74 @@ def test_description_says_what_happens(
     curvatures: list[float], side: Side, speeds: tuple[float, float], phrase: str
 ) -> None:
     assert describe(failure(curvatures, side, speeds=speeds)) == phrase
+
+
+# Near misses
+
+
+@pytest.fixture(scope="module")
+def unfailing(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign in which the car drifts more on some roads than on others, and never fails."""
+
+    def drift(road: Road) -> float:
+        return float(np.clip(60.0 * road.curvatures.mean(), -2.3, 2.3))
+
+    folder = tmp_path_factory.mktemp("unfailing") / "c"
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=DummySimulator(drift),
+        driver=DummyDriver(),
+        budget=Budget(simulations=60),
+        folder=folder,
+    ).run()
+    return folder
+
+
+def test_nearest_misses_are_the_passing_tests_of_lowest_moobd_each_unlike_the_others(
+    unfailing: Path,
+) -> None:
+    with CampaignStore.open(unfailing) as store:
+        near, all_of_them = nearest_misses(store), nearest_misses(store, number=1000)
+        passed = list(store.tests(Outcome.PASS, order_by="moobd"))
+        assert store.counts().by_outcome[Outcome.FAIL] == 0
+        assert len(near) == 5
+        assert near[0].most_severe == passed[0].id
+        assert list(near) == list(all_of_them)[:5]
+        assert all_of_them.failures == len(passed)
+        moobds = {test.id: test.moobd or 0.0 for test in passed}
+        for one in near:
+            assert one.moobd == moobds[one.most_severe] == min(moobds[test] for test in one.ids)
+            # It is nearer than every test that is like none of the five.
+            others = set(moobds) - {test for cluster in near for test in cluster.ids}
+            assert all(one.moobd <= moobds[test] for test in others)
+        listed = representative_failures(store, clusters=near)
+        assert [test.id for test in listed] == [one.most_severe for one in near]
+
+
+def test_a_near_miss_is_described_by_the_edge_that_it_came_nearest_to(unfailing: Path) -> None:
+    with CampaignStore.open(unfailing) as store:
+        for cluster in nearest_misses(store, number=1000):
+            _, segment = next(
+                (test, segment)
+                for test, segment in segments_of(store, Outcome.PASS)
+                if test.id == cluster.most_severe
+            )
+            offset = segment.assessment.lateral_offset
+            side = "left" if offset[int(np.abs(offset).argmax())] > 0.0 else "right"
+            verb = "crosses" if cluster.moobd < 0.0 else "comes nearest to"
+            assert cluster.side == side
+            assert cluster.description.startswith(f"{verb} the {side} edge ")
+
+
+def test_more_passing_tests_are_read_until_there_are_enough_distinct_near_misses(
+    unfailing: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with CampaignStore.open(unfailing) as store:
+        expected = nearest_misses(store)
+        monkeypatch.setattr(module, "_PASSES_COMPARED", (3, 10_000))
+        assert list(nearest_misses(store)) == list(expected)
+
+
+def test_without_a_passing_drive_there_is_no_near_miss(tmp_path: Path) -> None:
+    with CampaignStore.open(store_of(tmp_path / "c", [Outcome.INVALID, Outcome.ERROR])) as store:
+        assert len(nearest_misses(store)) == 0

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         Failure,
         cluster_failures,
         failures_of,
+        nearest_misses,
     )
     from frenetic.analysis.features import FEATURES, Feature, Features, feature, features_of
     from frenetic.analysis.groups import find_campaigns, group_campaigns
@@ -55,6 +56,7 @@ __getattr__ = lazy_names(
             "Failure",
             "cluster_failures",
             "failures_of",
+            "nearest_misses",
         ),
         "frenetic.analysis.comparison": ("Comparison", "compare", "compare_measured"),
         "frenetic.analysis.competition": (
@@ -127,6 +129,7 @@ __all__ = [
     "find_campaigns",
     "group_campaigns",
     "measure_campaign",
+    "nearest_misses",
     "read_reruns",
     "replay",
     "rerun",

@@ -13,6 +13,9 @@ Average linkage (UPGMA on the square of the difference) clusters the failures of
 lane as long as the root mean square difference within a cluster is at most 2 m, half a lane. Equal
 failures count once, so the order of the failures and their repetitions do not matter; the number of
 clusters follows from the failures.
+
+The nearest misses are the passing tests of lowest MOOBD, told apart in the same way, seen from the
+place where the car came nearest to its lane's edge.
 """
 
 from __future__ import annotations
@@ -52,7 +55,10 @@ COMPARED: Final = 10_000
 """Most failures of a campaign that are compared with each other, the most severe first."""
 LISTED: Final = 10
 """Default number of representative failures that are listed and drawn."""
+NEAR_MISSES: Final = 5
+"""Default number of distinct near misses that are listed and drawn."""
 
+_PASSES_COMPARED: Final = 500, COMPARED  # as many as needed for the wanted near misses
 _AHEAD: Final = 15.0  # [m] of road after the place that counts
 _SPACING: Final = 2.5  # [m]
 _BEHIND: Final = np.arange(-REACH, 0.5 * _SPACING, _SPACING)
@@ -78,10 +84,19 @@ class Failure:
     """Lateral offset to the left, (13,) in m, every 2.5 m over the 30 m before the place."""
     speeds: FloatArray
     """Speeds, (13,) in m/s, likewise."""
+    is_near_miss: bool = False
+    """Whether the test passed; the place is then that of its MOOBD, the side that of the edge."""
 
     @classmethod
-    def of(cls, segment: Segment, *, id: int, moobd: float) -> Failure:  # noqa: A002
-        """The failure of a test, from its segment."""
+    def of(
+        cls,
+        segment: Segment,
+        *,
+        id: int,  # noqa: A002
+        moobd: float,
+        is_near_miss: bool = False,
+    ) -> Failure:
+        """The failure of a test, or the near miss of a passing one, from its segment."""
         road, place, seen = segment.road, segment.place, segment.assessment
         x, y, cosine, sine, _ = frame_at(road.table, road.sub_step, place)
         points = sample_line(road.table, road.sub_step, place + _AROUND, 0.0) - (x, y)
@@ -89,14 +104,20 @@ class Failure:
         # A sliding car may fall back along the road; the furthest place counts.
         along = np.maximum.accumulate(seen.distance)
         speed = segment.drive.trajectory.speed[: len(along)]
+        side = segment.side
+        if is_near_miss:
+            side = (
+                "left" if seen.lateral_offset[int(np.argmin(seen.oob_distance))] > 0.0 else "right"
+            )
         return cls(
             id,
             moobd,
-            segment.side,
+            side,
             segment_profile(road, place),
             ahead,
             np.interp(place + _BEHIND, along, seen.lateral_offset),
             np.interp(place + _BEHIND, along, speed),
+            is_near_miss,
         )
 
     def vector(self) -> FloatArray:
@@ -188,6 +209,31 @@ def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clu
         CampaignError: the campaign is damaged.
     """
     return cluster_failures(failures_of(store, limit))
+
+
+def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
+    """The distinct near misses of a campaign: its passing tests of lowest MOOBD, the nearest first.
+
+    They are told apart as failures are. Each cluster counts what is alike among the passing tests
+    of lowest MOOBD, 500 or, if these hold too few distinct ones, 10 000.
+
+    Args:
+        store: the campaign.
+        number: most near misses to return; fewer where there are fewer distinct ones.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    found = Clusters((), THRESHOLD)
+    for limit in _PASSES_COMPARED:
+        passes = segments_of(store, Outcome.PASS, order_by="moobd", limit=limit)
+        found = cluster_failures(
+            Failure.of(segment, id=record.id, moobd=record.moobd or 0.0, is_near_miss=True)
+            for record, segment in passes
+        )
+        if len(found) >= number or found.failures < limit:
+            break
+    return Clusters(found.clusters[:number], THRESHOLD)
 
 
 def representative_failures(
@@ -324,8 +370,11 @@ _SLOWS: Final = 3.0  # [m/s] less at the place than before, to be mentioned
 
 
 def describe(failure: Failure) -> str:
-    """Description in one phrase: ``leaves to the left at 41 km/h at the end of a ...``."""
+    """Description in one phrase: ``leaves to the left at the end of a ..., at 41 km/h``."""
     what = "fails in its lane" if failure.side is None else f"leaves to the {failure.side}"
+    if failure.is_near_miss:
+        beyond = "crosses" if failure.moobd < 0.0 else "comes nearest to"
+        what = f"{beyond} the {failure.side} edge"
     fastest, now = failure.speeds.max() * 3.6, failure.speeds[-1] * 3.6
     how = f"at {now:.0f} km/h"
     if fastest - now > _SLOWS * 3.6:
