@@ -456,6 +456,7 @@ def test_campaigns_without_results_have_a_report(searched: Path, tmp_path: Path)
         headline = block_of(data, "headline")
         assert headline["title"] == "No failure in 0 simulations"
         assert headline["warning"].startswith("Not finished")
+        assert {tile["role"] for tile in headline["tiles"]} == {None}  # 0 is no alarm
         assert data["drives"] == []
 
 

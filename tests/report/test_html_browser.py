@@ -18,7 +18,7 @@ from html_browser import background
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
 from playwright.sync_api import Browser, Page, expect
 
-from frenetic.analysis.failures import distinct_failures
+from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.cli import cli
 from frenetic.outcome import Outcome
@@ -51,6 +51,11 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def page(show: Callable[..., Page], searched: Path) -> Page:
     return show(searched / "report.html")
+
+
+def clusters_of(folder: Path) -> Clusters:
+    with CampaignStore.open(folder) as store:
+        return distinct_failures(store)
 
 
 def seconds(page: Page) -> float:
@@ -291,6 +296,45 @@ def test_a_test_has_an_address_of_its_own(show: Callable[..., Page], searched: P
     expect(again.locator("#player-title")).to_have_text(title or "")
 
 
+def test_a_linked_test_has_a_previous_and_a_next_one(
+    show: Callable[..., Page], searched: Path
+) -> None:
+    cards = show(searched / "report.html").locator(".gallery > .cluster > .card")
+    ids = cards.evaluate_all("els => els.map(el => el.dataset.test)")
+    page = show(searched / "report.html", fragment=f"#test-{ids[1]}")
+    expect(page.locator(".player-nav")).to_contain_text(f"2 of {len(clusters_of(searched))}")
+    page.get_by_role("button", name="Next test").click()
+    expect(page.locator("#player-title")).to_contain_text(f"Test {ids[2]} ")
+    page.get_by_role("button", name="Previous test").click()
+    page.get_by_role("button", name="Previous test").click()
+    expect(page.locator("#player-title")).to_contain_text(f"Test {ids[0]} ")
+
+
+def test_a_robust_failure_has_no_colour_of_success(page: Page) -> None:
+    colours = page.evaluate(
+        """() => ["repeats robust", "repeats fragile", "number outcome-pass"].map((style) => {
+          const line = document.querySelector(".card-line");
+          const probe = document.createElement("span");
+          probe.className = style;
+          line.append(probe);
+          const { color } = getComputedStyle(probe);
+          probe.remove();
+          return color;
+        })"""
+    )
+    fail, success = (
+        page.evaluate(
+            "name => (document.body.style.color = `var(--${name})`,"
+            " getComputedStyle(document.body).color)",
+            name,
+        )
+        for name in ("fail", "pass")
+    )
+    assert colours[0] == fail
+    assert colours[1] not in (fail, success)
+    assert colours[2] not in (fail, success)
+
+
 def test_dark_colours_follow_the_system_and_the_switch(
     show: Callable[..., Page], searched: Path
 ) -> None:
@@ -415,8 +459,22 @@ def test_navigation_hints_at_more_to_the_right(
     show: Callable[..., Page], searched: Path, width: int, more: bool
 ) -> None:
     page = show(searched / "report.html", viewport={"width": width, "height": 844})
-    page.wait_for_function("goes => document.querySelector('.goes-on') ? goes : !goes", arg=more)
+    goes_on = "goes => document.querySelector('nav.goes-on') ? goes : !goes"
+    page.wait_for_function(goes_on, arg=more)
     page.locator("nav").evaluate("nav => nav.scrollTo({ left: 1e4, behavior: 'instant' })")
+    expect(page.locator("nav.goes-on")).to_have_count(0)
+
+
+def test_a_table_hints_at_more_columns_to_the_right(
+    show: Callable[..., Page], searched: Path
+) -> None:
+    page = show(searched / "report.html", viewport={"width": 390, "height": 844})
+    table = page.locator("#operators .table")
+    expect(table).to_have_class(re.compile("goes-on"))
+    assert table.evaluate("box => getComputedStyle(box).maskImage").startswith("linear-gradient")
+    table.evaluate("box => box.scrollTo({ left: 1e4, behavior: 'instant' })")
+    expect(table).not_to_have_class(re.compile("goes-on"))
+    page.set_viewport_size({"width": 1400, "height": 900})
     expect(page.locator(".goes-on")).to_have_count(0)
 
 

@@ -25,6 +25,7 @@ class Tile:
     value: str
     note: str = ""
     role: Role | None = None
+    """None for a number that is neither good nor bad, and for 0."""
 
 
 @dataclass(frozen=True)
@@ -76,16 +77,20 @@ def headline(
     least = counts.lowest_moobd
     tiles = [
         Tile("simulations", str(counts.simulations), _rate(tests, duration)),
-        Tile("failures", str(failures), share, "fail"),
-        Tile("distinct failures", str(len(clusters)), most.strip(), "fail"),
+        Tile("failures", str(failures), share, "fail" if failures else None),
+        Tile(
+            "distinct failures",
+            str(len(clusters)),
+            most.strip(),
+            "fail" if len(clusters) else None,
+        ),
         Tile("lowest MOOBD", "–" if least is None else f"{least:.2f} m".replace("-", "−")),
         Tile(
             "invalid roads",
             str(number[Outcome.INVALID]),
             f"{percent(number[Outcome.INVALID] / tests)} of tests" if tests else "",
-            "invalid",
         ),
-        Tile("errors", str(number[Outcome.ERROR]), "", "error"),
+        Tile("errors", str(number[Outcome.ERROR]), "", "error" if number[Outcome.ERROR] else None),
     ]
     if number[Outcome.DROPPED]:
         tiles.append(Tile("dropped", str(number[Outcome.DROPPED]), "before they were driven"))

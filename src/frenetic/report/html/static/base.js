@@ -155,6 +155,20 @@ function commandLine(line, text = "") {
   );
 }
 
+/** An element that scrolls sideways fades out where it goes on to the right. */
+function scrollsSideways(element) {
+  const fade = () => element.classList.toggle("goes-on", element.scrollLeft + element.clientWidth < element.scrollWidth - 2);
+  element.addEventListener("scroll", fade, { passive: true });
+  const watch = new ResizeObserver(fade);
+  for (const one of [element, ...element.children]) watch.observe(one);
+  return element;
+}
+
+/** A table in a box that scrolls where the table is wider. */
+function tableBox(label, style, head, rows) {
+  return scrollsSideways(el("div", { class: `table ${style}`, tabindex: 0, role: "region", "aria-label": label }, el("table", {}, el("thead", {}, head), el("tbody", {}, rows))));
+}
+
 /** Arrow keys move the focus among the elements that `find` gives, in rows as they are laid out. */
 function arrowKeys(container, find) {
   container.addEventListener("keydown", (event) => {

@@ -36,7 +36,7 @@ function drawTable(element, block) {
   const rows = block.rows.map((row, place) =>
     el("tr", {}, row.map((text, i) => (i === 0 ? el("th", { scope: "row", class: style(i) }, linked(text, block.links[place])) : el("td", { class: style(i) }, text)))),
   );
-  element.append(el("div", { class: block.tall ? "table tall" : "table", tabindex: 0, role: "region", "aria-label": block.columns.map((column) => column.title).join(", ") }, el("table", {}, el("thead", {}, head), el("tbody", {}, rows))));
+  element.append(tableBox(block.columns.map((column) => column.title).join(", "), block.tall ? "tall" : "", head, rows));
   captioned(element, block.caption);
 }
 

@@ -78,7 +78,7 @@ function familyTree(id) {
     item.style.height = `${NODE_TALL}px`;
     canvas.append(item);
   }
-  const tree = el("div", { class: "tree", tabindex: 0, role: "group", "aria-label": `Ancestors of test ${id}` }, canvas);
+  const tree = scrollsSideways(el("div", { class: "tree", tabindex: 0, role: "group", "aria-label": `Ancestors of test ${id}` }, canvas));
   requestAnimationFrame(() => (tree.scrollLeft = tree.scrollWidth));
   const note = omitted ? el("p", { class: "quiet" }, `The ${MOST_NODES - 1} nearest of its ancestors.`) : null;
   const does = new Map(inOrder.map((node) => [tests.get(node).operator, tests.get(node).does]).filter(([, words]) => words).sort());

@@ -17,7 +17,7 @@ function card(id, order, { caption = "", small = false } = {}) {
     "button",
     { type: "button", class: small ? "card small" : "card", "data-test": id, "aria-label": words, on: { click: () => player.open(id, order()) } },
     roadPicture(drive, ""),
-    el("span", { class: "card-line" }, el("b", {}, `Test ${id}`), el("span", { class: "number" }, fixed(test.moobd, 2, "m"))),
+    el("span", { class: "card-line" }, el("b", {}, `Test ${id}`), el("span", { class: `number outcome-${test.outcome.toLowerCase()}` }, fixed(test.moobd, 2, "m"))),
     repeats === null ? null : el("span", { class: `repeats ${repeats.stability}` }, `${repeats.stability}: ${percent(repeats.share)} fail (${fixed(100 * repeats.low, 0)}–${fixed(100 * repeats.high, 0)})`),
     caption ? el("span", { class: "card-text" }, caption) : null,
   );

@@ -46,7 +46,7 @@ function drawGroupTable(element, block) {
   element.classList.add("group-table");
   element.append(
     el("h3", {}, block.title),
-    el("div", { class: "table", tabindex: 0, role: "region", "aria-label": block.title }, el("table", {}, el("thead", {}, topics, head), el("tbody", {}, rows))),
+    tableBox(block.title, "", [topics, head], rows),
   );
   captioned(element, block.caption);
 }
@@ -175,7 +175,7 @@ function drawPairs(element, block) {
       ),
     );
     place.replaceChildren(
-      el("div", { class: "table pairs-table", tabindex: 0, role: "region", "aria-label": `Pairs by ${by.title}` }, el("table", {}, el("thead", {}, el("tr", {}, head.map((text, i) => el("th", { scope: "col", class: number(i) }, text)))), el("tbody", {}, rows))),
+      tableBox(`Pairs by ${by.title}`, "pairs-table", el("tr", {}, head.map((text, i) => el("th", { scope: "col", class: number(i) }, text))), rows),
       el("p", { class: "caption" }, `By ${by.title}: ${by.note}. ${block.caption}`),
     );
   };

@@ -15,12 +15,8 @@ function drawBar() {
     say();
   });
   say();
-  const nav = el("nav", { "aria-label": "Sections" }, links);
+  const nav = scrollsSideways(el("nav", { "aria-label": "Sections" }, links));
   document.getElementById("bar").append(el("a", { class: "brand", href: "#page" }, "Frenetic"), nav, theme);
-  // Where there are more to the right they fade out.
-  const fade = () => nav.classList.toggle("goes-on", nav.scrollLeft + nav.clientWidth < nav.scrollWidth - 2);
-  nav.addEventListener("scroll", fade, { passive: true });
-  new ResizeObserver(fade).observe(nav);
 }
 
 function drawSection(section, place) {

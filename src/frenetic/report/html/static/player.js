@@ -18,7 +18,7 @@ const player = (() => {
   let frame = 0;
   let clock = 0;
 
-  function open(id, order = [id]) {
+  function open(id, order = orderAround(id)) {
     const drive = drives.get(id);
     if (drive === undefined) return;
     pause();
@@ -315,6 +315,14 @@ const player = (() => {
 
   return { open, close, get state() { return shown; } };
 })();
+
+/** The tests among which one stands that is opened by itself: the heads of the clusters, or its cluster, or all. */
+function orderAround(id) {
+  const clusters = report.sections.flatMap((section) => section.blocks).find((block) => block.kind === "gallery")?.clusters ?? [];
+  const heads = clusters.map((cluster) => cluster.shown[0]).filter((head) => head !== undefined);
+  const own = [heads, ...clusters.map((cluster) => cluster.shown)].find((order) => order.includes(id));
+  return own ?? [...drives.keys()].sort((a, b) => a - b);
+}
 
 /** The car at a time, between records. */
 function momentAt(records, time) {
