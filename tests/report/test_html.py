@@ -16,11 +16,11 @@ from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
 from redrives import redriven, store_run
 
-from frenetic.analysis.failures import Cluster, Clusters, distinct_failures
+from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
-from frenetic.campaign import CampaignStore
+from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.store import JSONValue
 from frenetic.cli import cli
 from frenetic.cli.run import run
@@ -51,7 +51,7 @@ from frenetic.report.html.repeating import repeat_command, repeatability
 from frenetic.report.html.tests import RoadData, TestSummary, TestTable, ancestors
 from frenetic.report.html.timeline import POINTS, Timeline, timeline_section
 from frenetic.road import Road
-from frenetic.search import Origin
+from frenetic.search import Origin, RandomSearch
 from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import USUAL
@@ -185,6 +185,29 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     assert tiles["invalid roads"] == str(counts.by_outcome[Outcome.INVALID])
     assert report.title == f"{len(clusters)} distinct failures in 300 simulations"
     assert headline.warning == ""  # type: ignore[attr-defined]
+
+
+def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(aggression=0.2),
+        budget=Budget(simulations=40),
+        folder=tmp_path / "calm",
+    ).run()
+    data = page_of(write_report(tmp_path / "calm")).data
+    (section,) = [one for one in data["sections"] if one["id"] == "failures"]
+    assert section["title"] == "Nearest misses"
+    assert section["lead"].startswith("No failure was found. ")
+    with CampaignStore.open(tmp_path / "calm") as store:
+        assert store.counts().by_outcome[Outcome.FAIL] == 0
+        misses = nearest_misses(store)
+    shown = [one["most_severe"] for one in section["blocks"][0]["clusters"]]
+    assert len(shown) == 5
+    assert shown == [one.most_severe for one in misses]
+    drives = {drive["id"]: drive for drive in data["drives"]}
+    assert all(drives[number]["outcome"] == "PASS" for number in shown)
+    assert block_of(data, "family")["ids"] == shown
 
 
 def test_drives_come_back_as_they_were_stored(searched: Path, tmp_path: Path) -> None:

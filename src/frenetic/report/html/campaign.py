@@ -9,7 +9,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic.analysis.failures import Clusters, distinct_failures
+from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
@@ -18,7 +18,7 @@ from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
 from frenetic.report.html.blocks import Section
 from frenetic.report.html.confirmed import confirmed_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
-from frenetic.report.html.gallery import family_section, gallery_section
+from frenetic.report.html.gallery import family_section, gallery_section, misses_section
 from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operators_section
 from frenetic.report.html.page import Report, made_by, write_page
@@ -84,11 +84,13 @@ def campaign_report(
     """
     clusters = distinct_failures(store) if clusters is None else clusters
     counts, config, facts = store.counts(), store.config, store.facts
+    failures = counts.by_outcome[Outcome.FAIL]
+    found = clusters if failures else nearest_misses(store)
     tests = read_tests(store)
     by_id = {test.id: test for test in tests}
     reruns, trouble = _reruns(store)
     drives, measured = _look(
-        store, _to_show(tests, by_id, clusters), [test.id for test in choose_mapped(tests)]
+        store, _to_show(tests, by_id, found), [test.id for test in choose_mapped(tests)]
     )
     opened = {drive.id for drive in drives}
     spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
@@ -108,9 +110,11 @@ def campaign_report(
         sections=(
             Section("summary", top.title, (top,)),
             timeline_section(tests, clusters),
-            gallery_section(clusters, moobds, opened, reruns, counts.by_outcome[Outcome.FAIL]),
+            gallery_section(found, moobds, opened, reruns, failures)
+            if failures
+            else misses_section(found, moobds, opened),
             map_section(table.ids, measured, tests),
-            family_section(clusters, opened),
+            family_section(found, opened),
             operators_section(tests, clusters),
             *confirmed_sections(store.folder, config),
             repeat_section(config, facts),

@@ -1,4 +1,4 @@
-"""The distinct failures, and their ancestors."""
+"""The distinct failures, or the nearest misses, and their ancestors."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Family:
 
     kind: ClassVar[str] = "family"
     ids: tuple[int, ...]
-    """Ids of the failures to choose from."""
+    """Ids of the tests to choose from."""
 
 
 def gallery_section(
@@ -78,9 +78,6 @@ def gallery_section(
         reruns: of those failures that were driven again.
         failures: number of all failures.
     """
-    title = "Failures"
-    if not failures:
-        return Section("failures", title, (), "No failure was found.")
     data = tuple(_cluster_data(cluster, moobds, shown) for cluster in clusters if cluster.ids)
     there = sum(len(cluster.shown) for cluster in data)
     lead = (
@@ -105,14 +102,29 @@ def gallery_section(
         for one in reruns.values()
         if one.stability is not None
     )
-    return Section("failures", title, (Gallery(data, repeats),), lead)
+    return Section("failures", "Failures", (Gallery(data, repeats),), lead)
+
+
+def misses_section(
+    misses: Clusters, moobds: Mapping[int, float], shown: Collection[int]
+) -> Section:
+    """The nearest misses as pictures, where nothing failed; for its arguments see above."""
+    lead = "No failure was found."
+    if not misses:
+        return Section("failures", "Failures", (), lead)
+    lead += (
+        " These tests passed and came nearest to failing, by MOOBD. Those that would be the same"
+        " problem are together."
+    )
+    data = tuple(_cluster_data(cluster, moobds, shown) for cluster in misses)
+    return Section("failures", "Nearest misses", (Gallery(data, ()),), lead)
 
 
 def family_section(clusters: Clusters, shown: Collection[int]) -> Section:
-    """The ancestors of a failure."""
+    """The ancestors of a failure, or of a near miss."""
     ids = tuple(cluster.most_severe for cluster in clusters if cluster.most_severe in shown)
     lead = (
-        "Which roads a failure descends from, and by which operators. A road that can be opened"
+        "Which roads a test descends from, and by which operators. A road that can be opened"
         " here is a button."
     )
     if not ids:

@@ -123,5 +123,5 @@ function drawFamily(element, block) {
   // The first that has a family says more than one that has none.
   choice.value = String(block.ids.find((id) => tests.get(id).parents.length) ?? block.ids[0]);
   show();
-  element.append(el("div", { class: "choices" }, el("label", { for: "family-choice" }, "Failure "), choice), place);
+  element.append(el("div", { class: "choices" }, el("label", { for: "family-choice" }, "Ancestors of "), choice), place);
 }
