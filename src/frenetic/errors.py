@@ -2,14 +2,95 @@
 
 from __future__ import annotations
 
+import linecache
+import os
+import sys
+import traceback
+from pathlib import Path
+
+_MOST = 450  # characters of a line about an error
+_MOST_SOURCE = 80  # characters of a line of source
+_MOST_TRACEBACK = 20_000  # characters of a traceback, whose middle is cut
+_OURS = f"{Path(__file__).parent}{os.sep}"
+_STANDARD = f"{Path(os.__file__).parent}{os.sep}"
+_INSTALLED = (f"{os.sep}site-packages{os.sep}", f"{os.sep}dist-packages{os.sep}")
+
 
 def describe_error(error: BaseException) -> str:
     """Class and text of an error in foreign code, in one line of at most 450 characters."""
+    return _described(error)[:_MOST]
+
+
+def describe_raised(error: BaseException) -> str:
+    """The same with the place in the user's code, see `place_of`; still at most 450 characters."""
+    place = place_of(error)
+    if not place:
+        return describe_error(error)
+    return f"{_described(error)[: _MOST - len(place) - 3]} ({place})"
+
+
+def _described(error: BaseException) -> str:
     try:
         text = " ".join(str(error).split())
     except Exception:
         text = "an error without a readable text"
-    return f"{type(error).__name__}: {text}"[:450] if text else type(error).__name__
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def place_of(error: BaseException) -> str:
+    """File, line and source line at which the user's code raised, as ``mpc.py:42: x = 1 / v``.
+
+    It is the deepest call that is neither ours nor of Python or an installed package; if all are,
+    the deepest in the package that we called. The file is given as seen from the entry of
+    `sys.path` that it is imported from. Empty if there is no such call.
+    """
+    calls = [
+        (frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if _is_foreign(frame.f_code.co_filename)
+    ]
+    own = [call for call in calls if not any(part in call[0] for part in _INSTALLED)]
+    if not calls:
+        return ""
+    first = _package_of(calls[0][0])
+    file, line = (own or [call for call in calls if _package_of(call[0]) == first])[-1]
+    source = " ".join(linecache.getline(file, line).split())
+    if len(source) > _MOST_SOURCE:
+        source = f"{source[: _MOST_SOURCE - 3]}..."
+    return f"{_short(file)[-100:]}:{line}{': ' if source else ''}{source}"
+
+
+def _is_foreign(file: str) -> bool:
+    """Whether a file is neither ours nor Python's."""
+    if file.startswith((_OURS, "<frozen ")):
+        return False
+    return not file.startswith(_STANDARD) or any(part in file for part in _INSTALLED)
+
+
+def _package_of(file: str) -> str:
+    """The folder of the installed package that a file belongs to."""
+    for part in _INSTALLED:
+        head, found, tail = file.partition(part)
+        if found:
+            return head + found + tail.partition(os.sep)[0]
+    return str(Path(file).parent)
+
+
+def _short(file: str) -> str:
+    """A file's path from the entry of `sys.path` that it is imported from."""
+    roots = [f"{root.rstrip(os.sep)}{os.sep}" for root in sys.path if Path(root).is_absolute()]
+    return file[max((len(root) for root in roots if file.startswith(root)), default=0) :]
+
+
+def traceback_of(error: BaseException) -> str:
+    """The whole traceback of an error; that of its cause if we raised it to describe that."""
+    if isinstance(error, FreneticError):
+        if error.__cause__ is None:
+            return ""
+        error = error.__cause__
+    text = "".join(traceback.format_exception(type(error), error, error.__traceback__))
+    half = _MOST_TRACEBACK // 2
+    return text if len(text) <= _MOST_TRACEBACK else f"{text[:half]}\n...\n{text[-half:]}"
 
 
 class FreneticError(Exception):
@@ -42,4 +123,4 @@ class UnknownNameError(FreneticError, LookupError):
 
 def reason_of(error: BaseException) -> str:
     """One line about an error of a simulator or driver; our own errors stay as they are."""
-    return str(error) if isinstance(error, FreneticError) else describe_error(error)
+    return str(error) if isinstance(error, FreneticError) else describe_raised(error)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
-from frenetic.errors import FreneticError, UnknownNameError, describe_error
+from frenetic.errors import FreneticError, UnknownNameError, describe_raised
 
 USER_MODULE: Final = "frenetic_user_"
 """Prefix of the names of modules loaded from a user's file."""
@@ -126,7 +126,7 @@ class Registry:
             raise
         except Exception as error:
             raise FreneticError(
-                f"{self.kind} {spec!r} cannot be made: {describe_error(error)}"
+                f"{self.kind} {spec!r} cannot be made: {describe_raised(error)}"
             ) from error
         missing = [name for name in self.methods if not callable(getattr(made, name, None))]
         if missing:
@@ -192,7 +192,7 @@ class Registry:
             ) from error
         except (Exception, SystemExit) as error:
             raise FreneticError(
-                f"{self.kind} {spec!r}: importing it raised {describe_error(error)}"
+                f"{self.kind} {spec!r}: importing it raised {describe_raised(error)}"
             ) from error
         found = getattr(module, attribute, None)
         if not callable(found):

@@ -88,6 +88,14 @@ def raise_error(marks: Marks) -> None:
     raise RuntimeError("the engine stalled")
 
 
+STALLED = (
+    "the simulator raised RuntimeError: the engine stalled"
+    f" (faulty.py:{raise_error.__code__.co_firstlineno + 1}:"
+    ' raise RuntimeError("the engine stalled"))'
+)
+"""Reason of the test in which it strikes."""
+
+
 def hang(marks: Marks) -> None:
     time.sleep(LIMIT)
 

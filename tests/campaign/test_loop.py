@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 import pytest
 from contents import contents
-from faulty import Fault, FaultySimulator, Straight, Uneven, bend, kill, raise_error
+from faulty import STALLED, Fault, FaultySimulator, Straight, Uneven, bend, kill, raise_error
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary
 from frenetic.campaign.log import CampaignLog, WorkerState
@@ -584,7 +584,7 @@ def test_a_simulator_that_breaks_on_a_road(tmp_path: Path, workers: int, times: 
     assert record.attempts == 2
     if times is None:
         assert record.outcome is Outcome.ERROR
-        assert record.reason == "the simulator raised RuntimeError: the engine stalled"
+        assert record.reason == STALLED
 
 
 def test_a_road_that_kills_workers_is_an_error_and_the_rest_is_driven(tmp_path: Path) -> None:

@@ -92,7 +92,11 @@ def test_simulator_that_raises_is_an_error_of_its_test() -> None:
 
     tested = RoadTester(Broken(), DummyDriver()).test(candidate([0.0] * 10))
     assert tested.result.outcome is Outcome.ERROR
-    assert tested.result.reason == "the simulator raised ConnectionError: lost the simulator"
+    assert tested.result.reason.startswith(
+        "the simulator raised ConnectionError: lost the simulator (test_tester.py:"
+    )
+    assert 'raise ConnectionError("lost the\\nsimulator")' in tested.result.reason
+    assert "in drive\n" in tested.traceback
     assert tested.trajectory is None
 
 

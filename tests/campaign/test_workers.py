@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faulty import (
+    STALLED,
     FarAway,
     Fault,
     FaultyDriver,
@@ -208,7 +209,8 @@ def test_a_simulator_that_broke_is_started_again(workers_of, marks: Marks) -> No
         workers.submit(straight(1))
         while not (attempts := workers.wait(0.5)):
             pass
-        assert attempts[0].failure == "the simulator raised RuntimeError: the engine stalled"
+        assert attempts[0].failure == STALLED
+        assert "in raise_error\n" in attempts[0].traceback
         assert not attempts[0].worker_lost
         assert drive_all(workers, [8])[1].failure is None
     starts, ends = len(marks.numbers("start")), len(marks.numbers("end"))
@@ -243,7 +245,7 @@ def test_a_simulator_that_does_not_start_again_ends_the_workers(workers_of, mark
                 done += workers.wait(0.5)
     assert "\n" not in str(caught.value)
     # What came before it has come back.
-    assert done[0].failure == "the simulator raised RuntimeError: the engine stalled"
+    assert done[0].failure == STALLED
 
 
 class Ageing(FaultySimulator):
@@ -847,12 +849,16 @@ def test_messages_travel() -> None:
         attempt = tester.test(candidate).pack()
         outcomes.add(attempt.result.outcome)
         for message in (
-            replace(attempt, seconds=0.1 + 0.2),
+            replace(attempt, seconds=0.1 + 0.2, traceback="trace"),
             replace(attempt, seconds=1.0, simulator_broke=True, worker="one"),
             Attempt.lost(candidate.id, "one", 0.5, "gone"),
         ):
             assert decode_message(encode_message(message)) == message
     assert {Outcome.FAIL, Outcome.INVALID} <= outcomes
-    for other in (Ready(), WorkerFailed("no port"), Logged(20, "frenetic.x", "so it goes")):
+    for other in (
+        Ready(),
+        WorkerFailed("no port", "trace"),
+        Logged(20, "frenetic.x", "so it goes"),
+    ):
         assert decode_message(encode_message(other)) == other
         assert type(decode_message(encode_message(other))) is type(other)

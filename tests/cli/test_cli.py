@@ -259,6 +259,27 @@ def test_broken_driver_is_an_error_and_ends_a_campaign(
     assert frenetic("show", "c", "--json").json["errors"] == 10
 
 
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_drivers_error_comes_with_its_place_and_traceback(
+    frenetic: Frenetic, workers: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The traceback is in the campaign's log, and with --debug on the terminal."""
+    write("mydriver.py", MY_DRIVER)
+    number = MY_DRIVER.splitlines().index('        raise ValueError("lost")') + 1
+    reason = f'the driver raised ValueError: lost (mydriver.py:{number}: raise ValueError("lost"))'
+    search = ("run", "--driver", "mydriver.py:Raises", "--simulations", "3", "--seed", "1")
+    with caplog.at_level("DEBUG", "frenetic"):
+        answer = frenetic(*search, "--workers", workers, "--out", "c")
+    assert f"The first error: {reason}" in answer.out.splitlines()
+    where = f'mydriver.py", line {number}, in act\n'
+    assert sum(where in record.getMessage() for record in caplog.records) == 3
+    assert f"ERROR  {reason}" in frenetic("show", "c", "1").out
+    log = [json.loads(line) for line in Path("c/campaign.log").read_text().splitlines()]
+    broken = [line for line in log if line["event"] == "test_error"]
+    assert [line["reason"] for line in broken] == [reason] * 3
+    assert all(where in str(line["traceback"]) for line in broken)
+
+
 def test_what_was_found_before_the_driver_broke_is_shown(frenetic: Frenetic) -> None:
     write("mydriver.py", MY_DRIVER)
     answer = frenetic(

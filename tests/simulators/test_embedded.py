@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -459,6 +460,10 @@ def fail(error: BaseException) -> Callable[[], NoReturn]:
     return raise_it
 
 
+RAISED = f"({Path(__file__).name}:{fail.__code__.co_firstlineno + 2}: raise error)"
+"""End of the message about what it raises."""
+
+
 def spin() -> NoReturn:
     while True:
         pass
@@ -500,13 +505,16 @@ def assert_clean(simulator: EmbeddedSimulator) -> None:
 
 
 BROKEN = {
-    "raises": (fail(ValueError("no such lane")), "the driver raised ValueError: no such lane"),
+    "raises": (
+        fail(ValueError("no such lane")),
+        f"the driver raised ValueError: no such lane {RAISED}",
+    ),
     "two lines": (
         fail(ValueError("no\n such  lane")),
-        "the driver raised ValueError: no such lane",
+        f"the driver raised ValueError: no such lane {RAISED}",
     ),
-    "key": (fail(KeyError("lane")), "the driver raised KeyError: 'lane'"),
-    "exits": (lambda: sys.exit(3), "the driver raised SystemExit: 3"),
+    "key": (fail(KeyError("lane")), f"the driver raised KeyError: 'lane' {RAISED}"),
+    "exits": (fail(SystemExit(3)), f"the driver raised SystemExit: 3 {RAISED}"),
     "contract": (fail(DriverError("no model was found")), "no model was found"),
     "returns None": (nothing, "the driver returned NoneType instead of frenetic.Controls"),
     "returns a tuple": (
@@ -546,7 +554,9 @@ def test_a_driver_that_breaks_in_reset_is_an_error() -> None:
 
     simulator = EmbeddedSimulator()
     drive = simulator.drive(STRAIGHT, Broken())
-    assert drive.error == "the driver raised OSError: no connection"
+    assert drive.error is not None
+    assert drive.error.startswith("the driver raised OSError: no connection (test_embedded.py:")
+    assert drive.error.endswith(': raise OSError("no connection"))')
     assert len(drive.trajectory) == 0
     assert judge(STRAIGHT, drive).outcome is Outcome.ERROR
     assert_clean(simulator)
@@ -636,7 +646,9 @@ def test_a_driver_that_loops_for_ever_in_reset_is_ended() -> None:
     simulator = EmbeddedSimulator(wall_limit=0.3)
     drive = simulator.drive(STRAIGHT, Endless())
     assert drive.error is not None
-    assert "within 0.3 s of wall time (it had driven 0.0 s)" in drive.error
+    assert "within 0.3 s of wall time (it had driven 0.0 s, and was at " in drive.error
+    assert re.search(rf" at {Path(__file__).name}:[0-9]+: (while True:|pass)\)$", drive.error)
+    assert "in spin\n" in drive.traceback
     assert len(drive.trajectory) == 0
     assert judge(STRAIGHT, drive).reason == drive.error
 

@@ -215,7 +215,10 @@ def test_driver_that_breaks_in_reset_is_an_error_of_its_drive(
             raise SystemExit("no licence")
 
     drive = simulator.drive(STRAIGHT, Broken())
-    assert drive.error == "the driver raised SystemExit: no licence"
+    assert drive.error is not None
+    assert drive.error.startswith("the driver raised SystemExit: no licence (test_metadrive_drives")
+    assert drive.error.endswith(': raise SystemExit("no licence"))')
+    assert "in reset\n" in drive.traceback
 
 
 def test_embedded_simulator_has_metadrives_car(simulator: MetaDriveSimulator) -> None:

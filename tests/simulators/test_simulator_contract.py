@@ -85,7 +85,7 @@ def failures(make: Callable[..., Any], **attributes: object) -> dict[str, str]:
 
 RECORD = "rows.append([*motion, steering, steering, throttle, brake])"
 CHOSEN = "rows[-1][8:] = [wanted, throttle, brake]"
-END = "if not observer.see(i * PERIOD, x, y, heading):\n                    break"
+END = "if not observer.see(i * PERIOD, x, y, heading):\n                        break"
 SEES = "observer.observation(speed, yaw_rate, steering)"
 MOTION = "motion = [i * PERIOD, x, y, heading, speed, 0.0, yaw_rate]"
 RESET = "driver.reset(setup)"
@@ -226,11 +226,11 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         {"driver_sees_its_car_on_the_road": "the driver sees heading_error = "},
     ),
     "drivers that raise leave no error": (
-        (('trouble = f"the driver raised {error!r}"', "pass"),),
+        (("trouble, trace = str(error), traceback_of(error)", "pass"),),
         {"broken_driver_leaves_the_next_drive_clean": "raised, but the drive has no error"},
     ),
     "drives never end by the rules": (
-        ((END, END.replace("if not ", "").replace(":\n                    break", "")),),
+        ((END, END.replace("if not ", "").replace(":\n                        break", "")),),
         {
             "ends_at_the_roads_end": r"another \d+\.\d s after the car reached the road's end",
             "ends_outside_the_lane": r"another \d+\.\d s after the car left the lane",
@@ -238,7 +238,7 @@ MUTANTS: dict[str, tuple[tuple[tuple[str, str], ...], Mapping[str, str]]] = {
         },
     ),
     "drives end too soon": (
-        ((END, f"{END}\n                if i * PERIOD > 2.5:\n                    break"),),
+        ((END, f"{END}\n                    if i * PERIOD > 2.5:\n                        break"),),
         {
             "gentle_road_is_passed": "stopped after 2.6 s, before the drive had ended",
             "ends_at_the_roads_end": "stopped before a rule ended it; a drive that reached",
@@ -273,7 +273,7 @@ def test_what_is_wrong_is_found_by_its_test_alone(name: str) -> None:
 def late(by: int) -> Callable[..., Any]:
     """The docs' simulator with sensors that are late by a number of periods."""
     return bicycle(
-        (RESET, f"{RESET}\n            views = []"),
+        (RESET, f"{RESET}\n                views = []"),
         (f"driver.act({SEES})", f"driver.act((views.append({SEES}), views[-{1 + by}:][0])[1])"),
     )
 

@@ -24,7 +24,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.versions import package_versions
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError, reason_of
+from frenetic.errors import CampaignError, reason_of, traceback_of
 from frenetic.outcome import Outcome
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
@@ -355,7 +355,8 @@ class Campaign:
             interrupted = True
         except Exception as error:
             log.progress(tally.progress(time.perf_counter() - start), force=True)
-            log.write(Event.GAVE_UP, reason_of(error), level="error")
+            cause: dict[str, Any] = {"traceback": trace} if (trace := traceback_of(error)) else {}
+            log.write(Event.GAVE_UP, reason_of(error), level="error", **cause)
             raise
         # What is stored counts, also when an interrupt came between storing and counting.
         stored = store.counts()

@@ -11,12 +11,13 @@ from typing import Final, Protocol, runtime_checkable
 import numpy as np
 
 from frenetic._support.interrupt import Interrupt
+from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.workers.workers import Workers
-from frenetic.errors import CampaignError, StrategyError, describe_error
+from frenetic.errors import CampaignError, StrategyError, describe_raised
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
@@ -91,7 +92,8 @@ class Dispatcher:
         self._running: set[int] = set()  # ids
         self._tries: Counter[int] = Counter()
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
-        self._unreported: list[tuple[TestRecord, Progress]] = []  # told, perhaps not written
+        # Told, perhaps not written, with the tracebacks of errors.
+        self._unreported: list[tuple[TestRecord, str, Progress]] = []
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
         self._next_look = 0.0
@@ -134,8 +136,8 @@ class Dispatcher:
         if self._unreported:
             self._store.write()
             written, self._unreported = self._unreported, []
-            for record, progress in written:
-                self._log_result(record)
+            for record, traceback, progress in written:
+                self._log_result(record, traceback)
                 yield progress
 
     @property
@@ -238,6 +240,7 @@ class Dispatcher:
             attempt=tries,
             worker=attempt.worker,
             reason=attempt.failure,
+            **_traced(attempt.traceback),
         )
 
     def _tell_at_once(self) -> None:
@@ -288,7 +291,8 @@ class Dispatcher:
             self._observing.observe(attempt)
         evaluation = Evaluation(candidate, result.outcome, result.moobd, tally.budget_spent)
         tell(self._strategy, evaluation, tally)
-        self._unreported.append((record, tally.progress(time.perf_counter() - self._start)))
+        progress = tally.progress(time.perf_counter() - self._start)
+        self._unreported.append((record, attempt.traceback, progress))
         self._give_up_if_hopeless(record)
 
     def _is_wanted(self, candidate: Candidate) -> bool:
@@ -317,7 +321,7 @@ class Dispatcher:
                 f" {record.reason}; is the map too small?"
             )
 
-    def _log_result(self, record: TestRecord) -> None:
+    def _log_result(self, record: TestRecord, traceback: str) -> None:
         number = record.candidate.id
         if record.outcome is Outcome.FAIL:
             self._log.write(
@@ -334,6 +338,7 @@ class Dispatcher:
                 test=number,
                 attempts=record.attempts,
                 reason=record.reason,
+                **_traced(traceback),
             )
 
     def _log_progress(self, *, force: bool = False) -> None:
@@ -344,6 +349,11 @@ class Dispatcher:
             self._log.progress(
                 progress, workers=self._workers.states(), running=len(self._running), force=force
             )
+
+
+def _traced(traceback: str) -> dict[str, JSONValue]:
+    """The field of a line of the log for a traceback, if there is one."""
+    return {"traceback": traceback} if traceback else {}
 
 
 def ask(strategy: Strategy, tally: Tally) -> Candidate:
@@ -389,4 +399,4 @@ def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
 
 
 def _raised(error: Exception) -> StrategyError:
-    return StrategyError(f"the strategy raised {describe_error(error)}")
+    return StrategyError(f"the strategy raised {describe_raised(error)}")

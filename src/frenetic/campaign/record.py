@@ -50,6 +50,8 @@ class Attempt:
     """Name of the worker."""
     seconds: float = 0.0
     """Wall time that it took, in s."""
+    traceback: str = ""
+    """Traceback of the simulator's or driver's error, if known."""
 
     @classmethod
     def undriven(
@@ -59,10 +61,14 @@ class Attempt:
         return cls(candidate_id, Result(outcome, reason, None, None, None, 0.0, None), pose)
 
     @classmethod
-    def lost(cls, candidate_id: int, worker: str, seconds: float, reason: str) -> Self:
+    def lost(
+        cls, candidate_id: int, worker: str, seconds: float, reason: str, traceback: str = ""
+    ) -> Self:
         """The attempt of a worker that was lost after the given s."""
         attempt = cls.undriven(candidate_id, Outcome.ERROR, reason)
-        return replace(attempt, worker_lost=True, worker=worker, seconds=seconds)
+        return replace(
+            attempt, worker_lost=True, worker=worker, seconds=seconds, traceback=traceback
+        )
 
     @property
     def failure(self) -> str | None:

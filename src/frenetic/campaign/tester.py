@@ -13,7 +13,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.record import Attempt
 from frenetic.drivers.driver import Driver
-from frenetic.errors import RoadError, describe_error
+from frenetic.errors import RoadError, describe_raised, traceback_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, check_validity
@@ -125,18 +125,31 @@ class RoadTester:
         whole = len(drive.trajectory) > 0 and bool(np.isfinite(drive.trajectory.to_rows()).all())
         trajectory = drive.trajectory if whole else None
         return Attempt(
-            candidate_id, judge(road, drive), road.pose, trajectory, simulator_broke=broke
+            candidate_id,
+            judge(road, drive),
+            road.pose,
+            trajectory,
+            simulator_broke=broke,
+            traceback=drive.traceback,
         )
 
     def _drive(self, road: Road, driver: Driver) -> tuple[Drive, bool]:
         """The drive, and whether the simulator raised."""
+        broke = False
         try:
-            return self.simulator.drive(road, driver), False
+            drive = self.simulator.drive(road, driver)
         except Exception as error:
-            logger.debug("the simulator broke", exc_info=True)
-            reason = f"the simulator raised {describe_error(error)}"
-            nothing = Trajectory.empty()
-            return Drive(nothing, self.simulator.car, self.simulator.rules, error=reason), True
+            broke = True
+            drive = Drive(
+                Trajectory.empty(),
+                self.simulator.car,
+                self.simulator.rules,
+                f"the simulator raised {describe_raised(error)}",
+                traceback_of(error),
+            )
+        if drive.traceback:
+            logger.debug("%s\n%s", drive.error, drive.traceback)
+        return drive, broke
 
 
 def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attempt:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from frenetic._support.arrays import FloatArray
-from frenetic.errors import DriverError
+from frenetic.errors import DriverError, describe_raised
 
 AHEAD_SPACING = 2.0
 """Distance along the road between two points of the view ahead, in m."""
@@ -119,6 +121,20 @@ def inner_driver(driver: object) -> Driver | None:
     """The driver under a layer; None if it is none."""
     inner = driver.driver if isinstance(driver, DriverLayer) else None
     return inner if isinstance(inner, Driver) else None
+
+
+@contextmanager
+def blaming_driver() -> Iterator[None]:
+    """Turns an error of a driver into a `DriverError` that says where in its code it was raised.
+
+    A `KeyboardInterrupt` stays one, since it may be Ctrl-C.
+    """
+    try:
+        yield
+    except DriverError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise DriverError(f"the driver raised {describe_raised(error)}") from error
 
 
 def checked_controls(controls: Any) -> tuple[float, float, float]:

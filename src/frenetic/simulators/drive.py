@@ -134,3 +134,5 @@ class Drive:
     rules: Rules = field(default_factory=Rules)
     error: str | None = None
     """Reason why the simulator or the driver broke, None if the drive ended by the rules."""
+    traceback: str = ""
+    """Traceback of the error for the campaign's log, see `frenetic.errors.traceback_of`."""

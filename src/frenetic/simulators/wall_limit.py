@@ -10,12 +10,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from frenetic.errors import place_of
+
 
 class WallLimitExceeded(BaseException):
     """Raised inside code that runs for too long.
 
     It is not an `Exception`, so a driver's own ``except Exception`` does not catch it.
     """
+
+    @property
+    def place(self) -> str:
+        """Place at which it interrupted the user's code, as the end of a sentence, or empty."""
+        place = place_of(self)
+        return place and f", and was at {place}"
 
 
 _AGAIN = 1.0  # s after which a driver that swallowed the exception gets another

@@ -11,7 +11,7 @@ from typing import Final, Self
 from frenetic.campaign.log import WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.errors import CampaignError, reason_of
+from frenetic.errors import CampaignError, reason_of, traceback_of
 from frenetic.search.records import Candidate
 
 NAME: Final = "this process"
@@ -69,10 +69,13 @@ class InProcessWorker:
         start = time.perf_counter()
         try:
             attempt = self._tester.attempt(candidate, placement, NAME, keep=True)
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             logger.debug("a test broke", exc_info=True)
             seconds = time.perf_counter() - start
-            attempt = Attempt.lost(candidate.id, NAME, seconds, reason_of(error))
+            reason, trace = reason_of(error), traceback_of(error)
+            attempt = Attempt.lost(candidate.id, NAME, seconds, reason, trace)
         if attempt.failure is not None:
             self._end(None, None, None)
         self._task = None

@@ -13,9 +13,9 @@ from typing import Any, Final, Self
 import numpy as np
 
 from frenetic.drivers import BeamngAi, Driver, DriveSetup
-from frenetic.drivers.driver import checked_controls
+from frenetic.drivers.driver import blaming_driver, checked_controls
 from frenetic.drivers.layers import under_layers
-from frenetic.errors import DriverError, describe_error
+from frenetic.errors import DriverError, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.beamng.car import (
     LENGTHS,
@@ -282,7 +282,7 @@ class BeamngSimulator:
             self.connect()
         self._place_car(road)
         recording = _Recording(self, road)
-        error_text: str | None = None
+        error_text, trace = None, ""
         try:
             with wall_limit(self.wall_limit):
                 if by_ai:
@@ -290,7 +290,7 @@ class BeamngSimulator:
                     recording.drive(None)
                 else:
                     recording.drive(driver)
-        except WallLimitExceeded:
+        except WallLimitExceeded as limit:
             if not recording.driver_acts:
                 raise BeamngError(
                     f"BeamNG.tech did not finish a drive within {self.wall_limit:g} s of wall time"
@@ -298,13 +298,13 @@ class BeamngSimulator:
                 ) from None
             error_text = (
                 f"the driver did not finish its drive within {self.wall_limit:g} s of wall time"
+                f"{limit.place}"
             )
+            trace = traceback_of(limit)
         except DriverError as error:
-            error_text = str(error)
-        except _DriverBrokeError as error:
-            error_text = f"the driver raised {describe_error(error.cause)}"
+            error_text, trace = str(error), traceback_of(error)
         self._finish()
-        return Drive(recording.trajectory(), self.car, self.rules, error_text)
+        return Drive(recording.trajectory(), self.car, self.rules, error_text, trace)
 
     def _finish(self) -> None:
         """Removes the road; the drive counts even if that fails."""
@@ -486,14 +486,6 @@ class BeamngSimulator:
         self.link.step(self.steps_per_second // RECORD_RATE)
 
 
-class _DriverBrokeError(Exception):
-    """A driver raised an error of its own."""
-
-    def __init__(self, cause: BaseException) -> None:
-        super().__init__(str(cause))
-        self.cause = cause
-
-
 class _Recording:
     """One drive, record by record."""
 
@@ -573,13 +565,8 @@ class _Recording:
     def _ask(self, call: Any, *arguments: Any) -> Any:
         # A limit on the wall time that strikes in between leaves the mark.
         self.driver_acts = True
-        try:
+        with blaming_driver():
             answer = call(*arguments)
-        except DriverError:
-            raise
-        except (Exception, SystemExit) as error:
-            logger.debug("the driver broke", exc_info=True)
-            raise _DriverBrokeError(error) from error
         self.driver_acts = False
         return answer
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 import os
 import time
@@ -18,10 +17,10 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
-from frenetic.drivers.driver import Driver, DriveSetup, checked_controls
+from frenetic.drivers.driver import Driver, DriveSetup, blaming_driver, checked_controls
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form
-from frenetic.errors import DriverError, describe_error
+from frenetic.errors import DriverError, traceback_of
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -40,8 +39,6 @@ from frenetic.simulators.embedded.vehicle import (
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.starting import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
-
-logger = logging.getLogger(__name__)
 
 SLOW: Final = 0.1
 """Wall time that no drive of a second needs where kernels are compiled, in s."""
@@ -180,12 +177,12 @@ class EmbeddedSimulator(StartingPlace):
         room = self._room[: columns_needed * most].reshape(columns_needed, most)
         setup = self.setup(road)
         compiled = compiled_form(driver, setup.period)
-        error = None
+        error, trace = None, ""
         if compiled is not None:
             n = self._drive_compiled(road, compiled, setup, rules, room)
         else:
-            n, error = self._drive_python(road, driver, setup, room)
-        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, error)
+            n, error, trace = self._drive_python(road, driver, setup, room)
+        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, error, trace)
 
     def _drive_compiled(
         self,
@@ -220,8 +217,11 @@ class EmbeddedSimulator(StartingPlace):
         driver: Driver,
         setup: DriveSetup,
         room: FloatArray,
-    ) -> tuple[int, str | None]:
-        """The compiled rollout's loop with calls of the driver in between: (records, error)."""
+    ) -> tuple[int, str | None, str]:
+        """The compiled rollout's loop with calls of the driver in between.
+
+        Returns (records, error, its traceback).
+        """
         compile_kernels()  # not on the driver's time
         written = 0
         state = kernels.start_state(
@@ -244,20 +244,18 @@ class EmbeddedSimulator(StartingPlace):
                 kernels.advance_period(state, *controls, self._parameters)
 
         try:
-            with wall_limit(self.wall_limit):
+            with wall_limit(self.wall_limit), blaming_driver():
                 loop()
-        except WallLimitExceeded:
+        except WallLimitExceeded as error:
             at = max(written - 1, 0) * kernels.PERIOD
-            return written, (
+            text = (
                 f"the driver did not finish its drive within {self.wall_limit:g} s of wall time"
-                f" (it had driven {at:.1f} s)"
+                f" (it had driven {at:.1f} s{error.place})"
             )
+            return written, text, traceback_of(error)
         except DriverError as error:
-            return written, str(error)
-        except (Exception, SystemExit) as error:
-            logger.debug("the driver broke", exc_info=True)
-            return written, f"the driver raised {describe_error(error)}"
-        return written, None
+            return written, str(error), traceback_of(error)
+        return written, None, ""
 
 
 @cache

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from importlib.metadata import PackageNotFoundError, version
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
 
 import numpy as np
 
-from frenetic.drivers.driver import Driver, checked_controls
-from frenetic.errors import DriverError, FreneticError, describe_error
+from frenetic.drivers.driver import Driver, blaming_driver, checked_controls
+from frenetic.errors import DriverError, FreneticError, describe_error, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks
 from frenetic.simulators.drive import Drive, Rules, Trajectory
@@ -31,8 +30,6 @@ from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 if TYPE_CHECKING:
     from frenetic.simulators.metadrive.world import Motion, World
-
-logger = logging.getLogger(__name__)
 
 PACKAGE: Final = "metadrive-simulator"
 EXTRA: Final = 'pip install "frenetic-roads[metadrive]"'
@@ -173,7 +170,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         if world is None:
             raise FreneticError("MetaDrive is not running: drive roads in a with statement")
         rows: list[list[float]] = []
-        error = None
+        error, trace = None, ""
         try:
             own = metadrive_driver(driver)
             world.load(
@@ -184,20 +181,21 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             )
             with wall_limit(self.wall_limit):
                 if own is None:
-                    with _blaming_the_driver():
+                    with blaming_driver():
                         driver.reset(drive_setup(self.rules, road))
                     self._follow(world, road, _asking(driver), rows)
                 else:
                     self._follow_own(world, road, own, rows)
-        except WallLimitExceeded:
+        except WallLimitExceeded as limit:
             error = (
                 f"the drive did not end within {self.wall_limit:g} s of wall time (the car had"
-                f" driven {max(len(rows) - 1, 0) * PERIOD:.1f} s)"
+                f" driven {max(len(rows) - 1, 0) * PERIOD:.1f} s{limit.place})"
             )
+            trace = traceback_of(limit)
         except DriverError as trouble:
-            error = str(trouble)
+            error, trace = str(trouble), traceback_of(trouble)
         columns = np.array(rows).reshape(-1, len(Trajectory.names()))
-        return Drive(Trajectory.from_rows(columns), self.car, self.rules, error)
+        return Drive(Trajectory.from_rows(columns), self.car, self.rules, error, trace)
 
     def _follow_own(
         self, world: World, road: Road, driver: MetaDriveDriver, rows: list[list[float]]
@@ -247,22 +245,10 @@ def _asking(driver: Driver) -> Decide:
 
     def decide(observer: Observer, motion: Motion, wheels: float) -> Decision:
         observation = observer.observation(motion.speed, motion.yaw_rate, wheels)
-        with _blaming_the_driver():
+        with blaming_driver():
             return Decision(*checked_controls(driver.act(observation)))
 
     return decide
-
-
-@contextmanager
-def _blaming_the_driver() -> Iterator[None]:
-    """Separates errors of the driver from those of MetaDrive."""
-    try:
-        yield
-    except DriverError:
-        raise
-    except (Exception, SystemExit) as error:
-        logger.debug("the driver broke", exc_info=True)
-        raise DriverError(f"the driver raised {describe_error(error)}") from error
 
 
 def _asked(decision: Decision) -> tuple[float, float, float]:

@@ -264,6 +264,8 @@ class ClusterWorkers:
         for level, name, text in driven.logged:
             logging.getLogger(name).log(level, "%s: %s", seat.name, text)
         seat.tests += 1
+        if trace := driven.attempt.traceback:
+            logger.debug("%s: %s\n%s", seat.name, driven.attempt.result.reason, trace)
         if driven.attempt.simulator_broke:
             assert seat.handle is not None
             seat.turn("starting", START_LIMIT)

@@ -20,7 +20,7 @@ import numpy as np
 
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.errors import reason_of
+from frenetic.errors import reason_of, traceback_of
 from frenetic.oracle import Departure, Result
 from frenetic.outcome import Outcome
 from frenetic.registry import load_user_file
@@ -60,7 +60,7 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
         pass
     except BaseException as error:  # also what a driver's sys.exit() raises
         with suppress(_GoneError):
-            campaign.send(WorkerFailed(reason_of(error)))
+            campaign.send(WorkerFailed(reason_of(error), traceback_of(error)))
     finally:
         connection.close()  # which says that the simulator has ended
 
@@ -183,6 +183,7 @@ class WorkerFailed(NamedTuple):
     """This process must end: its simulator does not start, or a drive broke the process."""
 
     reason: str
+    traceback: str
 
 
 class Logged(NamedTuple):
@@ -256,6 +257,7 @@ def _values_of(attempt: Attempt) -> tuple[object, ...]:
         attempt.worker_lost,
         attempt.worker,
         attempt.seconds,
+        attempt.traceback,
     )
 
 

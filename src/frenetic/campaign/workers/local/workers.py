@@ -61,6 +61,8 @@ MOST_ON_WINDOWS: Final = 60
 Task: TypeAlias = "tuple[Candidate, Placement | None]"
 """Task of a worker."""
 
+logger = logging.getLogger(__name__)
+
 _LEAVING_LIMIT: Final = 1.0  # s that a process has to leave when its simulator has ended
 _PAUSE: Final = 0.2  # s between two tries to get a process
 _FORKED: Final = "forkserver"
@@ -286,6 +288,10 @@ class LocalWorkers:
                     text = f"{worker.name} started"
                     self._log.write(Event.WORKER_STARTED, text, worker=worker.name)
             case Attempt():
+                if message.traceback:
+                    logger.debug(
+                        "%s: %s\n%s", worker.name, message.result.reason, message.traceback
+                    )
                 worker.finish(message.seconds)
                 if message.simulator_broke:
                     worker.turn("starting", START_LIMIT)
@@ -294,10 +300,10 @@ class LocalWorkers:
                 return [replace(message, worker=worker.name)]
             case Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", worker.name, text)
-            case WorkerFailed(reason):
+            case WorkerFailed(reason, traceback):
                 if not worker.has_started:
                     worker.failed_starts = STARTS  # that would not change
-                return self._lost(worker, reason)
+                return self._lost(worker, reason, traceback)
         return []
 
     def _turn_to_next(self, worker: _Worker) -> None:
@@ -306,14 +312,16 @@ class LocalWorkers:
         else:
             worker.turn("idle")
 
-    def _lost(self, worker: _Worker, reason: str) -> list[Attempt]:
+    def _lost(self, worker: _Worker, reason: str, traceback: str = "") -> list[Attempt]:
         """Replaces a worker; returns the lost attempt."""
+        if traceback:
+            logger.debug("%s: %s\n%s", worker.name, reason, traceback)
         attempts = []
         if worker.state == "driving":
             seconds = time.monotonic() - worker.since
             candidate_id = worker.queue.popleft()[0].id
             loss = self._note_loss(worker, reason, test=candidate_id)
-            attempts.append(Attempt.lost(candidate_id, worker.name, seconds, loss))
+            attempts.append(Attempt.lost(candidate_id, worker.name, seconds, loss, traceback))
             worker.failed_starts = 0
         else:
             self._note_loss(worker, reason)
