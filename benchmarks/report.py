@@ -35,7 +35,7 @@ new MutationObserver((_, observer) => {
   const now = performance.now();
   if (document.querySelector(".cell")) seen.map ??= now;
   const charts = [...document.querySelectorAll(".chart")];
-  if (charts.length && charts.every((chart) => chart.querySelector(".main-svg"))) {
+  if (charts.length && charts.every((chart) => chart.querySelector(".series"))) {
     seen.charts = now;
     observer.disconnect();
   }
@@ -46,6 +46,9 @@ READ: Final = """() => {
   const [paint] = performance.getEntriesByName("first-contentful-paint");
   return [paint.startTime, seen.map, navigation.loadEventEnd, seen.charts];
 }"""
+SEEN_ALL: Final = """() => seen.charts
+  && performance.getEntriesByName("first-contentful-paint").length
+  && performance.getEntriesByType("navigation")[0].loadEventEnd > 0"""
 
 
 def make_report(simulations: int, folder: Path) -> Path:
@@ -84,7 +87,7 @@ def opened(browser: Browser, report: Path) -> list[float]:
     page = context.new_page()
     page.add_init_script(WATCH)
     page.goto(report.resolve().as_uri())
-    page.wait_for_function("seen.charts", polling=500, timeout=120_000)
+    page.wait_for_function(SEEN_ALL, polling=500, timeout=120_000)
     found = [time / 1000.0 for time in page.evaluate(READ)]
     context.close()
     return found

@@ -674,7 +674,7 @@ def test_help_of_a_command_needs_nothing_that_takes_time(command: str) -> None:
         "import sys\n"
         "from frenetic.cli import cli\n"
         f"cli.main(['{command}', '--help'], standalone_mode=False)\n"
-        "slow = {'numba', 'matplotlib', 'numpy', 'scipy', 'plotly'}\n"
+        "slow = {'numba', 'matplotlib', 'numpy', 'scipy'}\n"
         "assert not slow & set(sys.modules), slow & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, env=os.environ.copy())

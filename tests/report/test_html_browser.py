@@ -88,15 +88,15 @@ def test_page_has_all_parts(page: Page) -> None:
         "Operators",
         "Configuration",
     ]
-    expect(page.locator(".chart .main-svg").first).to_be_visible()
-    expect(page.locator(".chart .plot-container")).to_have_count(2)
+    expect(page.locator(".block-timeline .series .line")).to_have_count(3)
+    assert page.locator(".block-bars .bar-fill").count() > 5
     assert page.locator(".gallery .card svg .path").count() > 5
 
 
 def test_time_can_be_counted_in_three_ways(page: Page) -> None:
     for name, title in (("tests", "tests, roads that"), ("wall time", "wall time (s)")):
         page.get_by_role("button", name=name, exact=True).click()
-        expect(page.locator(".block-timeline .xtitle")).to_contain_text(title)
+        expect(page.locator(".block-timeline .x-title")).to_contain_text(title)
 
 
 def test_cell_of_the_map_shows_its_roads(page: Page) -> None:
@@ -339,9 +339,9 @@ def test_dark_colours_follow_the_system_and_the_switch(
     show: Callable[..., Page], searched: Path
 ) -> None:
     page = show(searched / "report.html", color_scheme="dark")
-    expect(page.locator(".xtitle").first).to_be_visible()
+    expect(page.locator(".x-title").first).to_be_visible()
     assert background(page) < 150
-    ink = "getComputedStyle(document.querySelector('.xtitle')).fill"
+    ink = "getComputedStyle(document.querySelector('.x-title')).fill"
     dark = page.evaluate(ink)
     button = page.locator("#theme")
     button.click()
@@ -376,8 +376,10 @@ def test_paper_is_white_and_has_no_switches(show: Callable[..., Page], searched:
     assert background(page) == 3 * 255
     for hidden in (".bar", ".choices", ".copy", ".map-panel"):
         expect(page.locator(hidden).first).to_be_hidden()
-    widths = page.locator(".main-svg").evaluate_all("els => els.map(el => el.clientWidth)")
-    assert max(widths) <= 660
+    widths = page.locator(".chart-drawing > svg").evaluate_all(
+        "els => els.map(el => el.clientWidth)"
+    )
+    assert 500 < max(widths) <= 660
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     page.emulate_media(media="screen")
     assert background(page) < 150
@@ -408,20 +410,89 @@ def test_paper_shows_what_is_folded(page: Page) -> None:
     assert details.evaluate_all(folded) == before
 
 
-def test_charts_are_on_paper_even_before_they_are_on_the_screen(
+def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        tested = [test for test in store.tests() if test.outcome.is_test]
+    drawing = page.locator(".block-timeline .chart-drawing")
+    drawing.scroll_into_view_if_needed()
+    grid = drawing.locator("svg.lines").bounding_box()
+    assert grid is not None
+    page.mouse.move(grid["x"] + 0.6 * grid["width"], grid["y"] + 60)
+    tip = page.locator(".chart-tip")
+    at = int(re.findall(r"^(\d+) simulations", tip.locator("p").first.text_content() or "")[0])
+    assert at == pytest.approx(180, abs=2)
+    driven = [test for test in tested if test.outcome is not Outcome.INVALID][:at]
+    failed = [test.id for test in driven if test.outcome is Outcome.FAIL]
+    said = {
+        row.locator("span").text_content(): row.locator("b").text_content()
+        for row in tip.locator("> div").all()
+    }
+    assert said["failures"] == str(len(failed))
+    expect(tip).to_contain_text(f"Latest failure: test {failed[-1]}.")
+    page.mouse.down()
+    page.mouse.up()
+    expect(page.locator("#player-title")).to_contain_text(f"Test {failed[-1]} FAIL")
+
+
+def test_chart_is_enlarged_by_dragging(page: Page) -> None:
+    drawing = page.locator(".block-timeline .chart-drawing")
+    drawing.scroll_into_view_if_needed()
+    ticks = drawing.locator(".x-tick")
+    before = ticks.all_text_contents()
+    grid = drawing.locator("svg.lines").bounding_box()
+    assert grid is not None
+    page.mouse.move(grid["x"] + grid["width"] / 3, grid["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(grid["x"] + grid["width"] * 2 / 3, grid["y"] + 60, steps=3)
+    page.mouse.up()
+    shown = [int(text) for text in ticks.all_text_contents()]
+    assert shown != [int(text) for text in before]
+    assert min(shown) >= 95
+    assert max(shown) <= 205
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    page.get_by_role("button", name="Whole range").click()
+    assert ticks.all_text_contents() == before
+
+
+def test_chart_is_read_with_the_keyboard(page: Page) -> None:
+    drawing = page.locator(".block-timeline .chart-drawing")
+    drawing.focus()
+    tip = page.locator(".chart-tip")
+    page.keyboard.press("ArrowRight")
+    first = tip.locator("p").first.text_content()
+    for _ in range(60):
+        page.keyboard.press("ArrowRight")
+    assert tip.locator("p").first.text_content() != first
+    number = re.findall(r"test (\d+)", tip.text_content() or "")[0]
+    page.keyboard.press("Enter")
+    expect(page.locator("#player-title")).to_contain_text(f"Test {number} ")
+
+
+def test_tapping_a_chart_shows_its_values_before_it_opens_a_test(
     show: Callable[..., Page], searched: Path
 ) -> None:
-    page = show(searched / "report.html")
-    page.evaluate("window.dispatchEvent(new Event('beforeprint'))")
-    assert page.locator(".chart .plot-container").count() == 2
+    page = show(searched / "report.html", viewport={"width": 390, "height": 844}, has_touch=True)
+    drawing = page.locator(".block-timeline .chart-drawing")
+    drawing.scroll_into_view_if_needed()
+    box = drawing.bounding_box()
+    assert box is not None
+    place = (box["x"] + 0.8 * box["width"], box["y"] + 0.7 * box["height"])
+    page.touchscreen.tap(*place)
+    expect(page.locator(".chart-tip")).to_contain_text("Tap again")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    page.touchscreen.tap(*place)
+    expect(page.get_by_role("dialog")).to_be_visible()
 
 
-def test_a_page_without_charts_does_not_start_plotly(
-    show: Callable[..., Page], searched: Path, tmp_path: Path
-) -> None:
-    page = show(write_report(make_empty(tmp_path / "empty", searched)))
-    page.wait_for_timeout(50)
-    assert page.evaluate("window.Plotly === undefined")
+def test_a_line_is_hidden_by_its_legend(page: Page) -> None:
+    lines = page.locator(".block-timeline .series")
+    expect(lines).to_have_count(3)
+    button = page.locator(".block-timeline .legend button", has_text="distinct failures")
+    button.click()
+    expect(button).to_have_attribute("aria-pressed", "false")
+    expect(lines).to_have_count(2)
+    button.click()
+    expect(lines).to_have_count(3)
 
 
 def test_player_fits_on_a_phone(show: Callable[..., Page], searched: Path) -> None:
@@ -507,6 +578,8 @@ def test_operators_are_explained(page: Page) -> None:
     row = page.locator("#operators tbody tr", has_text="random")
     expect(row).to_contain_text("draws a new road")
     expect(page.locator("#family .tree-box")).to_contain_text("random: draws a new road")
+    bar = page.locator("#operators .bar-row", has=page.get_by_text("random", exact=True))
+    expect(bar).to_contain_text("draws a new road")
     node = page.locator("#family .node", has_text="random").first
     expect(node).to_have_attribute("title", re.compile("^random: draws a new road"))
 
@@ -564,15 +637,13 @@ def test_a_few_failures_are_counted_in_whole_numbers(
             store.asked(candidate)
             store.told(replace(like, candidate=candidate, told=number, elapsed=float(number)))
     page = show(write_report(tmp_path / "few"))
-    ticks = page.locator(".block-timeline .ytick text")
+    ticks = page.locator(".block-timeline .y-tick")
     expect(ticks.first).to_be_visible()
     assert all(re.fullmatch(r"\d+", text) for text in ticks.all_text_contents())
-    widths = page.locator(".block-timeline .scatterlayer .js-line").evaluate_all(
-        "els => els.map(el => parseFloat(el.style.strokeWidth))"
+    widths = page.locator(".block-timeline .series .line").evaluate_all(
+        "els => els.map(el => parseFloat(el.getAttribute('stroke-width')))"
     )
     assert widths.index(max(widths)) == len(widths) - 2  # the failures, under the distinct ones
-    bars = page.locator(".block-bars .point path").first
-    assert float(bars.evaluate("el => el.style.fillOpacity") or 1) == 1.0
 
 
 def test_no_text_from_outside_is_run(
@@ -646,5 +717,8 @@ def test_sections_of_ones_own_are_drawn(
         "Caption.",
     ):
         expect(ours).to_contain_text(text)
-    expect(ours.locator(".chart .plot-container")).to_have_count(2)
+    expect(ours.locator(".series .line.dashed")).to_have_count(1)
+    expect(ours.locator(".series .band")).to_have_count(1)
+    expect(ours.locator(".bar-fill")).to_have_count(1)
+    expect(ours.locator(".bar-value")).to_have_text(["1.0", "–"])
     expect(page.locator("nav a").last).to_have_text("The bench")

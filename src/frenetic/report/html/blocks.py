@@ -80,6 +80,8 @@ class Table:
     """Relative address of the link in each row's first text, as many as rows, or none."""
     tall: bool = False
     """Whether it scrolls."""
+    faint: tuple[bool, ...] = ()
+    """Whether a row fades, since little stands behind it; as many as rows, or none."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,10 @@ class Bars:
     high: tuple[float | None, ...] = ()
     role: Role = "fail"
     caption: str = ""
+    notes: tuple[str, ...] = ()
+    """Small text under each name, as many as names, or none."""
+    faint: tuple[bool, ...] = ()
+    """Whether a bar fades, since little stands behind it; as many as names, or none."""
 
 
 @dataclass(frozen=True)

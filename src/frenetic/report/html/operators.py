@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
+from frenetic._support.words import counted
 from frenetic.analysis.failures import Clusters
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Bars, Column, Section, Table
 from frenetic.report.html.tests import TestSummary
 from frenetic.search.operators import DOES
+
+FEW: Final = 10
+"""Drives of an operator below which its share says little: its interval spans most of the scale."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,7 @@ def operators_section(tests: Sequence[TestSummary], clusters: Clusters) -> Secti
     )
     drivers = [one for one in results if one.driven]
     intervals = [one.interval or (0.0, 1.0) for one in drivers]
+    few = tuple(one.driven < FEW for one in drivers)
     blocks = (
         Bars(
             names=tuple(one.name for one in drivers),
@@ -118,7 +124,10 @@ def operators_section(tests: Sequence[TestSummary], clusters: Clusters) -> Secti
             title="drives that failed (%)",
             low=tuple(100.0 * low for low, _ in intervals),
             high=tuple(100.0 * high for _, high in intervals),
-            caption="Share of each operator's drives that failed, with its 95 % Wilson interval.",
+            caption="Share of each operator's drives that failed, with its 95 % Wilson interval."
+            + (f" Pale: fewer than {FEW} drives, which say little." if any(few) else ""),
+            notes=tuple(_note(one) for one in drivers),
+            faint=few,
         ),
         Table(
             columns,
@@ -127,12 +136,19 @@ def operators_section(tests: Sequence[TestSummary], clusters: Clusters) -> Secti
             " the operator's roads are worse for the driver than what they were made from."
             " Distinct: distinct failures with at least one failure of this operator; found first:"
             " those whose first failure is its.",
+            faint=tuple(one.driven < FEW for one in results),
         ),
     )
     lead = "Which operators of the strategy paid off."
     if any(one.name in DOES for one in results):
         lead += " A road is a row of values: its curvatures, from one end to the other."
     return Section("operators", title, blocks, lead)
+
+
+def _note(one: OperatorResult) -> str:
+    """The operator's effect and its drives."""
+    does = DOES.get(one.name, "")
+    return f"{does}; {counted(one.driven, 'drive')}" if does else counted(one.driven, "drive")
 
 
 def _share(one: OperatorResult) -> str:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-import importlib.util
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -17,7 +15,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import write_file
-from frenetic.errors import FreneticError
 from frenetic.report.html.blocks import Section, to_json
 from frenetic.report.html.tests import DriveData, TestTable
 
@@ -64,7 +61,6 @@ def render(report: Report) -> str:
 
     Raises:
         ValueError: a section's id is invalid or not unique.
-        FreneticError: Plotly is not properly installed.
     """
     ids = [section.id for section in report.sections]
     for name in ids:
@@ -73,14 +69,13 @@ def render(report: Report) -> str:
                 f"a section's id is {name!r}: letters, digits and hyphens are needed, and each id"
                 " once"
             )
-    script, plotly, style = _script(), _plotly(), _text("report.css")
+    script, style = _script(), _text("report.css")
     parts = {
         "title": html.escape(report.title),
-        "policy": _policy([script, plotly]),
+        "policy": _policy(script, style),
         "style": style,
         "data": _island(to_json(report)),
         "script": script,
-        "plotly": plotly,
     }
     return _MARK.sub(lambda mark: parts[mark[1]], _text("template.html"))
 
@@ -110,17 +105,14 @@ def _island(data: Any) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def _policy(scripts: Sequence[str]) -> str:
-    """A content security policy that allows these scripts and loads nothing.
-
-    Styles are allowed, since Plotly sets its own.
-    """
-    hashes = " ".join(
-        f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
-        for script in scripts
+def _policy(script: str, style: str) -> str:
+    """A content security policy that allows this script and style and loads nothing."""
+    hashed = (
+        base64.b64encode(hashlib.sha256(t.encode()).digest()).decode() for t in (script, style)
     )
+    script_src, style_src = (f"'sha256-{one}'" for one in hashed)
     return (
-        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data:;"
+        f"default-src 'none'; script-src {script_src}; style-src {style_src}; img-src data:;"
         " base-uri 'none'; form-action 'none'"
     )
 
@@ -134,19 +126,6 @@ def _text(name: str) -> str:
 def _script() -> str:
     parts = "\n".join(_text(name) for name in SCRIPTS)
     return _unbreakable(f'"use strict";\n(() => {{\n{parts}\n}})();\n')
-
-
-@cache
-def _plotly() -> str:
-    """Plotly's JavaScript, which its Python package carries; the package itself is not imported."""
-    spec = importlib.util.find_spec("plotly")
-    for folder in (spec and spec.submodule_search_locations) or ():
-        try:
-            path = Path(folder) / "package_data" / "plotly.min.js"
-            return _unbreakable(path.read_text(encoding="utf-8"))
-        except OSError:
-            continue
-    raise FreneticError("a report needs Plotly: pip install plotly")
 
 
 def _unbreakable(script: str) -> str:

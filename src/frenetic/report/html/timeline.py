@@ -54,6 +54,8 @@ class Timeline:
     kind: ClassVar[str] = "timeline"
     failures: tuple[int, ...]
     distinct: tuple[int, ...]
+    latest: tuple[int | None, ...]
+    """Id of the latest failure up to each point; None before the first."""
     axes: tuple[Axis, ...]
     caption: str
 
@@ -94,6 +96,7 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
     timeline = Timeline(
         failures=tuple(np.cumsum(failed)[shown].tolist()),
         distinct=_distinct(tested, clusters, shown),
+        latest=_latest(tested, shown),
         axes=tuple(axes),
         caption=_caption(failures, int((driven & random).sum()), bool(random.all()), clusters)
         + _compared(clusters, int(failed.sum())),
@@ -119,6 +122,14 @@ def _distinct(
         if places:
             found[min(places)] += 1
     return tuple(np.cumsum(found)[shown].tolist())
+
+
+def _latest(tested: Sequence[TestSummary], shown: npt.NDArray[np.int64]) -> tuple[int | None, ...]:
+    found: list[int | None] = []
+    for test in tested:
+        before = found[-1] if found else None
+        found.append(test.id if test.outcome is Outcome.FAIL else before)
+    return tuple(found[i] for i in shown.tolist())
 
 
 def _caption(failures: int, roads: int, all_random: bool, clusters: Clusters) -> str:

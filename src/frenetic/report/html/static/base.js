@@ -71,7 +71,6 @@ function clamp(value, low, high) {
 // Light and dark
 
 const THEMES = ["auto", "light", "dark"];
-const themeListeners = [];
 
 function storedTheme() {
   try {
@@ -89,25 +88,6 @@ function setTheme(name) {
   } catch {
     // It holds for this time only, then.
   }
-  for (const listener of themeListeners) listener();
-}
-
-/** The value of a colour of the style sheet, such as "fail", as it is at this moment. */
-function colour(name, alpha = 1) {
-  const probe = el("span", { hidden: true });
-  probe.style.color = `var(--${name})`;
-  document.body.append(probe);
-  const found = getComputedStyle(probe).color;
-  probe.remove();
-  if (alpha === 1) return found;
-  const [r, g, b] = found.match(/[\d.]+/g);
-  return `rgba(${r}, ${g}, ${b}, ${alpha})`;
-}
-
-/** So much of a colour on that of panels, through which nothing shines. */
-function opaque(name, share) {
-  const [over, under] = [name, "panel"].map((one) => colour(one).match(/[\d.]+/g).map(Number));
-  return `rgb(${[0, 1, 2].map((i) => Math.round(share * over[i] + (1 - share) * under[i])).join(", ")})`;
 }
 
 /** Makes the page's address end so, where a viewer lets it. */

@@ -34,7 +34,7 @@ function drawTable(element, block) {
   const head = el("tr", {}, block.columns.map((column, i) => el("th", { scope: "col", class: style(i), title: column.text || null }, column.title)));
   const linked = (text, address) => (address ? el("a", { href: address }, text) : text);
   const rows = block.rows.map((row, place) =>
-    el("tr", {}, row.map((text, i) => (i === 0 ? el("th", { scope: "row", class: style(i) }, linked(text, block.links[place])) : el("td", { class: style(i) }, text)))),
+    el("tr", { class: block.faint[place] ? "faint" : null }, row.map((text, i) => (i === 0 ? el("th", { scope: "row", class: style(i) }, linked(text, block.links[place])) : el("td", { class: style(i) }, text)))),
   );
   element.append(tableBox(block.columns.map((column) => column.title).join(", "), block.tall ? "tall" : "", head, rows));
   captioned(element, block.caption);

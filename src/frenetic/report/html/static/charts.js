@@ -1,28 +1,261 @@
-// Charts, drawn with Plotly in the page's own colours.
+// Charts: lines over a number and bars, drawn as SVG and elements that take the page's colours.
 
 const EXPECTED = "failures if all roads were random";
-const charts = []; // what is drawn again when the colours or the page's width change
+const charts = []; // what is drawn again when the page's width changes
+const DRAG = 6; // px, below it a drag is a click
 
-/** Runs Plotly, which waits in the page as a text: it takes its time, and not every page has charts. */
-function startPlotly() {
-  if (!window.Plotly) document.body.append(el("script", {}, document.getElementById("plotly").textContent));
+/** Colours an element and what it holds by a name of the style sheet, such as "fail". */
+function inColour(name, element) {
+  element.style.setProperty("--series", `var(--${name})`);
+  return element;
 }
 
-/** A chart that is drawn soon; `figure` gives its traces and layout. */
-function chart(height, label, figure) {
-  const place = el("div", { class: "chart", role: "img", "aria-label": label });
-  const draw = (paper) => {
-    startPlotly();
-    one.isDrawn = true;
-    const { traces, layout } = figure();
-    const tall = paper ? Math.min(height, 260) : height;
-    place.style.height = `${tall}px`;
-    Plotly.react(place, traces, chartLayout({ ...layout, height: tall, ...(paper ? { width: paper } : {}) }), { displayModeBar: false, responsive: !paper });
-  };
-  place.style.height = `${height}px`;
-  const one = { place, draw, isDrawn: false };
+/** Round numbers from low to high, about so many; whole ones for what is counted. */
+function roundTicks(low, high, number = 4, whole = false) {
+  const rough = (high - low || 1) / number;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = Math.max(power * [1, 2, 5, 10].find((factor) => factor * power >= rough * (1 - 1e-9)), whole ? 1 : 0);
+  const ticks = [];
+  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) ticks.push(i * step);
+  return ticks;
+}
+
+/** A number for an axis, without needless digits. */
+function tickText(value) {
+  return String(Number(value.toPrecision(6))).replace("-", "−");
+}
+
+/** The place of the last of ascending numbers that is not above a value; -1 if all are. */
+function lastUpTo(numbers, value) {
+  let [low, high] = [-1, numbers.length - 1];
+  while (low < high) {
+    const middle = Math.ceil((low + high) / 2);
+    if (numbers[middle] <= value) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
+/** The value of a line at a place; null where it has none. */
+function valueAt(line, place) {
+  const i = lastUpTo(line.x, place);
+  if (i < 0 || (i === line.x.length - 1 && place > line.x[i])) return null;
+  const [here, next] = [line.y[i], line.y[i + 1]];
+  if (line.stepped || next === undefined || here === null || next === null) return here;
+  return here + ((place - line.x[i]) / (line.x[i + 1] - line.x[i])) * (next - here);
+}
+
+/** SVG's text for a line; it is broken where a value is missing. */
+function lineText(xs, ys, stepped) {
+  let text = "";
+  let isBroken = true;
+  xs.forEach((x, i) => {
+    const y = ys[i];
+    if (y !== null) {
+      const [u, v] = [x.toFixed(1), y.toFixed(1)];
+      text += isBroken ? `M${u} ${v}` : stepped ? `H${u}V${v}` : `L${u} ${v}`;
+    }
+    isBroken = y === null;
+  });
+  return text;
+}
+
+/**
+ * A chart of lines that shows the values where one points and enlarges what one drags over.
+ *
+ * `figure` gives {lines, xTitle, yTitle, fromZero, wholeX, wholeY, testAt}; a line is
+ * {name, x, y, low, high, role, width, dashed, stepped, digits, thin}, and `testAt` the test that a
+ * click at a place opens.
+ */
+function chart(height, label, figure, { hasLegend = true } = {}) {
+  const paper = svg("svg", { role: "img", "aria-label": label });
+  const tip = el("div", { class: "chart-tip", role: "status", hidden: true });
+  const drawing = el("div", { class: "chart-drawing", tabindex: 0, role: "group", "aria-label": `${label}; arrow keys read it` }, paper, tip);
+  const legend = el("div", { class: "legend", role: "group", "aria-label": "Lines" });
+  const whole = el("button", { type: "button", class: "whole", hidden: true, on: { click: () => zoom(null) } }, "Whole range");
+  const place = el("div", { class: "chart" }, el("div", { class: "chart-head" }, hasLegend ? legend : null, whole), drawing);
+  const hidden = new Set();
+  let shown = null; // what is drawn: its lines, scales and cursor
+  let range = null; // of x that is enlarged
+  let pressed = null; // where a drag began
+
+  function draw(width) {
+    const found = figure();
+    const tall = width ? Math.min(height, 260) : height;
+    drawing.style.height = `${tall}px`;
+    const lines = found.lines.filter((line) => !hidden.has(line.name));
+    drawLegend(found.lines);
+    shown = scales(found, lines, width ?? drawing.clientWidth, tall);
+    fill(paper, { width: shown.width, height: shown.height, viewBox: `0 0 ${shown.width} ${shown.height}` }, []);
+    paper.replaceChildren(...axes(shown), linesOf(shown));
+    hide();
+  }
+
+  function drawLegend(lines) {
+    if (legend.children.length === lines.length) return;
+    const buttons = lines.map((line) => {
+      const button = el("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, inColour(line.role, el("i", { class: line.dashed ? "stroke dashed" : "stroke", "aria-hidden": "true" })), line.name);
+      button.addEventListener("click", () => {
+        if (!hidden.delete(line.name)) hidden.add(line.name);
+        button.setAttribute("aria-pressed", String(!hidden.has(line.name)));
+        draw();
+      });
+      return button;
+    });
+    legend.replaceChildren(...buttons);
+  }
+
+  function scales(found, lines, width, tall) {
+    const xs = found.lines.flatMap((line) => [line.x[0], line.x.at(-1)]).filter((x) => x !== undefined);
+    const [first, last] = range ?? [found.fromZero ? 0 : Math.min(...xs), Math.max(...xs, found.fromZero ? 1e-9 : -Infinity)];
+    const values = lines.flatMap((line) => {
+      const from = Math.max(0, lastUpTo(line.x, first));
+      const to = lastUpTo(line.x, last) + 2;
+      return [line.y, line.low, line.high, ...(line.thin ?? [])].flatMap((ys) => ys.slice(from, to)).filter((y) => y !== null);
+    });
+    let low = found.fromZero ? 0 : Math.min(...values);
+    let high = Math.max(...values, found.fromZero ? (found.wholeY ? 1 : 1e-9) : -Infinity);
+    if (!Number.isFinite(low)) [low, high] = [0, 1];
+    if (low === high) [low, high] = [low - 1, high + 1];
+    const room = 0.05 * (high - low);
+    [low, high] = [found.fromZero ? low : low - room, high + room];
+    const yTicks = roundTicks(low, high, tall > 300 ? 5 : 4, found.wholeY);
+    const left = 30 + 7.2 * Math.max(...yTicks.map((value) => tickText(value).length), 1);
+    const [wide, up] = [Math.max(40, width - left - 16), tall - 54];
+    return {
+      found, lines, width, height: tall, left, wide, up, yTicks,
+      xTicks: roundTicks(first, last, clamp(wide / 90, 2, 8), found.wholeX),
+      x: (value) => ((value - first) / (last - first || 1)) * wide,
+      y: (value) => up - ((value - low) / (high - low)) * up,
+      at: (px) => first + clamp(px / wide, 0, 1) * (last - first),
+      first, last,
+    };
+  }
+
+  function axes({ found, left, wide, up, xTicks, yTicks, x, y }) {
+    const top = 8;
+    const text = (attributes, words) => svg("text", attributes, words);
+    return [
+      ...yTicks.map((value) => svg("path", { class: "grid", d: `M${left} ${top + y(value)}h${wide}` })),
+      ...xTicks.map((value) => svg("path", { class: "grid", d: `M${left + x(value)} ${top}v${up}` })),
+      ...yTicks.map((value) => text({ class: "y-tick", x: left - 8, y: top + y(value) + 4 }, tickText(value))),
+      ...xTicks.map((value) => text({ class: "x-tick", x: left + x(value), y: top + up + 18 }, tickText(value))),
+      text({ class: "x-title", x: left + wide / 2, y: top + up + 40 }, found.xTitle),
+      text({ class: "y-title", transform: `translate(12 ${top + up / 2}) rotate(-90)` }, found.yTitle),
+    ];
+  }
+
+  function linesOf({ lines, left, wide, up, x, y }) {
+    // A drawing in the drawing cuts off what is out of range.
+    const inner = svg("svg", { class: "lines", x: left - 3, y: 5, width: wide + 6, height: up + 6, viewBox: `-3 -3 ${wide + 6} ${up + 6}` });
+    const places = (ys) => ys.map((value) => (value === null ? null : y(value)));
+    for (const line of lines) {
+      const xs = line.x.map(x);
+      const group = inColour(line.role, svg("g", { class: "series", "data-name": line.name }));
+      if (line.low.length) {
+        const edge = lineText(xs, places(line.low), false);
+        group.append(svg("path", { class: "band", d: `${edge}${lineText([...xs].reverse(), places(line.high).reverse(), false).replace("M", "L")}Z` }));
+      }
+      for (const ys of line.thin ?? []) group.append(svg("path", { class: "thin", d: lineText(xs, places(ys), false) }));
+      group.append(svg("path", { class: line.dashed ? "line dashed" : "line", "stroke-width": line.width ?? 2, d: lineText(xs, places(line.y), line.stepped) }));
+      inner.append(group);
+    }
+    inner.append(svg("rect", { class: "chosen", y: 0, height: up, width: 0, visibility: "hidden" }), svg("path", { class: "pointer", visibility: "hidden" }));
+    return inner;
+  }
+
+  /** Shows the values at a place, as near to one of the points as can be. */
+  function point(value, isTouch = false) {
+    const longest = shown.lines.reduce((best, line) => (line.x.length > (best?.x.length ?? 0) ? line : best), null);
+    if (longest === null) return;
+    const i = Math.max(0, lastUpTo(longest.x, value));
+    const next = longest.x[i + 1];
+    const here = next !== undefined && next - value < value - longest.x[i] ? next : longest.x[i];
+    const px = shown.x(clamp(here, shown.first, shown.last));
+    shown.cursor = here;
+    shown.test = shown.found.testAt?.(here) ?? null;
+    const pointer = paper.querySelector(".pointer");
+    fill(pointer, { d: `M${px} 0V${shown.up}`, visibility: "visible" }, []);
+    const rows = shown.lines.flatMap((line) => {
+      const at = valueAt(line, here);
+      if (at === null) return [];
+      const text = Number.isInteger(at) ? tickText(at) : fixed(at, line.digits ?? 1);
+      return [el("div", {}, inColour(line.role, el("i", { class: line.dashed ? "stroke dashed" : "stroke" })), el("span", {}, line.name), el("b", {}, text))];
+    });
+    const test = shown.test === null ? null : el("p", {}, `Latest failure: test ${shown.test}. `, el("span", { class: "quiet" }, isTouch ? "Tap again to open it." : "Click to open it."));
+    const hint = isTouch || range !== null ? null : el("p", { class: "quiet" }, "Drag to enlarge a part.");
+    const parts = [el("p", { class: "quiet" }, `${tickText(here)} ${shown.found.xTitle.split(",")[0]}`), ...rows, test, hint];
+    tip.replaceChildren(...parts.filter((part) => part !== null));
+    tip.hidden = false;
+    drawing.classList.toggle("opens", test !== null);
+    const room = shown.width - tip.offsetWidth - 4;
+    const beside = px + shown.left > shown.width / 2 ? px + shown.left - tip.offsetWidth - 14 : px + shown.left + 14;
+    tip.style.left = `${clamp(beside, 0, Math.max(0, room))}px`;
+  }
+
+  function hide() {
+    tip.hidden = true;
+    pressed = null;
+    if (shown !== null) shown.cursor = null;
+    for (const mark of paper.querySelectorAll(".pointer, .chosen")) mark.setAttribute("visibility", "hidden");
+  }
+
+  function zoom(to) {
+    range = to;
+    whole.hidden = to === null;
+    draw();
+  }
+
+  function openTest() {
+    if (shown.test !== null && shown.test !== undefined) location.hash = `#test-${shown.test}`;
+  }
+
+  const across = (event) => event.clientX - paper.getBoundingClientRect().left - shown.left;
+  drawing.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    // The first touch shows the values, the second one there opens the test.
+    const wasShown = !tip.hidden && shown.cursor !== null && Math.abs(shown.x(shown.cursor) - across(event)) < 24;
+    pressed = { from: across(event), opens: event.pointerType !== "touch" || wasShown };
+  });
+  drawing.addEventListener("pointermove", (event) => {
+    point(shown.at(across(event)), event.pointerType === "touch");
+    if (pressed === null) return;
+    const [low, high] = [pressed.from, across(event)].sort((a, b) => a - b).map((px) => clamp(px, 0, shown.wide));
+    const isDrag = high - low > DRAG;
+    fill(paper.querySelector(".chosen"), { x: low, width: high - low, visibility: isDrag ? "visible" : "hidden" }, []);
+  });
+  drawing.addEventListener("pointerup", (event) => {
+    if (pressed === null) return;
+    const { from, opens } = pressed;
+    pressed = null;
+    if (Math.abs(across(event) - from) > DRAG) zoom([from, across(event)].sort((a, b) => a - b).map(shown.at));
+    else {
+      point(shown.at(across(event)), !opens);
+      if (opens) openTest();
+    }
+  });
+  for (const left of ["pointerleave", "pointercancel", "blur"]) {
+    drawing.addEventListener(left, (event) => { if (event.pointerType !== "touch" || left !== "pointerleave") hide(); });
+  }
+  drawing.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (step !== undefined) point(shown.at(shown.x(shown.cursor ?? shown.first) + (step * shown.wide) / 100));
+    else if (event.key === "Enter") openTest();
+    else if (event.key === "Escape" && range !== null) zoom(null);
+    else return;
+    event.preventDefault();
+  });
+
+  const one = { place, draw, zoom };
   charts.push(one);
-  return place;
+  let width = 0;
+  new ResizeObserver(() => {
+    const isPrinting = document.documentElement.classList.contains("printing"); // at a width of its own
+    if (drawing.clientWidth === width || drawing.clientWidth === 0 || isPrinting) return;
+    width = drawing.clientWidth;
+    draw();
+  }).observe(drawing);
+  return one;
 }
 
 /** Draws all charts, for paper of so many pixels if that is given. */
@@ -30,70 +263,55 @@ function drawCharts(paper) {
   for (const one of charts) if (one.place.isConnected) one.draw(paper);
 }
 
-/** Draws those charts that are not there yet, one after the other: the page can be used meanwhile. */
-function drawChartsSoon() {
-  const next = charts.find((one) => !one.isDrawn && one.place.isConnected);
-  if (next === undefined) return;
-  next.draw();
-  setTimeout(drawChartsSoon);
-}
-
-/** Ticks at whole numbers for an axis that counts up to so many. */
-function wholeTicks(most) {
-  return most <= 6 ? { tick0: 0, dtick: 1 } : {};
-}
-
-function chartLayout({ xaxis, yaxis, ...rest }) {
-  const [ink, quiet, line, panel] = ["ink", "quiet", "line", "panel"].map((name) => colour(name));
-  const axis = { gridcolor: line, zerolinecolor: line, linecolor: line, tickcolor: line, fixedrange: true, automargin: true, title: { standoff: 10 } };
-  const merged = (own) => ({ ...axis, ...own, title: { ...axis.title, text: own.title, font: { color: quiet, size: 12 } }, tickfont: { color: quiet, size: 11 } });
-  return {
-    paper_bgcolor: "rgba(0,0,0,0)",
-    plot_bgcolor: "rgba(0,0,0,0)",
-    font: { family: getComputedStyle(document.body).fontFamily, color: ink, size: 12 },
-    margin: { l: 44, r: 12, t: 8, b: 40 },
-    hoverlabel: { bgcolor: panel, bordercolor: line, font: { color: ink } },
-    legend: { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", font: { color: ink } },
-    dragmode: false,
-    ...rest,
-    xaxis: merged(xaxis),
-    yaxis: merged(yaxis),
-  };
-}
-
-/** A line, with its band before it. */
-function lineTraces(series) {
-  const shared = { x: series.x, mode: "lines", type: "scatter", line: { shape: series.stepped ? "hv" : "linear" } };
-  const traces = [];
-  if (series.low.length) {
-    const band = { ...shared, hoverinfo: "skip", showlegend: false, line: { width: 0, color: colour(series.role) } };
-    traces.push({ ...band, y: series.low }, { ...band, y: series.high, fill: "tonexty", fillcolor: colour(series.role, 0.16) });
-  }
-  traces.push({ ...shared, y: series.y, name: series.name, line: { ...shared.line, width: series.width ?? 2, color: colour(series.role), dash: series.dashed ? "dash" : "solid" } });
-  return traces;
-}
-
 function captioned(element, text) {
   if (text) element.append(el("p", { class: "caption" }, text));
 }
 
 function drawChart(element, block) {
+  const digits = 2;
   element.append(
     chart(320, `${block.y_title} over ${block.x_title}`, () => ({
-      traces: block.series.flatMap(lineTraces),
-      layout: { hovermode: "x unified", xaxis: { title: block.x_title }, yaxis: { title: block.y_title } },
-    })),
+      lines: block.series.map((line) => ({ ...line, digits })),
+      xTitle: block.x_title, yTitle: block.y_title,
+    })).place,
   );
   captioned(element, block.caption);
 }
 
+/** A bar for each name on a common scale, with its interval and its value. */
 function drawBars(element, block) {
-  const intervals = () => (block.low.length ? { error_x: { type: "data", symmetric: false, array: block.high.map((high, i) => high - block.values[i]), arrayminus: block.low.map((low, i) => block.values[i] - low), color: colour("quiet"), thickness: 1.2, width: 4 } } : {});
-  const figure = () => ({
-    traces: [{ type: "bar", orientation: "h", y: block.names, x: block.values, marker: { color: opaque(block.role, 0.6) }, hovertemplate: "%{y}: %{x:.1f}<extra></extra>", ...intervals() }],
-    layout: { bargap: 0.4, xaxis: { title: block.title, rangemode: "tozero" }, yaxis: { title: "", autorange: "reversed", type: "category", gridcolor: "rgba(0,0,0,0)" } },
+  const numbers = [...block.values, ...block.high].filter((value) => value !== null);
+  const most = Math.max(...numbers, 1e-9);
+  const ticks = roundTicks(0, most, 5);
+  const end = Math.max(most, ticks.at(-1));
+  const placed = (style, from, to) => {
+    const mark = el("i", { class: style });
+    mark.style.left = `${(100 * from) / end}%`;
+    if (to !== undefined) mark.style.width = `${(100 * (to - from)) / end}%`;
+    return mark;
+  };
+  const rows = block.names.map((name, i) => {
+    const [value, low, high] = [block.values[i], block.low[i] ?? null, block.high[i] ?? null];
+    const track = inColour(block.role, el("div", { class: "bar-track" }));
+    if (value !== null) track.append(placed("bar-fill", 0, value));
+    if (low !== null && high !== null) track.append(placed("interval", low, high));
+    const text = value === null ? "–" : fixed(value, 1);
+    const between = low === null || high === null ? "" : `, interval ${fixed(low, 1)} to ${fixed(high, 1)}`;
+    return el(
+      "div",
+      { class: block.faint[i] ? "bar-row faint" : "bar-row", title: `${name}: ${text}${between}` },
+      el("div", { class: "bar-name" }, el("b", {}, name), block.notes[i] ? el("span", { class: "quiet" }, block.notes[i]) : null),
+      track,
+      el("b", { class: "bar-value" }, text),
+    );
   });
-  element.append(chart(Math.max(140, 26 * block.names.length + 64), block.title, figure));
+  const marks = ticks.map((value) => {
+    const mark = el("span", {}, tickText(value));
+    mark.style.left = `${(100 * value) / end}%`;
+    return mark;
+  });
+  const axis = el("div", { class: "bar-row bar-axis" }, el("span", {}), el("div", { class: "bar-track" }, marks), el("span", {}));
+  element.append(el("div", { class: "bars", role: "group", "aria-label": block.title }, rows, axis, el("p", { class: "bar-title quiet" }, block.title)));
   captioned(element, block.caption);
 }
 
@@ -102,7 +320,7 @@ function drawTimeline(element, block) {
   let axis = block.axes[0];
   // Where no failure is like another, one line lies on the other.
   const isHidden = block.failures.every((number, i) => number === block.distinct[i]);
-  const series = () => {
+  const lines = () => {
     const found = [];
     if (axis.expected !== null) {
       const { share, low, high, of } = axis.expected;
@@ -113,10 +331,9 @@ function drawTimeline(element, block) {
     found.push({ name: "distinct failures", x: axis.x, y: block.distinct, low: [], high: [], role: "accent", stepped: true });
     return found;
   };
-  const most = (lines) => Math.max(...lines.map((line) => Math.max(line.y.at(-1), line.high.at(-1) ?? 0)));
-  const place = chart(360, "Failures over simulations, tests or time", () => ({
-    traces: series().flatMap(lineTraces).map((trace) => ({ ...trace, cliponaxis: false, hovertemplate: trace.name === EXPECTED ? "%{y:.1f}" : "%{y}" })),
-    layout: { hovermode: "x unified", xaxis: { title: axis.title, rangemode: "tozero", ...(axis.name === "time" ? {} : wholeTicks(axis.x.at(-1))) }, yaxis: { title: "found so far", rangemode: "tozero", ...wholeTicks(most(series())) } },
+  const drawn = chart(360, "Failures over simulations, tests or time", () => ({
+    lines: lines(), xTitle: axis.title, yTitle: "found so far", fromZero: true, wholeX: axis.name !== "time", wholeY: true,
+    testAt: (x) => block.latest[lastUpTo(axis.x, x)] ?? null,
   }));
   const buttons = block.axes.map((one) =>
     el("button", { type: "button", "aria-pressed": String(one === axis) }, one.name === "time" ? "wall time" : one.name),
@@ -125,9 +342,9 @@ function drawTimeline(element, block) {
     button.addEventListener("click", () => {
       axis = block.axes[i];
       buttons.forEach((other) => other.setAttribute("aria-pressed", String(other === button)));
-      charts.find((one) => one.place === place).draw();
+      drawn.zoom(null);
     }),
   );
-  element.append(el("div", { class: "choices" }, "Over ", el("div", { class: "switch", role: "group", "aria-label": "Over what" }, buttons)), place);
+  element.append(el("div", { class: "choices" }, "Over ", el("div", { class: "switch", role: "group", "aria-label": "Over what" }, buttons)), drawn.place);
   captioned(element, block.caption);
 }

@@ -107,12 +107,16 @@ function treeNode(id, isSelf, order) {
   return el("button", { type: "button", class: style, title: does || null, "aria-label": `Test ${id}, ${test.operator}, ${text}`, on: { click: () => player.open(id, opened) } }, parts);
 }
 
+function originText({ id, moobd, operator, does }) {
+  return `Test ${id}, ${fixed(moobd, 2, "m")}, ${operator}${does ? `: ${does}` : ""}`;
+}
+
 function drawFamily(element, block) {
   const place = el("div", { "aria-live": "polite" });
   const choice = el(
     "select",
     { id: "family-choice" },
-    block.ids.map((id) => el("option", { value: id }, `Test ${id}, ${fixed(tests.get(id).moobd, 2, "m")}, ${tests.get(id).operator}`)),
+    block.ids.map((id) => el("option", { value: id }, originText(tests.get(id)))),
   );
   const show = () => {
     const id = Number(choice.value);

@@ -54,47 +54,27 @@ function drawGroupTable(element, block) {
 /** Charts that share a legend, in which a group can be switched off. */
 function drawCurves(element, block) {
   const hidden = new Set();
-  const panels = block.panels.map((panel, i) => {
-    const place = chart(i === 0 ? 360 : 260, `${panel.title} over ${block.x_title}`, () => ({
-      traces: panel.curves.filter((curve) => !hidden.has(curve.group.name)).flatMap(curveTraces),
-      layout: { hovermode: "x unified", showlegend: false, xaxis: { title: block.x_title, rangemode: "tozero" }, yaxis: { title: panel.title, rangemode: "tozero", ...wholeTicks(Math.max(...panel.curves.flatMap(({ median, high, singles }) => [median, high, ...singles].map((line) => line.at(-1) ?? 0)))) } },
-    }));
-    return el("div", {}, place);
-  });
-  const redraw = () => charts.filter((one) => element.contains(one.place)).forEach((one) => one.draw());
+  const panels = block.panels.map((panel, i) =>
+    chart(i === 0 ? 360 : 260, `${panel.title} over ${block.x_title}`, () => ({
+      lines: panel.curves.filter((curve) => !hidden.has(curve.group.name)).map(groupLine),
+      xTitle: block.x_title, yTitle: panel.title, fromZero: true, wholeX: true, wholeY: true,
+    }), { hasLegend: false }),
+  );
   const buttons = block.panels[0].curves.map(({ group }) => {
     const button = el("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, swatch(group), group.name);
     button.addEventListener("click", () => {
       if (!hidden.delete(group.name)) hidden.add(group.name);
       button.setAttribute("aria-pressed", String(!hidden.has(group.name)));
-      redraw();
+      for (const panel of panels) panel.draw();
     });
     return button;
   });
-  element.append(el("div", { class: "legend", role: "group", "aria-label": "Groups" }, buttons), el("div", { class: "curve-panels" }, panels));
+  element.append(el("div", { class: "legend", role: "group", "aria-label": "Groups" }, buttons), el("div", { class: "curve-panels" }, panels.map((panel) => el("div", {}, panel.place))));
   captioned(element, block.caption);
 }
 
-function curveTraces({ group, x, median, low, high, singles }) {
-  const role = groupColour(group);
-  const thin = singles.map((y) => ({ x, y, mode: "lines", type: "scatter", hoverinfo: "skip", line: { width: 1, color: colour(role, 0.4) } }));
-  const lines = lineTraces({ name: group.name, x, y: median, low, high, role, dashed: isAgain(group), stepped: false });
-  return [...thin, ...lines];
-}
-
-/** A number for an axis, without needless digits. */
-function tickText(value) {
-  return String(Number(value.toPrecision(6))).replace("-", "−");
-}
-
-/** Round numbers from low to high, three to five of them. */
-function roundTicks(low, high) {
-  const rough = (high - low || 1) / 4;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * [1, 2, 5, 10].find((factor) => factor * power >= rough);
-  const ticks = [];
-  for (let i = Math.ceil(low / step - 1e-9); i * step <= high + 1e-9 * step; i++) ticks.push(i * step);
-  return ticks;
+function groupLine({ group, x, median, low, high, singles }) {
+  return { name: group.name, x, y: median, low, high, thin: singles, role: groupColour(group), dashed: isAgain(group), stepped: false };
 }
 
 /** Where values stand on a track, in percent; what is worse than any number has an end of its own. */

@@ -35,11 +35,7 @@ drawBar();
 document.getElementById("page").append(...report.sections.map(drawSection));
 document.getElementById("foot").append(`Made by ${report.made_by}. This file is complete: it loads nothing.`);
 
-themeListeners.push(() => drawCharts());
-window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawCharts());
-// The page is there before its charts.
 document.addEventListener("DOMContentLoaded", openLinked);
-window.addEventListener("load", () => setTimeout(drawChartsSoon));
 // Paper is white, narrower than most screens, and nothing on it can be unfolded.
 let unfolded = [];
 window.addEventListener("beforeprint", () => {
