@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from statistics import median
+from typing import Self
 
 import numpy as np
 import pytest
@@ -234,6 +236,48 @@ def test_simulator_that_breaks_for_good_leaves_the_smallest_road(failures: list[
     assert "lost the simulator" in minimised.trouble
     assert minimised.drives == 50
     assert minimised.road.length < failures[0].length
+
+
+def test_simulator_that_does_not_start_again_leaves_the_smallest_road(
+    failures: list[Road],
+) -> None:
+    class Gone(Watched):
+        def __enter__(self) -> Self:
+            if self.driven:
+                raise ConnectionError("no licence")
+            return self
+
+    simulator = Gone(breaks_after=40)
+    with simulator:
+        minimised = minimise(failures[0], make_tester(simulator))
+    assert minimised.ending is Ending.STOPPED
+    assert minimised.trouble == "the simulator does not start: ConnectionError: no licence"
+    assert minimised.road.length < failures[0].length
+
+
+def test_ctrl_c_keeps_the_smallest_road(failures: list[Road]) -> None:
+    def press(progress: MinimiseProgress) -> None:
+        if progress.drives == 20:
+            signal.raise_signal(signal.SIGINT)
+
+    minimised = minimise(failures[0], make_tester(), on_progress=press)
+    assert (minimised.ending, minimised.drives) == (Ending.STOPPED, 20)
+    assert minimised.road.length < failures[0].length
+
+
+def test_each_smaller_road_is_told_when_it_is_found(failures: list[Road]) -> None:
+    told: list[tuple[int, float]] = []
+    for most in (40, 41, 42):  # the last drive of one of them finds one
+        told.clear()
+        minimised = minimise(
+            failures[0],
+            make_tester(),
+            max_drives=most,
+            guard=0.0,
+            on_smaller=lambda drives, failed: told.append((drives, failed.road.length)),
+        )
+        found = [(one.trials, one.shape.length) for one in minimised.improvements]
+        assert told == [(1, failures[0].length), *found]
 
 
 def test_stopped_on_demand_it_keeps_the_smallest_road(failures: list[Road]) -> None:

@@ -14,7 +14,7 @@ from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import Task, campaign_tester, drive_all
+from frenetic.redrive.loop import Task, campaign_tester, redriving
 from frenetic.road import Pose, Road
 from frenetic.search import Candidate, Origin
 from frenetic.simulators import Drive, EmbeddedSimulator
@@ -34,7 +34,7 @@ def records_of(folder: Path) -> list[TestRecord]:
         return [record for record in store.tests() if record.outcome.is_driven]
 
 
-def redriving(folder: Path) -> RoadTester:
+def made_tester(folder: Path) -> RoadTester:
     with CampaignStore.open(folder) as store:
         return campaign_tester(store, EmbeddedSimulator(), Planner())
 
@@ -45,13 +45,11 @@ def tasks_of(records: list[TestRecord], conditions: Conditions = USUAL) -> list[
 
 def driven(tasks: list[Task], tester: RoadTester, workers: int = 1) -> dict[int, Attempt]:
     found: dict[int, Attempt] = {}
-
-    def note(attempt: Attempt) -> None:
-        assert attempt.candidate_id not in found
-        assert attempt.seconds >= 0.0
-        found[attempt.candidate_id] = attempt
-
-    assert drive_all(tasks, tester, workers=workers, on_attempt=note)
+    with redriving(tester, workers=workers) as drive_tasks:
+        for attempt in drive_tasks(tasks):
+            assert attempt.candidate_id not in found
+            assert attempt.seconds >= 0.0
+            found[attempt.candidate_id] = attempt
     return found
 
 
@@ -64,7 +62,7 @@ def gentle(number: int = 1) -> Task:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers: int) -> None:
     records = records_of(campaign)
-    found = driven(tasks_of(records), redriving(campaign), workers)
+    found = driven(tasks_of(records), made_tester(campaign), workers)
     assert len(found) == len(records) == 60
     for number, record in enumerate(records, start=1):
         result = found[number].result
@@ -76,8 +74,8 @@ def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers:
 def test_the_conditions_reach_workers(campaign: Path) -> None:
     records = records_of(campaign)[:6]
     tasks = tasks_of(records, Conditions(friction=0.5, noise=0.3, noise_seed=4))
-    here, there = (driven(tasks, redriving(campaign), workers) for workers in (1, 2))
-    usual = driven(tasks_of(records), redriving(campaign))
+    here, there = (driven(tasks, made_tester(campaign), workers) for workers in (1, 2))
+    usual = driven(tasks_of(records), made_tester(campaign))
     assert [t.result for t in here.values()] == [there[n].result for n in here]
     assert all(here[n].result != usual[n].result for n in here)
 
@@ -106,11 +104,14 @@ class BreaksOnce(DummySimulator):
     def __init__(self, times: int) -> None:
         super().__init__()
         self.times = times
-        self.starts = 0
+        self.starts = self.ends = 0
 
     def __enter__(self) -> BreaksOnce:
         self.starts += 1
         return self
+
+    def __exit__(self, *_: object) -> None:
+        self.ends += 1
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         self.times -= 1
@@ -137,20 +138,35 @@ def test_ctrl_c_ends_after_what_runs() -> None:
     found: list[int] = []
     said: list[str] = []
 
-    def note(attempt: Attempt) -> None:
-        found.append(attempt.candidate_id)
-        if attempt.candidate_id == 3:
-            signal.raise_signal(signal.SIGINT)
-
-    complete = drive_all(
-        [gentle(number) for number in range(1, 10)],
-        RoadTester(DummySimulator(), DummyDriver()),
-        on_attempt=note,
-        on_interrupt=lambda: said.append("stopping"),
-    )
-    assert not complete
+    tester = RoadTester(DummySimulator(), DummyDriver())
+    with redriving(tester, on_interrupt=lambda: said.append("stopping")) as drive_tasks:
+        for attempt in drive_tasks([gentle(number) for number in range(1, 10)]):
+            found.append(attempt.candidate_id)
+            if attempt.candidate_id == 3:
+                signal.raise_signal(signal.SIGINT)
+        assert not list(drive_tasks([gentle(10)])), "nothing begins afterwards"
     assert found == [1, 2, 3]
     assert said == ["stopping"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_may_decide_on_the_next_batch(workers: int) -> None:
+    tester = RoadTester(DummySimulator(), DummyDriver())
+    with redriving(tester, workers=workers) as drive_tasks:
+        first = [attempt.candidate_id for attempt in drive_tasks([gentle(1), gentle(2)])]
+        second = [one.candidate_id for one in drive_tasks([gentle(max(first) + 1)])]
+    assert (sorted(first), second) == ([1, 2], [3])
+
+
+def test_a_simulator_that_the_caller_has_entered_is_left_by_the_caller() -> None:
+    simulator = BreaksOnce(1)
+    with simulator:
+        with redriving(RoadTester(simulator, DummyDriver()), is_entered=True) as drive_tasks:
+            assert simulator.starts == 1
+            (attempt,) = drive_tasks([gentle()])
+        assert attempt.result.outcome is Outcome.PASS
+        assert (simulator.starts, simulator.ends) == (2, 1), "it broke once and was started again"
+    assert simulator.ends == 2
 
 
 def test_nothing_to_drive_is_no_trouble() -> None:

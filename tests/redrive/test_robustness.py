@@ -31,7 +31,7 @@ from frenetic.redrive.robustness import (
 )
 from frenetic.road import Road
 from frenetic.search import Frenetic
-from frenetic.simulators import Drive, EmbeddedSimulator, Simulator
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.worlds import QUANTITIES, USUAL, Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -433,6 +433,18 @@ def test_newer_reruns_replace_older_ones_of_the_same_parts_and_ranges(campaign: 
     telling = telling_reruns(kept, driver, simulator)
     assert {number: len(one.drives) for number, one in telling.items()} == {first: 2, second: 5}
     assert telling_reruns(kept, driver, {**simulator, "class": "another"}) == {}
+
+
+def test_other_rules_are_another_rerun_and_not_the_campaigns(campaign: Path) -> None:
+    first, *_ = failures_of(campaign)
+    for limit in (70.0, 50.0):
+        simulator = EmbeddedSimulator(rules=Rules(speed_limit=limit))
+        rerun(campaign, simulator, Planner(), test_ids=[first], times=2)
+    fast, slow = kept = read_reruns(campaign)
+    assert fast.failed > slow.failed
+    with CampaignStore.open(campaign) as store:
+        own = store.setting.rules
+    assert telling_reruns(kept, fast.driver, fast.simulator, own) == {first: fast}
 
 
 def test_a_test_that_passed_is_neither_robust_nor_fragile(campaign: Path) -> None:

@@ -90,10 +90,13 @@ class RoadTester:
         worker: str | None = None,
         *,
         keep: bool = False,
+        pack: bool = True,
     ) -> Attempt:
         """Tests a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
         start = time.perf_counter()
-        attempt = self.test(candidate, placement).pack(keep=keep)
+        attempt = self.test(candidate, placement)
+        if pack:
+            attempt = attempt.pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
 
     def drive(self, road: Road) -> Drive:

@@ -9,13 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
 
 from frenetic.analysis.statistics import spearman
-from frenetic.campaign.campaign import prepare
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
@@ -26,7 +25,6 @@ from frenetic.redrive.table import read_runs
 from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
-from frenetic.spec import describe
 
 LEAST_PAIRS: Final = 3
 """Fewest drives for comparing the ranks of MOOBD."""
@@ -123,8 +121,6 @@ def confirm(
         CampaignError: the campaign is damaged, a test is no failure, or no worker can be started.
         ValueError: an option is out of range.
     """
-    if workers > 1:  # they measure its car, each for itself; here it would never be entered
-        prepare(simulator)
     with CampaignStore.open(folder) as store:
         records = [store.test(test_id, with_trajectory=False) for test_id in test_ids]
         tester = campaign_tester(store, simulator, driver)
@@ -133,38 +129,18 @@ def confirm(
             raise CampaignError(
                 f"test {record.candidate.id} is {record.outcome}: only a failure can be confirmed"
             )
-
-    def run() -> Run:
-        return Run(
-            Purpose.CONFIRMATION,
-            describe(driver),
-            describe(simulator),
-            simulator.rules,
-            simulator.car,
-            planned=len(records),
-        )
-
-    done = 0
-
-    def note(_: Redrive) -> None:
-        nonlocal done
-        done += 1
-        if on_progress is not None:
-            on_progress(done, len(records))
-
-    drives = drive_again(
+    run = drive_again(
         folder,
-        run,
-        [(record, USUAL) for record in records],
+        Purpose.CONFIRMATION,
         tester,
-        purpose=Purpose.CONFIRMATION,
+        [(record, USUAL) for record in records],
         workers=workers,
         drive_limit=drive_limit,
-        on_drive=note,
+        on_progress=on_progress and (lambda now: on_progress(now.drives, now.total)),
         on_start=on_start,
         on_interrupt=on_interrupt,
     )
-    return _of_run(replace(run(), drives=drives))
+    return _of_run(run)
 
 
 def _of_run(run: Run) -> Confirmation:

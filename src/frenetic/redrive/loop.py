@@ -1,18 +1,21 @@
-"""The loop for driving roads again in place, by one process or several, each in its conditions.
+"""The loop for driving roads again, by one process or several, each road in its conditions.
 
-Robustness, confirmation and regression share it. It stores each drive before it reports it.
+Robustness, confirmation and regression drive a campaign's roads as one batch and store each drive
+before they report it. Minimising drives batch after batch, since each result decides on the next
+road.
 """
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, TypeAlias
 
 from frenetic._support.interrupt import catch_interrupt
+from frenetic.campaign.campaign import prepare
 from frenetic.campaign.loop import MAX_ATTEMPTS
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore
@@ -30,6 +33,7 @@ from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
+from frenetic.spec import describe
 
 OPERATOR: Final = "redrive"
 """Operator in the origin of roads that are driven again."""
@@ -38,10 +42,11 @@ _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 @dataclass(frozen=True)
 class Task:
-    """A road to be driven in place."""
+    """A road to be driven."""
 
     candidate: Candidate
-    placement: Placement
+    placement: Placement | None = None
+    """Its place and conditions; None to fit it into the map like any candidate."""
 
     @classmethod
     def of(cls, number: int, record: TestRecord, conditions: Conditions = USUAL) -> Task:
@@ -63,6 +68,26 @@ class Task:
         )
 
 
+DriveTasks: TypeAlias = Callable[[Iterable[Task]], Iterator[Attempt]]
+"""Drives a batch of tasks with different numbers; gives the last attempt at each as it comes."""
+
+
+@dataclass(frozen=True)
+class RedriveProgress:
+    """Progress of driving a campaign's roads again."""
+
+    test_id: int
+    """Test of the last drive."""
+    drives: int
+    total: int
+    failed: int
+
+    @property
+    def tests(self) -> int:
+        """Number of drives, where each test is driven once."""
+        return self.drives
+
+
 def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) -> RoadTester:
     """Drives a campaign's roads, possibly with other parts.
 
@@ -73,50 +98,79 @@ def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) 
     return RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
 
 
+def new_run(purpose: Purpose, tester: RoadTester, planned: int, **drawn: Any) -> Run:
+    """A run without drives yet.
+
+    Args:
+        purpose: of the run.
+        tester: drives; its simulator knows its car.
+        planned: number of drives.
+        drawn: ``seed`` and ``variations`` of drawn conditions.
+    """
+    simulator, driver = tester.simulator, tester.driver
+    parts = describe(driver), describe(simulator), simulator.rules, simulator.car
+    return Run(purpose, *parts, planned, **drawn)
+
+
 def drive_again(
     folder: Path,
-    describe: Callable[[], Run],
-    drives: Sequence[tuple[TestRecord, Conditions]],
-    tester: RoadTester,
-    *,
     purpose: Purpose,
+    tester: RoadTester,
+    drives: Sequence[tuple[TestRecord, Conditions]],
+    *,
     optional: bool = False,
     workers: int = 1,
     drive_limit: float | None = None,
-    on_drive: Callable[[Redrive], None],
+    on_progress: Callable[[RedriveProgress], None] | None = None,
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
-) -> tuple[Redrive, ...]:
-    """Drives roads of a campaign again; stores each drive, then reports it.
+    **drawn: Any,
+) -> Run:
+    """Drives roads of a campaign again in place; stores each drive, then reports it.
 
     Args:
         folder: of the campaign.
-        describe: describes the run; called with the first drive.
-        drives: tests, with the conditions of each drive.
-        tester: as for `drive_all`.
         purpose: of the run.
+        tester: as for `redriving`, like the other arguments that are not named here.
+        drives: tests, with the conditions of each drive.
         optional: whether to go on if nothing can be stored.
-        workers: as for `drive_all`.
-        drive_limit: likewise.
-        on_drive: called with every stored drive.
-        on_start: as for `drive_all`.
-        on_interrupt: likewise.
+        workers: see there.
+        drive_limit: see there.
+        on_progress: called with every stored drive.
+        on_start: see there.
+        on_interrupt: see there.
+        drawn: as for `new_run`.
 
     Returns:
-        The drives, in the given order.
+        The run, with its drives in the given order.
 
     Raises:
-        CampaignError: they cannot be stored, a test was not driven, or as for `drive_all`.
+        CampaignError: they cannot be stored, a test was not driven, or as for `redriving`.
         ValueError: an option is out of range.
     """
     tasks = [Task.of(i, record, wanted) for i, (record, wanted) in enumerate(drives, start=1)]
-    done: dict[int, Redrive] = {}
-    with RunWriter(folder, purpose, describe, optional=optional) as writer:
+    if workers > 1:  # they measure its car, each for itself; here it would never be entered
+        prepare(tester.simulator)
 
-        def note(attempt: Attempt) -> None:
+    def run() -> Run:
+        return new_run(purpose, tester, len(tasks), **drawn)
+
+    done: dict[int, Redrive] = {}
+    failed = 0
+    with (
+        RunWriter(folder, purpose, run, optional=optional) as writer,
+        redriving(
+            tester,
+            workers=min(workers, max(len(tasks), 1)),
+            drive_limit=drive_limit,
+            on_start=on_start,
+            on_interrupt=on_interrupt,
+        ) as drive_tasks,
+    ):
+        for attempt in drive_tasks(tasks):
             number = attempt.candidate_id
             record, conditions = drives[number - 1]
-            packed = attempt.packed if purpose is Purpose.CONFIRMATION else None
+            packed = attempt.pack().packed if purpose is Purpose.CONFIRMATION else None
             drive = Redrive.of(
                 record,
                 attempt.result,
@@ -126,46 +180,34 @@ def drive_again(
             )
             writer.add(number, drive)
             done[number] = drive
-            on_drive(drive)
-
-        drive_all(
-            tasks,
-            tester,
-            workers=workers,
-            drive_limit=drive_limit,
-            on_attempt=note,
-            on_start=on_start,
-            on_interrupt=on_interrupt,
-        )
-    return tuple(done[number] for number in sorted(done))
+            failed += drive.outcome is Outcome.FAIL
+            if on_progress is not None:
+                on_progress(RedriveProgress(record.id, len(done), len(tasks), failed))
+        return replace(run(), drives=tuple(done[number] for number in sorted(done)))
 
 
-def drive_all(
-    tasks: Sequence[Task],
+@contextmanager
+def redriving(
     tester: RoadTester,
     *,
     workers: int = 1,
     drive_limit: float | None = None,
-    on_attempt: Callable[[Attempt], None],
+    is_entered: bool = False,
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
-) -> bool:
-    """Drives roads again and passes on the results as they come.
+) -> Iterator[DriveTasks]:
+    """Starts workers and gives a function that drives a batch of roads, as often as it is called.
 
     A drive that is lost with its worker, or on which the simulator breaks, is tried once more.
     After the first Ctrl-C no drive begins and running ones are finished.
 
     Args:
-        tasks: their candidates numbered from 1, each number once.
-        tester: drives them; copied into each worker if there are several.
+        tester: drives the roads; copied into each worker if there are several.
         workers: number of roads driven at once, as for `Campaign`.
         drive_limit: s of wall time, likewise.
-        on_attempt: called with the last attempt at each task.
+        is_entered: whether the caller has entered the simulator and will leave it; for one worker.
         on_start: called when the simulator has started.
         on_interrupt: called at the first Ctrl-C.
-
-    Returns:
-        Whether all were driven.
 
     Raises:
         CampaignError: no worker can be started.
@@ -173,34 +215,38 @@ def drive_all(
     """
     if isinstance(workers, bool) or workers != int(workers) or workers < 1:
         raise ValueError(f"workers is {workers}: a whole number of at least 1 is needed")
-    waiting = deque(tasks)
-    running: dict[int, Task] = {}
-    tries: Counter[int] = Counter()
-    with ExitStack() as stack:
-        interrupt = stack.enter_context(catch_interrupt(on_interrupt))
-        crew = stack.enter_context(_crew(tester, min(workers, max(len(tasks), 1)), drive_limit))
+    with (
+        catch_interrupt(on_interrupt) as interrupt,
+        _crew(tester, workers, drive_limit, is_entered) as crew,
+    ):
         while not crew.free and not interrupt.requested:
             crew.wait(_POLL)
         if on_start is not None:
             on_start()
-        while running or (waiting and not interrupt.requested):
-            while waiting and crew.free and not interrupt.requested:
-                task = waiting.popleft()
-                running[task.candidate.id] = task
-                tries[task.candidate.id] += 1
-                crew.submit(task.candidate, task.placement)
-            for attempt in crew.wait(_POLL):
-                task = running.pop(attempt.candidate_id)
-                if attempt.failure is not None and tries[attempt.candidate_id] < MAX_ATTEMPTS:
-                    waiting.appendleft(task)
-                else:
-                    on_attempt(attempt)
-    return not waiting
+
+        def drive_tasks(tasks: Iterable[Task]) -> Iterator[Attempt]:
+            waiting = deque(tasks)
+            running: dict[int, Task] = {}
+            tries: Counter[int] = Counter()
+            while running or (waiting and not interrupt.requested):
+                while waiting and crew.free and not interrupt.requested:
+                    task = waiting.popleft()
+                    running[task.candidate.id] = task
+                    tries[task.candidate.id] += 1
+                    crew.submit(task.candidate, task.placement)
+                for attempt in crew.wait(_POLL):
+                    task = running.pop(attempt.candidate_id)
+                    if attempt.failure is not None and tries[attempt.candidate_id] < MAX_ATTEMPTS:
+                        waiting.appendleft(task)
+                    else:
+                        yield attempt
+
+        yield drive_tasks
 
 
-def _crew(tester: RoadTester, workers: int, drive_limit: float | None) -> Workers:
+def _crew(tester: RoadTester, workers: int, drive_limit: float | None, is_entered: bool) -> Workers:
     if workers == 1:
-        return InProcessWorker(tester)
+        return InProcessWorker(tester, is_entered=is_entered, packs=False)
     if drive_limit is None:
         drive_limit = capabilities(tester.simulator).drive_limit
     compile_kernels()

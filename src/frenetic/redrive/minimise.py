@@ -10,18 +10,18 @@ from typing import Final
 
 import numpy as np
 
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.tester import RoadTester
-from frenetic.errors import FreneticError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import STUCK, Result, assess, judge
 from frenetic.outcome import Outcome
+from frenetic.redrive.loop import DriveTasks, Task, new_run, redriving
 from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.redrive.shrinking import Answer, Ending, Improvement, Shape, shrink
 from frenetic.redrive.table import RunWriter
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import Drive
-from frenetic.spec import describe
 
 MAX_DRIVES: Final = 500
 """Default for the most drives per road."""
@@ -157,40 +157,43 @@ def minimise(
             f" {tester.lane_width:g} m: they have to agree"
         )
     start = Shape(tuple(road.curvatures), road.step)
-    result, original = _test(tester, start, 1)
-    if original is None:
-        raise FreneticError(
-            f"only a road that fails can be minimised; this one is {result.outcome}:"
-            f" {result.reason}"
-        )
-    trials = _Trials(tester, original.reason)
-    reported = start
-    if on_smaller is not None:
-        on_smaller(1, original)
-
-    def report(doing: str, drives: int, smallest: Shape) -> None:
-        nonlocal reported
-        if on_smaller is not None and smallest != reported:
-            reported = smallest
-            on_smaller(drives + 1, trials.failed[smallest])
-        if on_progress is not None:
-            on_progress(
-                MinimiseProgress(drives + 1, max_drives, smallest.length, smallest.curves, doing)
+    with redriving(tester, is_entered=True) as drive_tasks:
+        trials = _Trials(tester, drive_tasks)
+        result = trials.drive(start)
+        if result is None:
+            raise KeyboardInterrupt  # before anything was found
+        if result.outcome is not Outcome.FAIL:
+            raise FreneticError(
+                f"only a road that fails can be minimised; this one is {result.outcome}:"
+                f" {result.reason}"
             )
+        original = trials.failed[start]
+        if on_smaller is not None:
+            on_smaller(1, original)
 
-    shrunk = shrink(
-        start,
-        trials.ask,
-        max_trials=max_drives - 1,  # the original was driven
-        neighbours=lambda shape: (
-            (shape.scaled(1.0 - guard), shape.scaled(1.0 + guard)) if guard > 0.0 else ()
-        ),
-        on_trial=report,
-        should_stop=lambda: trials.gave_up or (should_stop is not None and should_stop()),
-    )
+        def better(found: Improvement) -> None:
+            if on_smaller is not None:
+                on_smaller(found.trials + 1, trials.failed[found.shape])
+
+        def report(doing: str, drives: int, smallest: Shape) -> None:
+            if on_progress is not None:
+                length, curves = smallest.length, smallest.curves
+                on_progress(MinimiseProgress(drives + 1, max_drives, length, curves, doing))
+
+        shrunk = shrink(
+            start,
+            trials.ask,
+            max_trials=max_drives - 1,  # the original was driven
+            neighbours=lambda shape: (
+                (shape.scaled(1.0 - guard), shape.scaled(1.0 + guard)) if guard > 0.0 else ()
+            ),
+            on_trial=report,
+            on_better=better,
+            should_stop=lambda: trials.gave_up or (should_stop is not None and should_stop()),
+        )
     return Minimised(
         original=original,
-        smallest=trials.failed.get(shrunk.shape, original),
+        smallest=trials.failed[shrunk.shape],
         improvements=tuple(
             replace(found, trials=found.trials + 1) for found in shrunk.improvements
         ),
@@ -228,9 +231,7 @@ def minimise_test(
     """
 
     def run() -> Run:
-        simulator, driver = describe(tester.simulator), describe(tester.driver)
-        rules, car = tester.simulator.rules, tester.simulator.car
-        return Run(Purpose.MINIMISING, driver, simulator, rules, car, planned=max_drives)
+        return new_run(Purpose.MINIMISING, tester, max_drives)
 
     with RunWriter(folder, Purpose.MINIMISING, run, optional=True) as writer:
 
@@ -251,16 +252,16 @@ def minimise_test(
 
 
 class _Trials:
-    """Drives shapes and answers whether they fail for a given reason."""
+    """Drives shapes and answers whether they fail like the first."""
 
-    def __init__(self, tester: RoadTester, reason: FailureReason) -> None:
+    def __init__(self, tester: RoadTester, drive_tasks: DriveTasks) -> None:
         self.failed: dict[Shape, FailedDrive] = {}
-        """Those that failed for this reason."""
+        """Those that failed for the same reason, the first one first."""
         self.trouble = ""
         """Reason of the last broken drive."""
         self._tester = tester
-        self._reason = reason
-        self._asked = 1
+        self._drive_tasks = drive_tasks
+        self._asked = 0
         self._broken = 0  # drives in a row
 
     @property
@@ -268,32 +269,46 @@ class _Trials:
         """Whether too many drives broke for going on."""
         return self._broken >= MAX_ERRORS_IN_A_ROW
 
-    def ask(self, shape: Shape) -> Answer:
-        """Whether the driver fails on the shape for the same reason."""
-        self._asked += 1
-        result, failed = _test(self._tester, shape, self._asked)
+    def ask(self, shape: Shape) -> Answer | None:
+        """Whether the driver fails on the shape like on the first; None after Ctrl-C."""
+        result = self.drive(shape)
+        if result is None:
+            return None
         if result.outcome is Outcome.INVALID:
             return Answer.REFUSED
+        return Answer.YES if shape in self.failed else Answer.NO
+
+    def drive(self, shape: Shape) -> Result | None:
+        """Result of a drive on the shape; None after Ctrl-C."""
+        self._asked += 1
+        origin = Origin(OPERATOR)
+        task = Task(Candidate(self._asked, np.array(shape.values), shape.step, origin))
+        try:
+            attempt = next(self._drive_tasks([task]), None)
+        except CampaignError as error:  # the simulator does not start again
+            attempt = Attempt.undriven(self._asked, Outcome.ERROR, str(error))
+            self._broken = MAX_ERRORS_IN_A_ROW
+        if attempt is None:
+            return None
+        result = attempt.result
         if result.outcome is Outcome.ERROR:
             self._broken += 1
             self.trouble = result.reason
-        else:
+        elif result.outcome is not Outcome.INVALID:
             self._broken = 0
-        if failed is None or failed.reason is not self._reason:
-            return Answer.NO
-        self.failed[shape] = failed
-        return Answer.YES
+        if result.outcome is Outcome.FAIL:
+            self._keep(shape, attempt)
+        return result
 
-
-def _test(tester: RoadTester, shape: Shape, number: int) -> tuple[Result, FailedDrive | None]:
-    """Result of a shape, and the drive on it if it failed."""
-    tested = tester.test(Candidate(number, np.array(shape.values), shape.step, Origin(OPERATOR)))
-    if tested.result.outcome is not Outcome.FAIL:
-        return tested.result, None
-    assert tested.pose is not None
-    assert tested.trajectory is not None
-    road = Road(shape.values, shape.step, tested.pose, lane_width=tester.lane_width)
-    drive = Drive(tested.trajectory, tester.simulator.car, tester.simulator.rules)
-    reason = failure_reason(road, drive)
-    assert reason is not None
-    return tested.result, FailedDrive(shape, road, drive, tested.result, reason)
+    def _keep(self, shape: Shape, attempt: Attempt) -> None:
+        """Keeps a failed drive if it failed like the first."""
+        assert attempt.pose is not None
+        assert attempt.trajectory is not None
+        tester = self._tester
+        road = Road(shape.values, shape.step, attempt.pose, lane_width=tester.lane_width)
+        drive = Drive(attempt.trajectory, tester.simulator.car, tester.simulator.rules)
+        reason = failure_reason(road, drive)
+        assert reason is not None
+        first = next(iter(self.failed.values()), None)
+        if first is None or reason is first.reason:
+            self.failed[shape] = FailedDrive(shape, road, drive, attempt.result, reason)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -14,12 +14,13 @@ from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import campaign_tester, drive_again
+from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
 from frenetic.redrive.record import Change, Purpose, Redrive, Run
 from frenetic.redrive.table import read_runs
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
-from frenetic.spec import describe
+
+ReplayProgress = RedriveProgress  # its former name
 
 SUITE: Final = "frenetic replay"
 """Name of the suite in a JUnit file."""
@@ -58,15 +59,6 @@ class Replay:
         return sum(test.is_same for test in self.tests)
 
 
-@dataclass(frozen=True)
-class ReplayProgress:
-    """Progress of driving again."""
-
-    tests: int
-    total: int
-    failed: int
-
-
 def replay(
     folder: Path | str,
     simulator: Simulator,
@@ -75,7 +67,7 @@ def replay(
     everything: bool = False,
     workers: int = 1,
     drive_limit: float | None = None,
-    on_progress: Callable[[ReplayProgress], None] | None = None,
+    on_progress: Callable[[RedriveProgress], None] | None = None,
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
 ) -> Replay:
@@ -102,36 +94,19 @@ def replay(
         records = [record for kind in kinds for record in store.tests(kind)]
         tester = campaign_tester(store, simulator, driver)
     records.sort(key=lambda record: record.candidate.id)
-    run = Run(
-        Purpose.REGRESSION,
-        describe(driver),
-        describe(simulator),
-        simulator.rules,
-        planned=len(records),
-    )
-    tests = failed = 0
-
-    def note(drive: Redrive) -> None:
-        nonlocal tests, failed
-        tests += 1
-        failed += drive.outcome is Outcome.FAIL
-        if on_progress is not None:
-            on_progress(ReplayProgress(tests, len(records), failed))
-
-    drives = drive_again(
+    run = drive_again(
         folder,
-        lambda: run,
-        [(record, USUAL) for record in records],
+        Purpose.REGRESSION,
         tester,
-        purpose=Purpose.REGRESSION,
+        [(record, USUAL) for record in records],
         optional=True,
         workers=workers,
         drive_limit=drive_limit,
-        on_drive=note,
+        on_progress=on_progress,
         on_start=on_start,
         on_interrupt=on_interrupt,
     )
-    return _of_run(folder, replace(run, drives=drives))
+    return _of_run(folder, run)
 
 
 def _of_run(folder: Path, run: Run) -> Replay:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
@@ -26,13 +26,15 @@ from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, conditions_document, draw_conditions
-from frenetic.redrive.loop import campaign_tester, drive_again
+from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
 from frenetic.redrive.record import Purpose, Redrive, Run, verdict_document
 from frenetic.redrive.table import read_runs
 from frenetic.simulators.capabilities import check_pair
+from frenetic.simulators.drive import Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import QUANTITIES, check_can_vary, in_conditions
-from frenetic.spec import describe
+
+RerunProgress = RedriveProgress  # its former name
 
 TIMES: Final = 20
 """Default number of drives of each test."""
@@ -88,6 +90,8 @@ class Rerun:
     simulator: Mapping[str, JSONValue]
     """In the form of a campaign's description."""
     drives: tuple[Redrive, ...]
+    rules: Rules | None = None
+    """Rules; None if unknown, as in reruns of older versions."""
 
     @property
     def test_id(self) -> int:
@@ -139,10 +143,10 @@ class Rerun:
         return ", ".join(map(str, self.variations)) or "nothing varied"
 
     @property
-    def _setting(self) -> tuple[int, str, frozenset[Variation]]:
+    def _setting(self) -> tuple[object, ...]:
         """Key that a later rerun shares with one that it replaces."""
         parts = json.dumps([self.driver, self.simulator], sort_keys=True)
-        return self.test_id, parts, frozenset(self.variations)
+        return self.test_id, parts, self.rules, frozenset(self.variations)
 
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
@@ -177,17 +181,6 @@ class Rerun:
         return "; ".join([text, *(str(one) for one in self.influences if one.matters)])
 
 
-@dataclass(frozen=True)
-class RerunProgress:
-    """Progress of driving a campaign's failures again."""
-
-    test_id: int
-    """Outcome of the last drive."""
-    drives: int
-    total: int
-    failed: int
-
-
 def rerun(
     folder: Path | str,
     simulator: Simulator,
@@ -199,7 +192,7 @@ def rerun(
     seed: int = 0,
     workers: int = 1,
     drive_limit: float | None = None,
-    on_progress: Callable[[RerunProgress], None] | None = None,
+    on_progress: Callable[[RedriveProgress], None] | None = None,
     on_start: Callable[[], None] | None = None,
     on_interrupt: Callable[[], None] | None = None,
 ) -> tuple[Rerun, ...]:
@@ -244,37 +237,20 @@ def rerun(
         else:
             records = [store.test(i, with_trajectory=False) for i in dict.fromkeys(test_ids)]
         tester = campaign_tester(store, simulator, driver)
-    planned = len(records) * len(conditions)
-    run = Run(
+    run = drive_again(
+        folder,
         Purpose.ROBUSTNESS,
-        describe(driver),
-        describe(simulator),
-        planned=planned,
+        tester,
+        [(record, one) for record in records for one in conditions],
+        workers=workers,
+        drive_limit=drive_limit,
+        on_progress=on_progress,
+        on_start=on_start,
+        on_interrupt=on_interrupt,
         seed=seed,
         variations=tuple(variations),
     )
-    drives = failed = 0
-
-    def note(drive: Redrive) -> None:
-        nonlocal drives, failed
-        drives += 1
-        failed += drive.outcome is Outcome.FAIL
-        if on_progress is not None:
-            on_progress(RerunProgress(drive.test_id, drives, planned, failed))
-
-    done = drive_again(
-        folder,
-        lambda: run,
-        [(record, one) for record in records for one in conditions],
-        tester,
-        purpose=Purpose.ROBUSTNESS,
-        workers=workers,
-        drive_limit=drive_limit,
-        on_drive=note,
-        on_start=on_start,
-        on_interrupt=on_interrupt,
-    )
-    return tuple(_reruns_of(replace(run, drives=done)))
+    return tuple(_reruns_of(run))
 
 
 def _reruns_of(run: Run) -> Iterator[Rerun]:
@@ -290,11 +266,15 @@ def _reruns_of(run: Run) -> Iterator[Rerun]:
             run.driver,
             run.simulator,
             tuple(drives),
+            run.rules,
         )
 
 
 def telling_reruns(
-    reruns: Iterable[Rerun], driver: Mapping[str, JSONValue], simulator: Mapping[str, JSONValue]
+    reruns: Iterable[Rerun],
+    driver: Mapping[str, JSONValue],
+    simulator: Mapping[str, JSONValue],
+    rules: Rules | None = None,
 ) -> dict[int, Rerun]:
     """The most informative rerun of each test with these parts: test id -> rerun.
 
@@ -305,8 +285,14 @@ def telling_reruns(
         reruns: as `read_reruns` gives them.
         driver: the campaign's, as its configuration describes it.
         simulator: likewise.
+        rules: the campaign's; None to accept any.
     """
-    own = [one for one in reruns if (one.driver, one.simulator) == (driver, simulator)]
+    own = [
+        one
+        for one in reruns
+        if (one.driver, one.simulator) == (driver, simulator)
+        and (one.rules == rules or None in (one.rules, rules))
+    ]
     own.sort(key=lambda one: bool(one.variations))  # stable: the last of each counts
     return {one.test_id: one for one in own}
 
@@ -320,7 +306,7 @@ def read_reruns(folder: Path | str) -> tuple[Rerun, ...]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    last: dict[tuple[int, str, frozenset[Variation]], Rerun] = {}
+    last: dict[tuple[object, ...], Rerun] = {}
     for run in read_runs(folder, Purpose.ROBUSTNESS):
         for one in _reruns_of(run):
             if one.judged:

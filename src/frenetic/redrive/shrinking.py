@@ -135,11 +135,12 @@ class Shrunk:
 
 def shrink(
     start: Shape,
-    ask: Callable[[Shape], Answer],
+    ask: Callable[[Shape], Answer | None],
     *,
     max_trials: int,
     neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),  # noqa: ARG005
     on_trial: Callable[[str, int, Shape], None] | None = None,
+    on_better: Callable[[Improvement], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Shrunk:
     """The smallest shape with the property that the passes lead to.
@@ -148,12 +149,13 @@ def shrink(
 
     Args:
         start: has the property.
-        ask: whether a shape has it; YES and NO count as a trial each.
+        ask: whether a shape has it; YES and NO count as a trial each, None stops.
         max_trials: most trials to spend.
         neighbours: shapes close to a given one, which must have the property as well for it to be
             kept, unless they are REFUSED.
         on_trial: called after every trial with the current pass, the trials spent and the smallest
             shape so far.
+        on_better: called with every improvement.
         should_stop: asked before every trial.
 
     Raises:
@@ -161,7 +163,7 @@ def shrink(
     """
     if max_trials < 0:
         raise ValueError(f"max_trials is {max_trials}: at least 0 is needed")
-    shrinker = _Shrinker(start, ask, max_trials, neighbours, on_trial, should_stop)
+    shrinker = _Shrinker(start, ask, max_trials, neighbours, on_trial, on_better, should_stop)
     ending = Ending.MINIMAL
     try:
         shrinker.run()
@@ -181,10 +183,11 @@ class _Shrinker:
     def __init__(
         self,
         start: Shape,
-        ask: Callable[[Shape], Answer],
+        ask: Callable[[Shape], Answer | None],
         max_trials: int,
         neighbours: Callable[[Shape], Iterable[Shape]],
         on_trial: Callable[[str, int, Shape], None] | None,
+        on_better: Callable[[Improvement], None] | None,
         should_stop: Callable[[], bool] | None,
     ) -> None:
         self.best = start
@@ -194,6 +197,7 @@ class _Shrinker:
         self._max_trials = max_trials
         self._neighbours = neighbours
         self._on_trial = on_trial
+        self._on_better = on_better
         self._should_stop = should_stop
         self._answers = {start: Answer.YES}
         self._pass = ""
@@ -217,6 +221,8 @@ class _Shrinker:
             return False
         self.best = shape
         self.improvements.append(Improvement(shape, self._pass, self.trials))
+        if self._on_better is not None:
+            self._on_better(self.improvements[-1])
         return True
 
     def _answer(self, shape: Shape) -> Answer:
@@ -225,7 +231,10 @@ class _Shrinker:
                 raise _End(Ending.STOPPED)
             if self.trials >= self._max_trials:
                 raise _End(Ending.SPENT)
-            answer = self._answers[shape] = self._ask(shape)
+            answer = self._ask(shape)
+            if answer is None:
+                raise _End(Ending.STOPPED)
+            self._answers[shape] = answer
             if answer is not Answer.REFUSED:
                 self.trials += 1
                 if self._on_trial is not None:

@@ -100,7 +100,7 @@ _REPLACED: Final = """
     SELECT older.id FROM redrive_run AS older JOIN redrive_run AS this USING
         (purpose, driver, simulator, variations)
     WHERE this.id = :run AND older.id < this.id AND older.ended_at IS NOT NULL
-        AND older.rules IS this.rules
+        AND (older.rules IS this.rules OR older.rules IS NULL)
 """
 _DELETE_DRIVES: Final = f"""
     DELETE FROM redrive WHERE run IN ({_REPLACED}) AND (

@@ -26,11 +26,18 @@ class InProcessWorker:
 
     Nothing is copied, so driver and simulator may be any objects. A simulator or driver that kills
     the process kills the campaign, which can then be resumed.
+
+    Args:
+        tester: tests the candidates.
+        is_entered: whether the caller has entered the simulator and will leave it.
+        packs: whether its attempts hold a packed trajectory beside the exact one.
     """
 
-    def __init__(self, tester: RoadTester) -> None:
+    def __init__(self, tester: RoadTester, *, is_entered: bool = False, packs: bool = True) -> None:
         self._tester = tester
-        self._started = False
+        self._packs = packs
+        self._is_entered = is_entered
+        self._started = is_entered
         self._task: tuple[Candidate, Placement | None] | None = None
         self._tests = 0
         self._since = time.monotonic()
@@ -68,7 +75,7 @@ class InProcessWorker:
         candidate, placement = self._task
         start = time.perf_counter()
         try:
-            attempt = self._tester.attempt(candidate, placement, NAME, keep=True)
+            attempt = self._tester.attempt(candidate, placement, NAME, keep=True, pack=self._packs)
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -97,8 +104,9 @@ class InProcessWorker:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Ends the simulator."""
-        self._end(kind, error, trace)
+        """Ends the simulator, unless the caller does."""
+        if not self._is_entered:
+            self._end(kind, error, trace)
 
     def _start(self) -> None:
         if not self._started:

@@ -176,12 +176,12 @@ def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
     """Repeats of its tests with the campaign's own parts, and trouble with them."""
     driver, simulator = store.config.get("driver"), store.config.get("simulator")
     try:
-        reruns = read_reruns(store.folder)
+        reruns, rules = read_reruns(store.folder), store.setting.rules
     except CampaignError as error:
         return {}, str(error)
     if not isinstance(driver, dict) or not isinstance(simulator, dict):
         return {}, ""
-    return telling_reruns(reruns, driver, simulator), ""
+    return telling_reruns(reruns, driver, simulator, rules), ""
 
 
 def _shell(path: Path) -> str:
