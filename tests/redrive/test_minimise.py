@@ -251,7 +251,8 @@ def test_simulator_that_does_not_start_again_leaves_the_smallest_road(
     with simulator:
         minimised = minimise(failures[0], make_tester(simulator))
     assert minimised.ending is Ending.STOPPED
-    assert minimised.trouble == "the simulator does not start: ConnectionError: no licence"
+    assert minimised.trouble is not None
+    assert "the simulator does not start: ConnectionError: no licence" in minimised.trouble
     assert minimised.road.length < failures[0].length
 
 
