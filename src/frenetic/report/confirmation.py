@@ -21,6 +21,7 @@ from frenetic.oracle import assess, judge
 from frenetic.redrive.confirm import Confirmation
 from frenetic.redrive.record import Redrive
 from frenetic.report.failures import file_stem
+from frenetic.report.orientation import turn_of, turned
 from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive
@@ -163,20 +164,24 @@ def draw_pairs(pairs: Sequence[Pair], path: Path, names: Names) -> None:
 
 
 def _draw_from_above(axes: Any, pair: Pair) -> None:
-    road = pair.road
+    road, turn = pair.road, turn_of(pair.road)
     spacing = max(1.0, road.length / 2000.0)
-    line, left, right = (road.sample(spacing, side * road.lane_width) for side in (0.0, 1.0, -1.0))
+    line, left, right = (
+        turned(road.sample(spacing, side * road.lane_width), turn) for side in (0.0, 1.0, -1.0)
+    )
     for edge, colour in ((left, "#d9dde3"), (right, "#c6d7ea")):
         axes.add_patch(Polygon(np.vstack([line, edge[::-1]]), color=colour, linewidth=0.0))
     axes.plot(*line.T, color="white", linewidth=1.0, linestyle=(0, (6, 5)))
     low, high = np.vstack([left, right]).min(axis=0), np.vstack([left, right]).max(axis=0)
     shown = [low, high]
     for drive, how in _styles(pair):
-        path = np.clip(_path(road, drive), low - 20.0, high + 20.0)
+        path = np.clip(turned(_path(road, drive), turn), low - 20.0, high + 20.0)
         axes.plot(*path.T, **how, zorder=5)
         axes.plot(*path[-1], marker="o", markersize=5, color=how["color"], zorder=6)
         shown += [path.min(axis=0), path.max(axis=0)]
-    axes.plot(*_path(road, pair.recorded)[0], marker="s", markersize=5, color=INK, zorder=6)
+    axes.plot(
+        *turned(_path(road, pair.recorded), turn)[0], marker="s", markersize=5, color=INK, zorder=6
+    )
     low, high = np.min(shown, axis=0), np.max(shown, axis=0)
     # As much as fills the paper.
     box = axes.get_window_extent()

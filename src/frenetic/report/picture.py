@@ -25,6 +25,7 @@ from matplotlib.ticker import MaxNLocator
 
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
+from frenetic.report.orientation import turn_of
 from frenetic.report.scene import (
     ACROSS,
     ALARM,
@@ -34,7 +35,6 @@ from frenetic.report.scene import (
     HIGHEST,
     SeenDrive,
     View,
-    best_turn,
     box_of,
     draw_close_up,
     draw_colour_bar,
@@ -230,7 +230,7 @@ def _page(
     profiles = ["oob", "curvature", "speed"] if focus is not None else ["curvature"]
     heights = {"oob": 1.35, "curvature": 0.85, "speed": 0.85}
 
-    turn = best_turn(road)
+    turn = turn_of(road)
     wide = box_of(road, seen, turn)
     # A road that is shown that large already needs no close-up.
     shown = min(INNER / wide.width, HIGHEST / wide.height)
@@ -400,7 +400,7 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
     columns = max(columns, min(len(items), 3))
     rows = math.ceil(len(items) / columns)
     width = (INNER - 0.2 * (columns - 1)) / columns
-    height = min(0.9 * width, HIGHEST)
+    height = width / 1.5  # roads lie flat
     top, caption = 1.1 if title else 0.65, 0.52
     total = top + rows * (height + caption) + 0.25
     page = Paper(Figure(figsize=(WIDTH, total), dpi=DPI, facecolor="white"), WIDTH, total)
@@ -417,7 +417,7 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
         x = MARGIN + column * (width + 0.2)
         y = top + row * (height + caption)
         seen = look(road, drive)
-        turn = best_turn(road)  # as in the drive's own picture
+        turn = turn_of(road)
         view = View.showing(box_of(road, seen, turn), turn, width, height)
         frame = page.panel(x, y, view.width, view.height)
         draw_scene(frame, view, road, seen, focus_of(seen), None, labelled=False)

@@ -7,19 +7,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
-from matplotlib.colors import LinearSegmentedColormap, Normalize, to_rgb
+from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.patches import Rectangle
 
 from frenetic._support.arrays import FloatArray
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
+from frenetic.report.orientation import turned
 from frenetic.report.style import (
     INK,
-    INNER,
     MARGIN,
     POINT,
     QUIET,
@@ -46,11 +45,17 @@ COLOURS: Final[Mapping[Outcome, str]] = {
     Outcome.INVALID: "#c98a00",
     Outcome.ERROR: "#7a5aa6",
 }
-# Plasma without its yellow, which would vanish on white: blue in the lane, pink on its edge, orange
-# outside. Lightness rises evenly, so it reads in grey and with any kind of colour vision.
-_OOB_MAP: Final = LinearSegmentedColormap.from_list(
-    "oob", mpl.colormaps["plasma"](np.linspace(0.84, 0.0, 128))
-)
+OOB_COLOURS: Final = (
+    "#feb72d", "#f99a3e", "#f0804e", "#e4695e", "#d5536f",
+    "#8f0da4", "#7401a8", "#5601a4", "#370499", "#0d0887",
+)  # fmt: skip
+"""Colours of a path from half a lane outside the lane to the lane's centre, in equal steps.
+
+The first half is outside the lane, and the jump between the halves is the lane's edge. They are
+plasma's without its yellow, which would vanish on white: lightness rises evenly, so they read in
+grey and with any kind of colour vision. ``report.css`` has the same.
+"""
+_OOB_MAP: Final = ListedColormap(OOB_COLOURS, "oob")
 
 
 # What is seen of a drive
@@ -154,7 +159,7 @@ class View:
 
     def at(self, points: FloatArray) -> FloatArray:
         """(n, 2) points on paper of (n, 2) places in m."""
-        return self.scale * (_turned(points, self.turn) - (self.x, self.y))
+        return self.scale * (turned(points, self.turn) - (self.x, self.y))
 
     def shows(self, place: FloatArray) -> bool:
         """Whether (2,) ``place``, points on paper, is in sight."""
@@ -162,14 +167,8 @@ class View:
 
     def zoomed(self, place: FloatArray, across: float, width: float, height: float) -> View:
         """The view of ``width`` x ``height`` inches, ``across`` m wide, around (2,) ``place``."""
-        ((x, y),) = _turned(place[None], self.turn)
+        ((x, y),) = turned(place[None], self.turn)
         return View(self.turn, x, y, POINT * width / across, width * POINT, height * POINT)
-
-
-def _turned(points: FloatArray, turn: float) -> FloatArray:
-    c, s = math.cos(turn), math.sin(turn)
-    result: FloatArray = points @ np.array([[c, s], [-s, c]])
-    return result
 
 
 def sane(places: FloatArray) -> FloatArray:
@@ -185,36 +184,12 @@ def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
     )
 
 
-def best_turn(road: Road) -> float:
-    """Angle by which the map is turned on paper, in rad: 0 unless that wastes paper.
-
-    A long and narrow road, upright or aslant, is laid down, driven from left to right.
-    """
-    outline = _outline(road, 4.0)
-
-    def size(turn: float) -> tuple[float, float, float]:
-        w, h = np.ptp(_turned(outline, turn), axis=0)
-        return min((INNER - CLOSE_UP) / w, HIGHEST / h), w, h
-
-    scale = size(0.0)[0]
-    turns = np.radians(np.arange(-90.0, 90.0, 3.0))
-    best = max(turns, key=lambda turn: size(turn)[0])
-    flat = min(turns, key=lambda turn: size(turn)[2])
-    _, long, narrow = size(flat)
-    if long > 4.0 * narrow:
-        best = flat
-    elif size(best)[0] < 1.4 * scale:
-        return 0.0
-    start, end = _turned(np.array([road.pose_at(0.0)[:2], road.pose_at(road.length)[:2]]), best)
-    return float(best) if start[0] <= end[0] else float(best) + math.pi
-
-
 def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
     """The box to show: the road and the path, unless the path goes far astray."""
-    outline = _turned(_outline(road), turn)
+    outline = turned(_outline(road), turn)
     low, high = outline.min(axis=0), outline.max(axis=0)
     if seen is not None and len(seen):
-        path = np.clip(_turned(seen.xy, turn), low - 15.0, high + 15.0)
+        path = np.clip(turned(seen.xy, turn), low - 15.0, high + 15.0)
         low, high = np.minimum(low, path.min(axis=0)), np.maximum(high, path.max(axis=0))
     around = 4.0 + 0.03 * float((high - low).max())
     x, y = (low + high) / 2.0
@@ -369,7 +344,7 @@ def _draw_arrows(axes: Any, view: View, road: Road) -> None:
         x, y, heading = road.pose_at(float(s))
         half = 0.5 * road.lane_width
         place = np.array([[x + half * math.sin(heading), y - half * math.cos(heading)]])
-        polygons.append(view.at(place) + _turned(shape, heading + view.turn))
+        polygons.append(view.at(place) + turned(shape, heading + view.turn))
     axes.add_collection(
         PolyCollection(polygons, facecolor="white", edgecolor="none", zorder=1.4), autolim=False
     )
@@ -395,19 +370,21 @@ def draw_coloured(
         return
     # One stroke per run of (nearly) one colour: strokes that meet overlap, which shows.
     places, oob = places[some], oob[some]
-    shades = np.round(24.0 * np.clip(0.5 * (oob[:-1] + oob[1:]) / half, -1.0, 1.0))
+    steps = len(OOB_COLOURS)
+    inside = 0.5 + 0.25 * (oob[:-1] + oob[1:]) / half  # 0 half a lane outside, 1 on its centre
+    shades = np.clip(np.floor(steps * inside), 0.0, steps - 1.0)
     breaks = np.flatnonzero(np.diff(shades)) + 1
     first, last = np.r_[0, breaks], np.r_[breaks, len(shades)]
     line = LineCollection(
         [places[a : b + 1] for a, b in zip(first, last, strict=True)],
         cmap=_OOB_MAP,
-        norm=Normalize(-1.0, 1.0),
+        norm=Normalize(0.0, steps),
         linewidths=width,
         capstyle="round",
         joinstyle="round",
         zorder=4,
     )
-    line.set_array(shades[first] / 24.0)
+    line.set_array(shades[first] + 0.5)
     axes.add_collection(line, autolim=False)
 
 
@@ -425,7 +402,7 @@ def _boxes(view: View, seen: SeenDrive, records: Sequence[int]) -> list[FloatArr
     car = seen.drive.car
     x = car.centre_ahead + car.length * np.array([-0.5, 0.5, 0.5, -0.5])
     corners = np.column_stack([x, car.width * np.array([0.5, 0.5, -0.5, -0.5])])
-    return [view.at(sane(seen.xy[i]) + _turned(corners, seen.heading[i])) for i in records]
+    return [view.at(sane(seen.xy[i]) + turned(corners, seen.heading[i])) for i in records]
 
 
 def _draw_cars(
@@ -539,6 +516,7 @@ def draw_colour_bar(axes: Any, half: float) -> None:
         extendfrac=0.04,
         ticks=[-half, 0.0, half],
     ).outline.set_visible(False)
+    axes.axvline(0.0, color=INK, lw=1.2)
     axes.tick_params(length=0.0, pad=3.0)
     labels = axes.set_xticklabels([f"−{half:g}", "0 lane edge", f"{half:g} lane centre"])
     labels[-1].set_horizontalalignment("right")

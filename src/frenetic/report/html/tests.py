@@ -18,6 +18,7 @@ from frenetic.oracle import Assessment, Departure, Side
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.minimised import MINIMISED
+from frenetic.report.orientation import turn_of
 from frenetic.road import Road
 from frenetic.road.files import read_road
 from frenetic.search.operators import DOES
@@ -142,6 +143,8 @@ class RoadData:
     """1/m."""
     pose: tuple[float, float, float]
     """Pose of the first sample, in m, m and rad."""
+    turn: float
+    """Angle in rad by which pictures turn it counter-clockwise, see `turn_of`."""
 
     @classmethod
     def of(cls, road: Road) -> RoadData:
@@ -151,6 +154,7 @@ class RoadData:
             road.step,
             tuple(road.curvatures.round(6).tolist()),
             (round(x, 3), round(y, 3), round(heading, 5)),
+            round(turn_of(road), 3),
         )
 
 

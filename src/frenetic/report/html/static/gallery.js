@@ -60,6 +60,7 @@ function drawGallery(element, block) {
     el("div", { class: "choices" }, el("span", {}, el("label", { for: "gallery-sort" }, "First "), sort), el("span", {}, el("label", { for: "gallery-side" }, "Side "), side)),
     grid,
     more,
+    el("p", { class: "caption" }, oobKey(), ". Each road is laid flat and driven to the right; ● is its start, ○ where the car left its lane."),
   );
   arrowKeys(grid, () => [...grid.querySelectorAll(".card")]);
   show();

@@ -158,7 +158,7 @@ const player = (() => {
     const aspect = isPhone ? 1.4 : isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
     const closeAspect = isPhone ? 0.7 : isNarrow ? 2.2 : 0.85;
     const closeWide = isPhone ? CLOSE_UP_PHONE : CLOSE_UP;
-    const view = viewOf([...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))], aspect);
+    const view = viewOf([...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))], drive.road.turn, aspect);
     const length = roadLength(drive.road);
     let furthest = -Infinity;
     const along = records.distance.map((d) => (furthest = Math.max(furthest, d)));
@@ -204,7 +204,7 @@ const player = (() => {
       el(
         "div",
         { class: "stage" },
-        el("figure", { class: "stage-main" }, main, legend()),
+        el("figure", { class: "stage-main" }, main, el("figcaption", {}, oobKey())),
         el("figure", { class: "stage-close" }, state.close, el("figcaption", {}, `${closeWide} m around the car`)),
       ),
       el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
@@ -340,9 +340,11 @@ function momentAt(records, time) {
   return Object.fromEntries(Object.keys(RESOLUTIONS).map((name) => [name, between(name)]));
 }
 
-function legend() {
-  const stops = Array.from({ length: COLOURS }, (_, i) => el("i", { class: `oob-${COLOURS - 1 - i}` }));
-  return el("figcaption", {}, "Path by oob distance: in its lane ", el("span", { class: "ramp" }, stops), " 1 m outside");
+/** Key to the colours of a path: from the lane's centre over its edge to half a lane outside. */
+function oobKey() {
+  const ramp = (from) => el("span", { class: "ramp" }, Array.from({ length: COLOURS / 2 }, (_, i) => el("i", { class: `oob-${from - i}` })));
+  const half = fixed(report.lane_width / 2, Number.isInteger(report.lane_width / 2) ? 0 : 2);
+  return ["Path by oob distance: ", el("span", { class: "oob-key" }, `lane centre ${half}\u00a0m`, ramp(COLOURS - 1), el("b", {}, "lane edge 0"), ramp(COLOURS / 2 - 1), `outside −${half}\u00a0m`)];
 }
 
 function badge(outcome) {

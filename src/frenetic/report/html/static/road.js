@@ -3,7 +3,7 @@
 const RESOLUTIONS = {
   time: 0.01, x: 0.01, y: 0.01, heading: 0.001, distance: 0.01, oob: 0.01, speed: 0.01, steering: 0.001,
 };
-const COLOURS = 9; // of the path, from out of the lane to in it
+const COLOURS = 10; // of the path: half from half a lane outside to the lane's edge, half on to its centre
 const POINT_SPACING = 2; // m, of a road's lines
 
 /** The records of a drive, decoded once: columns in m, s, rad, m/s. */
@@ -64,31 +64,21 @@ function centreLine(road) {
   return line;
 }
 
-/** Where on the screen the world lies: turned so that the road is wider than high, y downwards. */
-function viewOf(points, aspect) {
-  let best = null;
-  for (let k = 0; k < 36; k++) {
-    const turn = (k * Math.PI) / 36;
-    const [c, s] = [Math.cos(turn), Math.sin(turn)];
-    let [left, right, top, bottom] = [Infinity, -Infinity, Infinity, -Infinity];
-    for (const { x, y } of points) {
-      const [u, v] = [c * x - s * y, -(s * x + c * y)];
-      left = Math.min(left, u);
-      right = Math.max(right, u);
-      top = Math.min(top, v);
-      bottom = Math.max(bottom, v);
-    }
-    const scale = Math.max((right - left + 14) / aspect, bottom - top + 14);
-    if (best === null || scale < best.scale - 0.5) {
-      best = { scale, turn, c, s, left, right, top, bottom };
-    }
+/** Where on the screen the world lies: turned as every picture of the road, y downwards. */
+function viewOf(points, turn, aspect) {
+  const [c, s] = [Math.cos(turn), Math.sin(turn)];
+  const place = (x, y) => [c * x - s * y, -(s * x + c * y)];
+  let [left, right, top, bottom] = [Infinity, -Infinity, Infinity, -Infinity];
+  for (const { x, y } of points) {
+    const [u, v] = place(x, y);
+    left = Math.min(left, u);
+    right = Math.max(right, u);
+    top = Math.min(top, v);
+    bottom = Math.max(bottom, v);
   }
-  const width = best.scale * aspect;
-  return {
-    turn: best.turn,
-    box: [(best.left + best.right - width) / 2, (best.top + best.bottom - best.scale) / 2, width, best.scale],
-    place: (x, y) => [best.c * x - best.s * y, -(best.s * x + best.c * y)],
-  };
+  const height = Math.max((right - left + 14) / aspect, bottom - top + 14);
+  const width = height * aspect;
+  return { turn, box: [(left + right - width) / 2, (top + bottom - height) / 2, width, height], place };
 }
 
 function pathText(points) {
@@ -102,9 +92,9 @@ function besideLine(line, offset, view) {
   );
 }
 
-/** Which colour of the path an oob distance has: 0 is 1 m or more outside of the lane. */
+/** Which colour of the path an oob distance has: 0 is half a lane or more outside of the lane. */
 function oobColour(oob) {
-  return clamp(Math.floor(((oob + 1) / 2) * COLOURS), 0, COLOURS - 1);
+  return clamp(Math.floor((0.5 + oob / report.lane_width) * COLOURS), 0, COLOURS - 1);
 }
 
 /** The lanes and their edges as SVG elements. */
@@ -147,7 +137,7 @@ function roadPicture(drive, label, road = drive.road) {
   const isOwn = road === drive.road;
   const records = isOwn ? recordsOf(drive) : null;
   const seen = records === null ? line : [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
-  const view = viewOf(seen, aspect);
+  const view = viewOf(seen, road.turn, aspect);
   const [startX, startY] = records === null ? besideLine(line.slice(0, 1), -report.lane_width / 2, view)[0] : view.place(records.x[0], records.y[0]);
   const shapes = [...roadShapes(line, view), svg("circle", { class: "start", cx: startX, cy: startY, r: view.box[2] / 70 })];
   if (isOwn) {
