@@ -214,14 +214,14 @@ def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) ->
 
 def test_drives_come_back_as_they_were_stored(searched: Path, tmp_path: Path) -> None:
     data = page_of(write_report(searched, tmp_path / "r.html")).data
-    steps = (0.01, 0.01, 0.01, 0.001, 0.01, 0.01, 0.01, 0.001)
+    steps = (0.01, 0.01, 0.01, 0.001, 0.01, 0.01, 0.01, 0.001, 0.01, 0.01, 0.01)
     with CampaignStore.open(searched) as store:
         for drive in data["drives"][:20]:
             test = store.test(drive["id"])
             assert test.drive is not None
             path, seen = test.drive.trajectory, assess(test.road, test.drive)
             n = len(seen.distance)
-            time, x, y, heading, distance, oob, speed, steering = (
+            time, x, y, heading, distance, oob, speed, steering, lateral, throttle, brake = (
                 step * np.cumsum(np.cumsum(column))
                 for step, column in zip(steps, drive["columns"], strict=True)
             )
@@ -235,6 +235,9 @@ def test_drives_come_back_as_they_were_stored(searched: Path, tmp_path: Path) ->
                 (distance, seen.distance, 0.25),
                 (speed, path.speed, 0.1),
                 (steering, path.steering, 0.02),
+                (lateral, path.lateral_acceleration, 0.5),
+                (throttle, path.throttle, 0.1),
+                (brake, path.brake, 0.1),
             ):
                 assert column == pytest.approx(np.interp(time, path.time, original), abs=close)
             road = RoadData(**drive["road"])

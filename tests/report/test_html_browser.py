@@ -144,6 +144,37 @@ def test_replay_moves_the_car_and_the_cursor(page: Page) -> None:
     assert seconds(page) == pytest.approx(float(page.locator("#scrub").get_attribute("max") or 0))
 
 
+def test_player_shows_how_the_driver_drove_in_units(page: Page, searched: Path) -> None:
+    page.locator(".gallery .card").first.click()
+    number = int(re.findall(r"\d+", page.locator("#player-title").text_content() or "")[0])
+    with CampaignStore.open(searched) as store:
+        test = store.test(number)
+    assert test.drive is not None
+    path = test.drive.trajectory
+    page.keyboard.press("End")
+    shown = {
+        row.locator("> span").first.text_content(): row.locator(".now").text_content()
+        for row in page.locator(".plot-name").all()
+    }
+    assert list(shown) == [
+        "oob distance",
+        "speed",
+        "lateral acceleration",
+        "steering",
+        "throttle, brake",
+        "curvature",
+    ]
+    value, unit = (shown["lateral acceleration"] or "").split(" ")
+    assert unit == "m/s²"
+    wanted = float(path.lateral_acceleration[-1])
+    assert float(value.replace("−", "-")) == pytest.approx(wanted, abs=0.06)
+    pedals = f"{100 * path.throttle[-1]:.0f}, {100 * path.brake[-1]:.0f} %"
+    assert shown["throttle, brake"] == pedals
+    assert (shown["speed"] or "").endswith(" km/h")
+    assert (shown["steering"] or "").endswith("°")
+    expect(page.locator(".plot .line-brake")).to_have_count(1)
+
+
 def test_pointing_at_a_profile_moves_the_car(page: Page) -> None:
     page.locator(".gallery .card").first.click()
     box = page.locator("#profiles").bounding_box()
@@ -509,10 +540,10 @@ def test_player_fits_on_a_phone(show: Callable[..., Page], searched: Path) -> No
         "els => els.map(el => { const r = document.createRange(); r.selectNodeContents(el);"
         " return r.getBoundingClientRect().right; })"
     )
-    assert len(ends) == 8
+    assert len(ends) == 12
     assert max(ends) <= area["x"]
     labels = page.locator(".plot-name .high, .plot-name .low")
-    assert labels.count() == 8
+    assert labels.count() == 12
     lefts = labels.evaluate_all("els => els.map(el => el.getBoundingClientRect().left)")
     assert min(lefts) > area["x"]
 

@@ -105,6 +105,18 @@ class Trajectory:
         # Made anew, so that the columns are read-only again.
         return Trajectory, tuple(getattr(self, name) for name in self.names())
 
+    @property
+    def lateral_acceleration(self) -> FloatArray:
+        """Acceleration of the centre of mass across the car, (n,) in m/s^2, positive to the left.
+
+        It is yaw rate times speed, and the change of the lateral speed.
+        """
+        change = (
+            np.gradient(self.lateral_speed, self.time) if len(self) > 1 else np.zeros(len(self))
+        )
+        found: FloatArray = self.yaw_rate * self.speed + change
+        return found
+
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """The columns' names, in order."""

@@ -129,6 +129,9 @@ _COLUMNS: Final[Mapping[str, float]] = {
     "oob_distance": 0.01,  # [m]
     "speed": 0.01,  # [m/s]
     "steering": 0.001,  # [rad]
+    "lateral_acceleration": 0.01,  # [m/s^2]
+    "throttle": 0.01,  # [0..1]
+    "brake": 0.01,  # [0..1]
 }
 """Column -> its resolution; the page divides by the same numbers, see ``road.js``."""
 
@@ -245,8 +248,7 @@ def _columns(path: Trajectory, seen: Assessment) -> tuple[tuple[int, ...], ...]:
     values: dict[str, FloatArray] = {
         "distance": seen.distance,
         "oob_distance": seen.oob_distance,
-        **{name: getattr(path, name) for name in ("time", "x", "y", "heading", "speed")},
-        "steering": path.steering,
+        **{name: getattr(path, name) for name in _COLUMNS if hasattr(path, name)},
     }
     columns = []
     for name, resolution in _COLUMNS.items():

@@ -4,10 +4,14 @@ const SPEEDS = [0.5, 1, 2, 4, 8];
 const CLOSE_UP = 28; // m across
 const CLOSE_UP_PHONE = 16;
 
+/** What is shown along the road: each a plot with one line or more, of records or of the road. */
 const PROFILES = [
-  { name: "oob", title: "oob distance", unit: "m", digits: 2, of: (r) => r.oob, zero: true },
-  { name: "speed", title: "speed", unit: "km/h", digits: 0, of: (r) => r.speed.map((v) => 3.6 * v) },
-  { name: "steering", title: "steering", unit: "°", digits: 1, of: (r) => r.steering.map((a) => (180 / Math.PI) * a), zero: true },
+  { title: "oob distance", unit: "m", digits: 2, lines: ["oob"] },
+  { title: "speed", unit: "km/h", digits: 0, scale: 3.6, lines: ["speed"] },
+  { title: "lateral acceleration", side: true, unit: "m/s²", digits: 1, lines: ["lateral"] },
+  { title: "steering", side: true, unit: "°", digits: 1, scale: 180 / Math.PI, lines: ["steering"] },
+  { title: "throttle, brake", unit: "%", digits: 0, scale: 100, most: 100, lines: ["throttle", "brake"] },
+  { title: "curvature", side: true, unit: "1/\u2060m", digits: 3, lines: ["curvature"] },
 ];
 
 const player = (() => {
@@ -127,10 +131,10 @@ const player = (() => {
     const place = clamp(at.distance / shown.length, 0, 1);
     shown.cursor.style.left = `${100 * place}%`;
     shown.values.forEach((value, i) => {
-      const { digits, unit, scale } = shown.profiles[i];
-      const now = shown.profiles[i].now(at);
+      const { digits, unit, now } = shown.profiles[i];
+      const numbers = now(at);
       // Where there is no room for it the unit comes on a line of its own.
-      value.textContent = fixed(now * scale, digits, unit).replace("\u00a0", " ");
+      value.textContent = numbers.map((number, k) => fixed(number, digits, k === numbers.length - 1 ? unit : "")).join(", ").replace("\u00a0", " ");
     });
     shown.slider.value = String(shown.time);
     shown.slider.setAttribute("aria-valuetext", `${fixed(shown.time, 1)} s, at ${fixed(at.distance, 0)} m`);
@@ -237,18 +241,16 @@ const player = (() => {
   }
 
   function profilePlots(drive, records, length, state) {
-    const own = PROFILES.map((profile) => ({
-      ...profile,
-      scale: profile.name === "speed" ? 3.6 : profile.name === "steering" ? 180 / Math.PI : 1,
-      now: (at) => at[profile.name],
-      points: profile.of(records).map((value, i) => [records.distance[i], value]),
-      limit: profile.name === "speed" ? drive.speed_limit : null,
-    }));
     const { step, curvatures } = drive.road;
-    own.push({
-      name: "curvature", title: "curvature", unit: "1/\u2060m", digits: 3, zero: true, scale: 1, limit: null,
-      now: (at) => curvatureAt(drive.road, at.distance),
-      points: curvatures.map((value, i) => [i * step, value]),
+    const own = PROFILES.map((profile) => {
+      const scale = profile.scale ?? 1;
+      const pointsOf = (name) => (name === "curvature" ? curvatures.map((value, i) => [i * step, value]) : records[name].map((value, i) => [records.distance[i], scale * value]));
+      return {
+        ...profile,
+        now: (at) => profile.lines.map((name) => (name === "curvature" ? curvatureAt(drive.road, at.distance) : scale * at[name])),
+        points: profile.lines.map(pointsOf),
+        limit: profile.title === "speed" ? drive.speed_limit : null,
+      };
     });
     state.profiles = own;
     state.values = [];
@@ -270,8 +272,10 @@ const player = (() => {
     const names = own.map((profile) => {
       const value = el("span", { class: "now" });
       state.values.push(value);
-      const [low, high] = profile.range.map((end) => fixed(end, profile.range[1] - profile.range[0] < 0.5 ? 2 : profile.range[1] - profile.range[0] < 8 ? 1 : 0));
-      return el("div", { class: "plot-name" }, el("span", {}, profile.title), value, el("span", { class: "high" }, high), el("span", { class: "low" }, low));
+      const width = profile.range[1] - profile.range[0];
+      const [low, high] = profile.range.map((end) => fixed(end, width < 0.5 ? 2 : width < 8 ? 1 : 0));
+      const title = profile.lines.length === 1 ? [profile.title] : profile.lines.flatMap((name, i) => [i ? ", " : "", el("span", { class: `key-${name}` }, name)]);
+      return el("div", { class: "plot-name", title: profile.side ? "Positive to the left" : null }, el("span", {}, ...title), value, el("span", { class: "high" }, high), el("span", { class: "low" }, low));
     });
     const ticks = el("div", { class: "plot-ticks" });
     const every = length > 160 ? 50 : length > 60 ? 20 : 10;
@@ -290,10 +294,10 @@ const player = (() => {
   }
 
   function plotOf(profile, length) {
-    const values = profile.points.map(([, value]) => value);
-    let low = Math.min(...values, profile.zero ? 0 : Infinity, profile.name === "speed" ? 0 : Infinity);
-    let high = Math.max(...values, profile.zero ? 0 : -Infinity, profile.limit ?? -Infinity);
-    if (profile.name === "oob") high = Math.max(high, report.lane_width / 2);
+    const values = profile.points.flat().map(([, value]) => value);
+    let low = Math.min(...values, 0);
+    let high = Math.max(...values, 0, profile.limit ?? -Infinity, profile.most ?? -Infinity);
+    if (profile.lines[0] === "oob") high = Math.max(high, report.lane_width / 2);
     profile.range = [low, high];
     const room = 0.08 * (high - low) || 1;
     [low, high] = [low - room, high + room];
@@ -301,10 +305,10 @@ const player = (() => {
     const across = (distance) => (wide * distance) / length;
     const up = (value) => tall * (1 - (value - low) / (high - low));
     const shapes = [];
-    if (profile.name === "oob") shapes.push(svg("rect", { class: "outside", x: 0, y: up(0), width: wide, height: Math.max(0, tall - up(0)) }));
-    if (profile.zero) shapes.push(svg("path", { class: "zero", d: `M0 ${up(0)}H${wide}` }));
+    if (profile.lines[0] === "oob") shapes.push(svg("rect", { class: "outside", x: 0, y: up(0), width: wide, height: Math.max(0, tall - up(0)) }));
+    shapes.push(svg("path", { class: "zero", d: `M0 ${up(0)}H${wide}` }));
     if (profile.limit !== null && profile.limit !== undefined) shapes.push(svg("path", { class: "limit", d: `M0 ${up(profile.limit)}H${wide}` }));
-    shapes.push(svg("path", { class: `line line-${profile.name}`, d: pathText(profile.points.map(([d, v]) => [across(d), up(v)])) }));
+    profile.points.forEach((points, i) => shapes.push(svg("path", { class: `line line-${profile.lines[i]}`, d: pathText(points.map(([d, v]) => [across(d), up(v)])) })));
     const label = `${profile.title} in ${profile.unit} along the road`;
     return el(
       "div",

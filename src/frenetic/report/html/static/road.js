@@ -2,6 +2,7 @@
 
 const RESOLUTIONS = {
   time: 0.01, x: 0.01, y: 0.01, heading: 0.001, distance: 0.01, oob: 0.01, speed: 0.01, steering: 0.001,
+  lateral: 0.01, throttle: 0.01, brake: 0.01,
 };
 const COLOURS = 10; // of the path: half from half a lane outside to the lane's edge, half on to its centre
 const POINT_SPACING = 2; // m, of a road's lines

@@ -1,0 +1,42 @@
+"""What a trajectory says beyond its columns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from frenetic.drivers import Planner
+from frenetic.road import Road
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators.drive import Trajectory
+
+
+def test_a_drive_in_a_circle_has_its_centripetal_acceleration() -> None:
+    rows = np.zeros((40, len(Trajectory.names())))
+    rows[:, 0] = np.arange(40) / 20.0
+    path = Trajectory.from_rows(rows)
+    speed, radius = 12.0, 30.0
+    columns = {name: getattr(path, name) for name in Trajectory.names()}
+    for sign in (1.0, -1.0):
+        columns |= {"speed": np.full(40, speed), "yaw_rate": np.full(40, sign * speed / radius)}
+        around = Trajectory(**columns)
+        assert around.lateral_acceleration == pytest.approx(sign * speed**2 / radius)
+    slides = Trajectory(**{**columns, "lateral_speed": 0.5 * rows[:, 0]})
+    assert slides.lateral_acceleration == pytest.approx(0.5 - speed**2 / radius)
+
+
+def test_the_acceleration_is_that_of_the_positions() -> None:
+    road = Road(np.array([0.0, 0.0, 0.0, 0.02, 0.03, 0.0, -0.03, -0.02, 0.0, 0.0]), 10.0)
+    with EmbeddedSimulator() as simulator:
+        path = simulator.drive(road, Planner()).trajectory
+    ax, ay = (np.gradient(np.gradient(place, path.time), path.time) for place in (path.x, path.y))
+    across = -ax * np.sin(path.heading) + ay * np.cos(path.heading)
+    inner = slice(5, -5)
+    assert np.ptp(path.lateral_acceleration) > 5.0
+    assert path.lateral_acceleration[inner] == pytest.approx(across[inner], abs=0.4)
+
+
+@pytest.mark.parametrize("records", [0, 1])
+def test_a_drive_that_hardly_began_has_one_too(records: int) -> None:
+    path = Trajectory.from_rows(np.zeros((records, len(Trajectory.names()))))
+    assert path.lateral_acceleration.shape == (records,)
