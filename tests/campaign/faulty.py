@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import logging
 import os
 import signal
@@ -19,6 +20,7 @@ from typing import Self
 
 import numpy as np
 
+from frenetic._support.child_processes import Line
 from frenetic.drivers import Driver, DriveSetup
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Origin
@@ -137,6 +139,44 @@ def fork_and_kill(marks: Marks) -> None:
         os._exit(0)
     marks.make(f"pid-{child}")
     kill(marks)
+
+
+def fork(marks: Marks) -> None:
+    """Both go on."""
+    child = os.fork()
+    if child:
+        marks.make(f"pid-{child}")
+
+
+def fork_and_leave(marks: Marks) -> None:
+    """The child ends as Python programs do."""
+    child = os.fork()
+    if child == 0:
+        sys.exit(0)
+    marks.make(f"pid-{child}")
+
+
+def answer_twice(marks: Marks) -> None:
+    """From now on its process says everything twice."""
+    for line in gc.get_objects():
+        if isinstance(line, Line):
+            line.send = _twice(line.send)  # type: ignore[method-assign,assignment]
+
+
+def _twice(send: Callable[[bytes], None]) -> Callable[[bytes], None]:
+    def send_twice(data: bytes) -> None:
+        send(data)
+        send(data)
+
+    return send_twice
+
+
+def close_everything(marks: Marks) -> None:
+    os.closerange(0, 256)
+
+
+def close_streams(marks: Marks) -> None:
+    os.closerange(0, 3)
 
 
 def write_nonsense(marks: Marks) -> None:
@@ -336,6 +376,22 @@ class Straight:
 
     def tell(self, evaluation: Evaluation) -> None:
         self.told.append(evaluation)
+
+
+class Forking(Straight):
+    """Forks before each answer; both go on."""
+
+    def __init__(self, folder: Path, *samples: int) -> None:
+        super().__init__(*samples)
+        self.marks = Marks(folder)
+
+    def ask(self) -> Candidate:
+        fork(self.marks)
+        return super().ask()
+
+    def tell(self, evaluation: Evaluation) -> None:
+        fork(self.marks)
+        super().tell(evaluation)
 
 
 def straight(number: int, samples: int = 8) -> Candidate:

@@ -23,9 +23,11 @@ from faulty import (
     Fault,
     FaultyDriver,
     FaultySimulator,
+    Forking,
     Marks,
     Straight,
     bend,
+    fork,
     hang,
     kill,
     leave,
@@ -218,6 +220,29 @@ def test_a_driver_that_cannot_be_copied_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match="driver or simulator cannot be copied") as caught:
         campaign(tmp_path, driver=driver, workers=2).run()
     one_line(caught)
+
+
+@posix_only
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("who", ["driver", "strategy"])
+def test_forks_of_drivers_and_strategies_leave_no_trace(
+    tmp_path: Path, marks: Marks, who: str, workers: int
+) -> None:
+    """In the campaign's own process they would go on with it, and share its database."""
+    forking = campaign(
+        tmp_path / "c",
+        driver=FaultyDriver(Fault(fork, marks.folder)) if who == "driver" else None,
+        strategy=Forking(marks.folder, 8, 9) if who == "strategy" else Straight(8, 9),
+        simulations=10,
+        workers=workers,
+    )
+    assert forking.run().passed == 10
+    assert len(marks.pids()) >= 10
+    until_gone(marks.pids())
+    campaign(tmp_path / "whole", strategy=Straight(8, 9), simulations=10).run()
+    here, whole = contents(tmp_path / "c"), contents(tmp_path / "whole")
+    assert sorted(map(repr, here["trajectory"])) == sorted(map(repr, whole["trajectory"]))
+    assert check_campaign(tmp_path / "c").findings == ()
 
 
 # Two at once

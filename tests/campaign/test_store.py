@@ -359,6 +359,42 @@ def test_a_closed_store_says_so(finished: Path) -> None:
 # Folders
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+def test_a_fork_never_writes(folder: Path) -> None:
+    with CampaignStore.create(folder, {}) as store:
+        tell(store, 1, 2)
+        store.asked(make_candidate(3))  # held by both processes
+        ours, theirs = os.pipe()
+        child = os.fork()
+        if child == 0:
+            said = []
+            writes: list[Callable[[], None]] = [
+                lambda: store.told(make_record(3)),
+                lambda: store.asked(make_candidate(4)),
+                store.write,
+                store.finish,
+                store.close,
+            ]
+            for write in writes:
+                try:
+                    write()
+                except CampaignError as error:
+                    said.append(str(error))
+            os.write(theirs, "\n".join(said).encode())
+            os._exit(0)
+        os.waitpid(child, 0)
+        os.close(theirs)
+        said = os.read(ours, 10_000).decode().splitlines()
+        os.close(ours)
+        assert len(said) == 4
+        for line in said:
+            assert f"is written by process {os.getpid()}; this one, {child}, is a fork" in line
+        store.told(make_record(3))
+    with CampaignStore.open(folder) as store:
+        store.require_whole()
+        assert [record.id for record in store.tests()] == [1, 2, 3]
+
+
 def test_a_campaign_is_not_overwritten(finished: Path) -> None:
     before = (finished / DATABASE).read_bytes()
     with pytest.raises(CampaignError, match=r"already holds a campaign.*--out") as caught:

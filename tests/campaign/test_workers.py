@@ -26,8 +26,12 @@ from faulty import (
     FaultySimulator,
     Marks,
     NoDrive,
+    answer_twice,
     await_go,
+    close_everything,
+    fork,
     fork_and_kill,
+    fork_and_leave,
     give_go,
     hang,
     hang_in_c,
@@ -55,6 +59,7 @@ from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.campaign.workers.local import workers as processes
 from frenetic.campaign.workers.local.process import (
+    Answer,
     Logged,
     Ready,
     WorkerFailed,
@@ -200,6 +205,31 @@ def test_states_say_what_workers_do(workers_of) -> None:  # type: ignore[no-unty
         assert {state.state for state in workers.states().values()} == {"idle"}
         assert sum(state.tests for state in workers.states().values()) == 1
         assert {state.name for state in workers.states().values()} == set(workers.states())
+
+
+@posix_only
+@pytest.mark.parametrize("deed", [fork, fork_and_leave])
+def test_forks_of_a_driver_end_with_its_drive(  # type: ignore[no-untyped-def]
+    workers_of, marks: Marks, deed: Callable[[Marks], None]
+) -> None:
+    driver = FaultyDriver(Fault(deed, marks.folder))
+    with workers_of(DummySimulator(), driver) as workers:
+        attempts = drive_all(workers, [8, 9, 10, 11])
+        until_gone(marks.pids())
+    assert [attempts[number].result.outcome for number in range(1, 5)] == [Outcome.PASS] * 4
+    assert len(marks.pids()) == 4
+
+
+def test_a_second_answer_is_dropped_and_said(marks: Marks, tmp_path: Path) -> None:
+    driver = FaultyDriver(Fault(answer_twice, marks.folder, times=1))
+    with local(DummySimulator(), driver, folder=tmp_path) as workers:
+        attempts = drive_all(workers, [8, 9, 10, 11])
+    assert sorted(attempts) == [1, 2, 3, 4]
+    warnings = [line["message"] for line in events(tmp_path) if line["level"] == "warning"]
+    assert warnings[0] == (
+        "worker 1 sent what is not counted: it answered task 1, which it does not have; does the"
+        " driver fork, or write to connections that are not its own?"
+    )
 
 
 def test_a_simulator_that_broke_is_started_again(workers_of, marks: Marks) -> None:  # type: ignore[no-untyped-def]
@@ -412,6 +442,7 @@ class Stumbling(FaultySimulator):
         (leave, "it ended with exit code 7"),
         (press_ctrl_c, "KeyboardInterrupt"),
         pytest.param(write_nonsense, "its connection broke", marks=posix_only),
+        pytest.param(close_everything, "does the driver close file descriptors", marks=posix_only),
     ],
 )
 def test_a_driver_that_takes_its_worker_with_it(
@@ -474,7 +505,9 @@ def test_ctrl_c_is_not_for_workers(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
     if method == "spawn":
-        monkeypatch.setattr(processes, "_context", lambda: multiprocessing.get_context("spawn"))
+        monkeypatch.setattr(
+            processes, "process_context", lambda: multiprocessing.get_context("spawn")
+        )
     with local(FaultySimulator(marks.folder), folder=tmp_path, count=2) as workers:
         for process in multiprocessing.active_children():
             if process.name.startswith("worker") and process.pid is not None:
@@ -537,10 +570,10 @@ def test_the_quicker_the_tests_the_more_wait_in_a_worker(seconds: float, most: i
     assert worker.room == 0  # it is not there yet
     worker.turn("idle")
     assert worker.room == 1  # who knows how long it takes
-    worker.queue.append((straight(1), None))
+    worker.queue.append(processes.Task(1, straight(1), None))
     worker.finish(seconds)
     assert worker.room == most
-    worker.queue.append((straight(2), None))
+    worker.queue.append(processes.Task(1, straight(2), None))
     assert worker.room == most - 1
 
 
@@ -548,7 +581,7 @@ def test_one_slow_test_stops_the_prefetching_of_a_quick_worker() -> None:
     worker = processes._Worker("worker 1")
     worker.turn("idle")
     for seconds in [0.001] * 5 + [2.0]:
-        worker.queue.append((straight(1), None))
+        worker.queue.append(processes.Task(1, straight(1), None))
         worker.finish(seconds)
     assert worker.room == 1
 
@@ -828,10 +861,10 @@ POINTS = np.array([[10.0, 20.0], [0.1 + 0.2, 30.0]])
 )
 def test_candidates_travel(candidate: Candidate) -> None:
     placement = Placement(Pose(1.0, 2.0, 0.1 + 0.2), Conditions(friction=0.5))
-    there, again = decode_task(encode_task(candidate, placement))
-    assert again == placement
+    number, there, again = decode_task(encode_task(7, candidate, placement))
+    assert (number, again) == (7, placement)
     assert there is not None
-    assert decode_task(encode_task(candidate))[1] is None
+    assert decode_task(encode_task(7, candidate))[2] is None
     assert type(there) is type(candidate)
     assert (there.id, there.step, there.origin) == (candidate.id, candidate.step, candidate.origin)
     assert there.curvatures.tolist() == candidate.curvatures.tolist()
@@ -839,7 +872,7 @@ def test_candidates_travel(candidate: Candidate) -> None:
     assert (there.points is None) == (candidate.points is None)
     assert there.points is None or there.points.tolist() == POINTS.tolist()
     assert getattr(there, "name", "") == getattr(candidate, "name", "")
-    assert decode_task(encode_task(None)) == (None, None)
+    assert decode_task(encode_task(0, None)) == (0, None, None)
 
 
 def test_messages_travel() -> None:
@@ -848,11 +881,12 @@ def test_messages_travel() -> None:
     for candidate in roads([2, 8, 12, 40]):
         attempt = tester.test(candidate).pack()
         outcomes.add(attempt.result.outcome)
-        for message in (
+        for one in (
             replace(attempt, seconds=0.1 + 0.2, traceback="trace"),
             replace(attempt, seconds=1.0, simulator_broke=True, worker="one"),
             Attempt.lost(candidate.id, "one", 0.5, "gone"),
         ):
+            message = Answer(candidate.id + 5, one)
             assert decode_message(encode_message(message)) == message
     assert {Outcome.FAIL, Outcome.INVALID} <= outcomes
     for other in (

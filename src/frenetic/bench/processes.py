@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
-import platform
 import time
 import traceback
 from collections import deque
@@ -13,22 +11,19 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
+from frenetic._support.child_processes import process_context, stand_alone
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.runs import Run, RunState, Terms, run_entrant
 from frenetic.campaign.progress import Progress
-from frenetic.campaign.workers.local.process import stand_alone
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.registry import load_user_file, user_files
 
-if TYPE_CHECKING:
-    from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
-
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
-PRELOADED: Final = ("frenetic.bench.runs", "frenetic.campaign.workers.local.preloading")
+PRELOADED: Final = ("frenetic.bench.runs", "frenetic.simulators.embedded.preloading")
 """Modules that the server of runs imports."""
 _REPORT: Final = 0.2  # s between two messages about the progress of a run
 
@@ -55,7 +50,9 @@ def run_all(
             "the driver or simulator cannot be copied to another process"
             f" ({describe_error(error)}): define it in a module of its own"
         ) from error
-    context = _context()
+    context = process_context()
+    if context.get_start_method() == "forkserver":
+        context.set_forkserver_preload(list(PRELOADED))
     waiting = deque(runs)
     at_work: dict[Any, tuple[Run, BaseProcess]] = {}  # by the connection with each
     with catch_interrupt(on_interrupt) as interrupt:
@@ -85,15 +82,6 @@ def run_all(
                 left.kill()
                 left.join()
                 connection.close()
-
-
-def _context() -> ForkServerContext | SpawnContext:
-    """The way to make processes: where that is safe, from a server that has loaded everything."""
-    if platform.system() == "Linux":
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(list(PRELOADED))
-        return context
-    return multiprocessing.get_context("spawn")
 
 
 def _message(connection: Connection, run: Run, process: BaseProcess) -> Progress | RunState:

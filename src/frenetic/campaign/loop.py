@@ -10,6 +10,7 @@ from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
+from frenetic._support.child_processes import one_process
 from frenetic._support.interrupt import Interrupt
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, Event
@@ -299,7 +300,8 @@ class Dispatcher:
         if self._selective is None:
             return True
         try:
-            return self._selective.is_wanted(candidate)
+            with one_process():
+                return self._selective.is_wanted(candidate)
         except Exception as error:
             raise _raised(error) from error
 
@@ -365,7 +367,8 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
     """
     start = time.perf_counter()
     try:
-        candidate = strategy.ask()
+        with one_process():
+            candidate = strategy.ask()
     except SearchEnded:
         raise
     except Exception as error:
@@ -391,7 +394,8 @@ def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
     """
     start = time.perf_counter()
     try:
-        strategy.tell(evaluation)
+        with one_process():
+            strategy.tell(evaluation)
     except Exception as error:
         raise _raised(error) from error
     finally:

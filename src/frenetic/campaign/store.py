@@ -22,6 +22,7 @@ with the process.
 
 from __future__ import annotations
 
+import ctypes
 import json
 import os
 import sqlite3
@@ -31,6 +32,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Final, Literal, Self, TypeAlias, get_args
+from weakref import WeakSet
 
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic.campaign.lock import FileLock
@@ -210,10 +212,10 @@ class CampaignStore:
     """The database of one campaign, open for one writer or for reading.
 
     Made by `create` or `open`; a context manager that closes it. One process writes at a time and
-    any number may read meanwhile. Call methods from the thread that opened the store. Every problem
-    with the database is a `CampaignError` whose message names the file and what to do. After a
-    failed `told`, for example on a full disk, the database still holds everything told before, and
-    the same record may be told again.
+    any number may read meanwhile. A fork of the process that opened it never writes. Call methods
+    from the thread that opened the store. Every problem with the database is a `CampaignError`
+    whose message names the file and what to do. After a failed `told`, for example on a full disk,
+    the database still holds everything told before, and the same record may be told again.
     """
 
     def __init__(
@@ -222,6 +224,7 @@ class CampaignStore:
         self._folder = folder
         self._path = folder / DATABASE
         self._connection = connection
+        self._owner = Owner(connection)
         self._lock = lock
         # Rows that the next transaction writes.
         self._held_candidates: list[tuple[object, ...]] = []
@@ -576,7 +579,12 @@ class CampaignStore:
             yield from self._connection.execute(select, tuple(parameters))
 
     def close(self) -> None:
-        """Write the rest and close the database; closing twice does no harm."""
+        """Write the rest and close the database; closing twice does no harm.
+
+        In a fork it does nothing.
+        """
+        if not self._owner.is_here:
+            return
         try:
             self.write()
         finally:
@@ -596,6 +604,7 @@ class CampaignStore:
 
         They stay held when it fails, so that it can be tried again.
         """
+        self._owner.require(self._path)
         connection = self._connection
         has_begun = False
         with translated(self._path):
@@ -627,6 +636,7 @@ class CampaignStore:
     def _require_writer(self) -> None:
         if self._lock is None:
             raise CampaignError(f"{self._path} was opened for reading: open it with readonly=False")
+        self._owner.require(self._path)
 
     # Reading: every value from the disk is validated
 
@@ -807,6 +817,52 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
             connection.close()
             raise
     return connection
+
+
+class Owner:
+    """The process that opened a connection; a fork of it is another.
+
+    SQLite's locks belong to a process, so a fork never writes, and keeps its copy of the connection
+    open until its end: closing it could free the locks of the owner.
+    """
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+        self._process_id = os.getpid()
+        _owners.add(self)
+
+    @property
+    def is_here(self) -> bool:
+        """Whether it is this process."""
+        return os.getpid() == self._process_id
+
+    def require(self, path: Path) -> None:
+        """Checks that this process is the owner, before it writes the database at ``path``.
+
+        Raises:
+            CampaignError: it is a fork.
+        """
+        if not self.is_here:
+            raise CampaignError(
+                f"{path} is written by process {self._process_id}; this one, {os.getpid()}, is a"
+                " fork of it and may not: end the fork where its work is done"
+            )
+
+    def keep_open(self) -> None:
+        """In a fork: keeps the connection for good."""
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(self._connection))
+
+
+_owners: Final[WeakSet[Owner]] = WeakSet()
+
+
+def _keep_open() -> None:
+    for owner in _owners:
+        owner.keep_open()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_keep_open)
 
 
 def check_identity(connection: sqlite3.Connection, path: Path) -> int:

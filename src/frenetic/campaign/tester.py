@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.child_processes import one_process
 from frenetic.campaign.record import Attempt
 from frenetic.drivers.driver import Driver
 from frenetic.errors import RoadError, describe_raised, traceback_of
@@ -140,7 +141,8 @@ class RoadTester:
         """The drive, and whether the simulator raised."""
         broke = False
         try:
-            drive = self.simulator.drive(road, driver)
+            with one_process():
+                drive = self.simulator.drive(road, driver)
         except Exception as error:
             broke = True
             drive = Drive(

@@ -31,6 +31,7 @@ from frenetic.campaign.record import (
 from frenetic.campaign.store import (
     DATABASE,
     CampaignStore,
+    Owner,
     connect_to_write,
     find_database,
     translated,
@@ -215,6 +216,7 @@ class RunWriter:
             take_in_side_file(store, purpose)
         with self._trying(), translated(self._path):
             self._connection = connect_to_write(self._path)
+            self._owner = Owner(self._connection)
 
     def add(self, number: int, drive: Redrive) -> None:
         """Stores drive ``number`` of the run, durably.
@@ -225,6 +227,7 @@ class RunWriter:
         connection = self._connection
         if connection is None:
             return
+        self._owner.require(self._path)
         with self._trying(), _transaction(self._path, connection):
             if self._run is None:
                 self._run = _insert_run(connection, self._describe())
@@ -254,6 +257,8 @@ class RunWriter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        if self._connection is not None and not self._owner.is_here:
+            return
         try:
             if self._connection is not None and self._run is not None:
                 with (

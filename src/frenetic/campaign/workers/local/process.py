@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import logging
-import os
 import pickle
-import signal
-import sys
-import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields
-from multiprocessing import parent_process
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
+from frenetic._support.child_processes import Line, LostParentError, stand_alone
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.errors import reason_of, traceback_of
@@ -26,13 +22,6 @@ from frenetic.outcome import Outcome
 from frenetic.registry import load_user_file
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
-
-if sys.platform == "linux":
-    import fcntl
-
-
-LOST_PARENT: Final = 1
-"""Exit code of a worker whose campaign is gone."""
 
 
 def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> None:
@@ -44,9 +33,13 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
         tester: a pickled `RoadTester`, from the process that started this one.
     """
     stand_alone()
-    campaign = _Campaign(connection)
+    line = Line(connection)
+
+    def send(message: Message) -> None:
+        line.send(encode_message(message))
+
     logger = logging.getLogger("frenetic")
-    logger.addHandler(_Sending(campaign.send))
+    logger.addHandler(_Sending(send))
     if logger.level == logging.NOTSET:
         logger.setLevel(logging.INFO)
     try:
@@ -54,102 +47,30 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
             load_user_file(file)
         # Made by our own parent a moment ago and given to us alone, so it may be unpickled.
         the_tester: RoadTester = pickle.loads(tester)  # noqa: S301
-        while _serve_one_start(campaign, the_tester):
+        while _serve_one_start(line, send, the_tester):
             pass
-    except _GoneError:
+    except LostParentError:
         pass
     except BaseException as error:  # also what a driver's sys.exit() raises
-        with suppress(_GoneError):
-            campaign.send(WorkerFailed(reason_of(error), traceback_of(error)))
+        with suppress(LostParentError):
+            send(WorkerFailed(reason_of(error), traceback_of(error)))
     finally:
-        connection.close()  # which says that the simulator has ended
+        line.end()  # which says that the simulator has ended
 
 
-def _serve_one_start(campaign: _Campaign, tester: RoadTester) -> bool:
+def _serve_one_start(line: Line, send: Callable[[Message], None], tester: RoadTester) -> bool:
     """Serves while the simulator works; returns whether to start it again."""
     with tester.simulator:
-        campaign.send(Ready())
-        while True:
-            candidate, placement = campaign.receive()
+        send(Ready())
+        while (data := line.receive()) is not None:
+            number, candidate, placement = decode_task(data)
             if candidate is None:
                 return False
             attempt = tester.attempt(candidate, placement)
-            campaign.send(attempt)
+            send(Answer(number, attempt))
             if attempt.simulator_broke:
                 return True
-
-
-class _GoneError(Exception):
-    """The campaign has gone, or no longer needs this worker."""
-
-
-class _Campaign:
-    """The campaign at the other end of a worker's connection."""
-
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
-        self._lock = threading.Lock()
-
-    def send(self, message: Message) -> None:
-        """Sends a message, from any thread.
-
-        Raises:
-            _GoneError: the campaign has gone. A simulator's own connection errors are different.
-        """
-        data = encode_message(message)
-        with self._lock:
-            try:
-                self._connection.send_bytes(data)
-            except OSError as error:
-                raise _GoneError from error
-
-    def receive(self) -> tuple[Candidate | None, Placement | None]:
-        """The next candidate, None at the end, and its placement."""
-        try:
-            return decode_task(self._connection.recv_bytes())
-        except (EOFError, OSError):
-            return None, None
-
-
-def stand_alone() -> None:
-    """Makes this process leave Ctrl-C to its parent and end with it.
-
-    It becomes the head of a group, which can be ended as a whole.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(os, "setsid"):
-        with suppress(OSError):  # it is the head of one already
-            os.setsid()
-    threading.Thread(target=_die_with_parent, name="die-with-parent", daemon=True).start()
-
-
-def _die_with_parent() -> None:
-    """Ends this process, and all that it started, when the campaign's process has ended."""
-    parent = parent_process()
-    if parent is not None:
-        _die_with(parent.sentinel)
-        wait([parent.sentinel])
-        kill_group(os.getpid())
-        os._exit(LOST_PARENT)
-
-
-def _die_with(pipe: int) -> None:
-    """Linux: lets the kernel kill the group when the pipe's other end is closed.
-
-    So it ends even if a driver's compiled code blocks every thread of this process.
-    """
-    if sys.platform == "linux":
-        with suppress(OSError):  # it is the pipe of an emulation, say
-            fcntl.fcntl(pipe, fcntl.F_SETOWN, -os.getpid())
-            fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
-            fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
-
-
-def kill_group(process_id: int) -> None:
-    """Kills the processes of the group that a worker heads; nothing where there are no groups."""
-    if hasattr(os, "killpg"):
-        with suppress(OSError):  # gone already, or not yet a group
-            os.killpg(process_id, signal.SIGKILL)
+    return False
 
 
 class _Sending(logging.Handler):
@@ -162,7 +83,7 @@ class _Sending(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         try:
             self._send(Logged(record.levelno, record.name, record.getMessage()))
-        except _GoneError:
+        except LostParentError:
             pass  # and with it the log
         except Exception:
             self.handleError(record)
@@ -177,6 +98,14 @@ class _Sending(logging.Handler):
 
 class Ready(NamedTuple):
     """The simulator has started; a candidate may be sent."""
+
+
+class Answer(NamedTuple):
+    """The attempt at a task."""
+
+    task: int
+    """Number of the task."""
+    attempt: Attempt
 
 
 class WorkerFailed(NamedTuple):
@@ -194,9 +123,9 @@ class Logged(NamedTuple):
     message: str
 
 
-Message: TypeAlias = Ready | Attempt | WorkerFailed | Logged
+Message: TypeAlias = Ready | Answer | WorkerFailed | Logged
 
-_KINDS: Final = (Ready, Attempt, WorkerFailed, Logged)
+_KINDS: Final = (Ready, Answer, WorkerFailed, Logged)
 _PROTOCOL: Final = 5
 _of_result = attrgetter(*(field.name for field in fields(Result)))
 _of_departure = attrgetter(*(field.name for field in fields(Departure)))
@@ -204,7 +133,9 @@ _of_departure = attrgetter(*(field.name for field in fields(Departure)))
 
 def encode_message(message: Message) -> bytes:
     """A worker's message as bytes; an attempt's trajectory must be packed."""
-    values = _values_of(message) if isinstance(message, Attempt) else message
+    values: tuple[object, ...] = message
+    if isinstance(message, Answer):
+        values = (message.task, *_values_of(message.attempt))
     return pickle.dumps((_KINDS.index(type(message)), *values), _PROTOCOL)
 
 
@@ -215,14 +146,19 @@ def decode_message(data: bytes) -> Message:
     """
     index, *values = pickle.loads(data)  # noqa: S301
     kind: Any = _KINDS[index]
-    message: Message = _attempt(*values) if kind is Attempt else kind(*values)
+    if kind is Answer:
+        task, *of_attempt = values
+        return Answer(task, _attempt(*of_attempt))
+    message: Message = kind(*values)
     return message
 
 
-def encode_task(candidate: Candidate | None, placement: Placement | None = None) -> bytes:
+def encode_task(
+    number: int, candidate: Candidate | None, placement: Placement | None = None
+) -> bytes:
     """A candidate for a worker as bytes, see `RoadTester.test`; None ends the worker."""
     if type(candidate) is not Candidate or candidate.points is not None:
-        return pickle.dumps((candidate, placement), _PROTOCOL)
+        return pickle.dumps((number, candidate, placement), _PROTOCOL)
     origin = candidate.origin
     values = (
         candidate.id,
@@ -232,17 +168,17 @@ def encode_task(candidate: Candidate | None, placement: Placement | None = None)
         origin.parents,
         origin.generation,
     )
-    return pickle.dumps((values, placement), _PROTOCOL)
+    return pickle.dumps((number, values, placement), _PROTOCOL)
 
 
-def decode_task(data: bytes) -> tuple[Candidate | None, Placement | None]:
-    """The task in bytes from `encode_task`."""
+def decode_task(data: bytes) -> tuple[int, Candidate | None, Placement | None]:
+    """The task in bytes from `encode_task`, with its number."""
     # It comes from our own parent, so it may be unpickled.
-    candidate, placement = pickle.loads(data)  # noqa: S301
+    number, candidate, placement = pickle.loads(data)  # noqa: S301
     if isinstance(candidate, tuple):
         candidate_id, curvatures, step, *origin = candidate
         candidate = Candidate(candidate_id, np.frombuffer(curvatures), step, Origin(*origin))
-    return candidate, placement
+    return number, candidate, placement
 
 
 def _values_of(attempt: Attempt) -> tuple[object, ...]:

@@ -4,43 +4,43 @@ from __future__ import annotations
 
 import logging
 import math
-import multiprocessing
 import pickle
-import platform
 import selectors
-import signal
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+from typing import Any, Final, NamedTuple, Self
 
+from frenetic._support.child_processes import (
+    ending_of,
+    kill_process,
+    process_context,
+    start_process,
+)
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.local.process import (
+    Answer,
     Logged,
     Message,
     Ready,
     WorkerFailed,
     decode_message,
     encode_task,
-    kill_group,
     serve,
 )
 from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import user_files
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import capabilities
-
-if TYPE_CHECKING:
-    from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
 
 STARTS: Final = 3
 """Consecutive failed starts after which a worker is given up."""
@@ -58,15 +58,19 @@ NEEDED: Final = 3
 MOST_ON_WINDOWS: Final = 60
 """Most workers on Windows, whose kernel waits for this many objects at once."""
 
-Task: TypeAlias = "tuple[Candidate, Placement | None]"
-"""Task of a worker."""
-
 logger = logging.getLogger(__name__)
 
 _LEAVING_LIMIT: Final = 1.0  # s that a process has to leave when its simulator has ended
 _PAUSE: Final = 0.2  # s between two tries to get a process
-_FORKED: Final = "forkserver"
-_PRELOADED: Final = "frenetic.campaign.workers.local.preloading"
+
+
+class Task(NamedTuple):
+    """Task of a worker."""
+
+    number: int
+    """Number that no other task has, by which its answer is known."""
+    candidate: Candidate
+    placement: Placement | None
 
 
 class LocalWorkers:
@@ -106,7 +110,8 @@ class LocalWorkers:
         self._user_files = user_files()
         self._drive_limit = drive_limit
         self._log = log
-        self._context = _context()
+        self._context = process_context()
+        self._tasks = 0  # given out
         self._selector = _selector()
         self._workers = [_Worker(f"worker {number}") for number in range(1, count + 1)]
         self._backlog: deque[Task] = deque()  # of workers that were lost before they began
@@ -135,12 +140,13 @@ class LocalWorkers:
         worker = min(
             (worker for worker in self._workers if worker.room), key=lambda one: len(one.queue)
         )
-        worker.queue.append((candidate, placement))
+        self._tasks += 1
+        task = Task(self._tasks, candidate, placement)
+        worker.queue.append(task)
         if worker.state == "idle":
             worker.turn("driving", self._drive_limit)
-        data = encode_task(candidate, placement)
         with suppress(OSError):  # it has died: `wait` will find out
-            worker.connection.send_bytes(data)
+            worker.connection.send_bytes(encode_task(*task))
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns finished attempts.
@@ -149,7 +155,8 @@ class LocalWorkers:
             CampaignError: there are no workers left and none can be started.
         """
         while self._backlog and any(worker.room for worker in self._workers):
-            self.submit(*self._backlog.popleft())
+            task = self._backlog.popleft()
+            self.submit(task.candidate, task.placement)
         there = [worker for worker in self._workers if worker.state != "lost"]
         if not there:
             reasons = "; ".join(sorted({worker.loss for worker in self._workers}))
@@ -218,30 +225,9 @@ class LocalWorkers:
                 return
 
     def _start_process(self, worker: _Worker) -> None:
-        if sys.platform != "win32":
-            from multiprocessing import resource_tracker  # not on Windows
-
-            resource_tracker.ensure_running()  # first, since it lets Ctrl-C through again
-        sparing: AbstractContextManager[None] = _without_ctrl_c()
-        if self._context.get_start_method() == _FORKED:
-            from multiprocessing import forkserver  # not on Windows
-
-            self._context.set_forkserver_preload([_PRELOADED])
-            with sparing:
-                forkserver.ensure_running()
-            sparing = nullcontext()  # it takes a while now, and workers get it from their server
-        ours, theirs = self._context.Pipe()
-        try:
-            process = self._context.Process(
-                target=serve, args=(theirs, self._user_files, self._tester), name=worker.name
-            )
-            with sparing:
-                process.start()
-        except BaseException:
-            ours.close()
-            raise
-        finally:
-            theirs.close()
+        process, ours = start_process(
+            self._context, serve, self._user_files, self._tester, name=worker.name
+        )
         worker.begin(process, ours)
         if self._selector is not None:
             self._selector.register(ours, selectors.EVENT_READ, worker)
@@ -266,7 +252,7 @@ class LocalWorkers:
             message = decode_message(worker.connection.recv_bytes())
         except Exception:  # its end, or nonsense that a driver has written there
             worker.process.join(1.0)
-            return self._lost(worker, _ending(worker.process.exitcode))
+            return self._lost(worker, ending_of(worker.process.exitcode))
         return self._received(worker, message)
 
     def _departed(self, worker: _Worker) -> list[Attempt]:
@@ -275,11 +261,13 @@ class LocalWorkers:
         while worker.state != "lost" and worker.connection.poll():
             attempts += self._read(worker)
         if worker.state != "lost" and not worker.process.is_alive():
-            attempts += self._lost(worker, _ending(worker.process.exitcode))
+            attempts += self._lost(worker, ending_of(worker.process.exitcode))
         return attempts
 
     def _received(self, worker: _Worker, message: Message) -> list[Attempt]:
         match message:
+            case Ready() if worker.state != "starting":
+                self._refuse(worker, "it started a second time")
             case Ready():
                 worker.failed_starts = 0
                 worker.has_started = True
@@ -287,17 +275,19 @@ class LocalWorkers:
                 if self._log is not None:
                     text = f"{worker.name} started"
                     self._log.write(Event.WORKER_STARTED, text, worker=worker.name)
-            case Attempt():
-                if message.traceback:
+            case Answer(task) if worker.state != "driving" or worker.queue[0].number != task:
+                self._refuse(worker, f"it answered task {task}, which it does not have")
+            case Answer(_, attempt):
+                if attempt.traceback:
                     logger.debug(
-                        "%s: %s\n%s", worker.name, message.result.reason, message.traceback
+                        "%s: %s\n%s", worker.name, attempt.result.reason, attempt.traceback
                     )
-                worker.finish(message.seconds)
-                if message.simulator_broke:
+                worker.finish(attempt.seconds)
+                if attempt.simulator_broke:
                     worker.turn("starting", START_LIMIT)
                 else:
                     self._turn_to_next(worker)
-                return [replace(message, worker=worker.name)]
+                return [replace(attempt, worker=worker.name)]
             case Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", worker.name, text)
             case WorkerFailed(reason, traceback):
@@ -305,6 +295,15 @@ class LocalWorkers:
                     worker.failed_starts = STARTS  # that would not change
                 return self._lost(worker, reason, traceback)
         return []
+
+    def _refuse(self, worker: _Worker, what: str) -> None:
+        """Drops a message of a worker, and says so."""
+        logger.warning(
+            "%s sent what is not counted: %s; does the driver fork, or write to connections that"
+            " are not its own?",
+            worker.name,
+            what,
+        )
 
     def _turn_to_next(self, worker: _Worker) -> None:
         if worker.queue:
@@ -319,7 +318,7 @@ class LocalWorkers:
         attempts = []
         if worker.state == "driving":
             seconds = time.monotonic() - worker.since
-            candidate_id = worker.queue.popleft()[0].id
+            candidate_id = worker.queue.popleft().candidate.id
             loss = self._note_loss(worker, reason, test=candidate_id)
             attempts.append(Attempt.lost(candidate_id, worker.name, seconds, loss, traceback))
             worker.failed_starts = 0
@@ -398,7 +397,7 @@ class _Worker:
     def dismiss(self) -> None:
         """Lets it end its simulator after its present test."""
         with suppress(OSError):  # it has died
-            self.connection.send_bytes(encode_task(None))
+            self.connection.send_bytes(encode_task(0, None))
 
     def await_end(self, deadline: float) -> None:
         """Waits until its simulator has ended; messages meanwhile come too late."""
@@ -410,9 +409,7 @@ class _Worker:
 
     def kill(self) -> None:
         """Kills its process with all that it has started."""
-        assert self.process.pid is not None
-        kill_group(self.process.pid)
-        self.process.kill()
+        kill_process(self.process)
 
     def end(self) -> None:
         """Kills its process and waits until it is gone."""
@@ -429,38 +426,3 @@ def _selector() -> selectors.BaseSelector | None:
     Windows waits for few objects at once, and a lost connection also tells of the end.
     """
     return None if sys.platform == "win32" else selectors.DefaultSelector()
-
-
-def _context() -> ForkServerContext | SpawnContext:
-    """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
-
-    Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
-    """
-    if platform.system() == "Linux":
-        return multiprocessing.get_context(_FORKED)
-    return multiprocessing.get_context("spawn")
-
-
-@contextmanager
-def _without_ctrl_c() -> Iterator[None]:
-    """Blocks Ctrl-C for a moment in this thread, and for good in processes started meanwhile."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _ending(exit_code: int | None) -> str:
-    if exit_code is None:
-        return "its connection broke"
-    if exit_code < 0:
-        try:
-            return f"it was killed by {signal.Signals(-exit_code).name}"
-        except ValueError:
-            return f"it was killed by signal {-exit_code}"
-    hint = ", see its traceback; a script that starts workers needs 'if __name__ == \"__main__\":'"
-    return f"it ended with exit code {exit_code}{hint if exit_code == 1 else ''}"

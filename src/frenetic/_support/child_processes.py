@@ -1,0 +1,253 @@
+"""Processes that work for this one: their start, their end, and whose a process is.
+
+A child is killed with all that it has started. It leaves Ctrl-C to its parent and ends with it.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import platform
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import TYPE_CHECKING, Any, Final
+
+if sys.platform == "linux":
+    import fcntl
+
+if TYPE_CHECKING:
+    from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
+
+LOST_PARENT: Final = 1
+"""Exit code of a child whose parent is gone."""
+CLOSED: Final = 81
+"""Exit code of a child in which something has closed its line."""
+FORKED: Final = 82
+"""Exit code of a fork that came out of foreign code."""
+
+_FORKED: Final = "forkserver"
+_PRELOADED: Final = "frenetic.simulators.embedded.preloading"
+
+
+# In the parent
+
+
+def process_context() -> ForkServerContext | SpawnContext:
+    """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
+
+    Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
+    """
+    if platform.system() == "Linux":
+        return multiprocessing.get_context(_FORKED)
+    return multiprocessing.get_context("spawn")
+
+
+def start_process(
+    context: Any, target: Callable[..., None], *args: object, name: str
+) -> tuple[BaseProcess, Connection]:
+    """A new process that calls ``target(connection, *args)``, and our end of the connection.
+
+    Raises:
+        OSError: there are too many processes.
+        EOFError: the server that makes them was killed.
+    """
+    if sys.platform != "win32":
+        from multiprocessing import resource_tracker  # not on Windows
+
+        resource_tracker.ensure_running()  # first, since it lets Ctrl-C through again
+    sparing: AbstractContextManager[None] = _without_ctrl_c()
+    if context.get_start_method() == _FORKED:
+        from multiprocessing import forkserver  # not on Windows
+
+        context.set_forkserver_preload([_PRELOADED])
+        with sparing:
+            forkserver.ensure_running()
+        sparing = nullcontext()  # it takes a while now, and children get it from their server
+    ours, theirs = context.Pipe()
+    try:
+        process = context.Process(target=target, args=(theirs, *args), name=name)
+        with sparing:
+            process.start()
+    except BaseException:
+        ours.close()
+        raise
+    finally:
+        theirs.close()
+    return process, ours
+
+
+@contextmanager
+def _without_ctrl_c() -> Iterator[None]:
+    """Blocks Ctrl-C for a moment in this thread, and for good in processes started meanwhile."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def kill_process(process: BaseProcess) -> None:
+    """Kills a child with all that it has started."""
+    assert process.pid is not None
+    _kill_group(process.pid)
+    process.kill()
+
+
+def _kill_group(process_id: int) -> None:
+    """Kills the processes of the group that a child heads; nothing where there are no groups."""
+    if hasattr(os, "killpg"):
+        with suppress(OSError):  # gone already, or not yet a group
+            os.killpg(process_id, signal.SIGKILL)
+
+
+def ending_of(exit_code: int | None) -> str:
+    """Words for the end of a child, after "it was lost:"."""
+    if exit_code is None:
+        return "its connection broke"
+    if exit_code < 0:
+        try:
+            return f"it was killed by {signal.Signals(-exit_code).name}"
+        except ValueError:
+            return f"it was killed by signal {-exit_code}"
+    if exit_code == CLOSED:
+        return (
+            "its connection was closed: does the driver close file descriptors that it has not"
+            " opened?"
+        )
+    hint = ", see its traceback; a script that starts workers needs 'if __name__ == \"__main__\":'"
+    return f"it ended with exit code {exit_code}{hint if exit_code == 1 else ''}"
+
+
+# In the child
+
+
+class LostParentError(Exception):
+    """The parent has gone, or no longer needs this process."""
+
+
+class Line:
+    """A child's line to its parent, which only the child itself uses.
+
+    Foreign code in the child may fork, or close descriptors. A fork has no line. What was closed is
+    noticed, even if another file has its number now.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._lock = threading.Lock()
+        self._file = self._look()
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._hang_up)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether foreign code has closed it."""
+        return self._look() != self._file
+
+    def send(self, data: bytes) -> None:
+        """Sends bytes, from any thread.
+
+        Raises:
+            LostParentError: the parent has gone, or the line is closed.
+        """
+        with self._lock:
+            if self.is_closed:
+                raise LostParentError
+            try:
+                self._connection.send_bytes(data)
+            except OSError as error:
+                raise LostParentError from error
+
+    def receive(self) -> bytes | None:
+        """The next bytes; None if the parent has gone, or the line is closed."""
+        if self.is_closed:
+            return None
+        try:
+            return self._connection.recv_bytes()
+        except (EOFError, OSError):
+            return None
+
+    def end(self) -> None:
+        """Closes it, which says that all is done; ends the process if foreign code was faster."""
+        if self.is_closed:
+            os._exit(CLOSED)  # its standard streams may be closed, too
+        self._connection.close()
+
+    def _hang_up(self) -> None:
+        """In a fork: leaves the line to its owner."""
+        if not self.is_closed:
+            with suppress(OSError):
+                self._connection.close()
+
+    def _look(self) -> tuple[int, int] | None:
+        """What is open under its descriptor."""
+        if sys.platform == "win32":
+            return None
+        try:
+            status = os.fstat(self._connection.fileno())
+        except OSError:
+            return None
+        return status.st_dev, status.st_ino
+
+
+def stand_alone() -> None:
+    """Makes this process leave Ctrl-C to its parent and end with it.
+
+    It becomes the head of a group, which can be ended as a whole.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(os, "setsid"):
+        with suppress(OSError):  # it is the head of one already
+            os.setsid()
+    threading.Thread(target=_die_with_parent, name="die-with-parent", daemon=True).start()
+
+
+def _die_with_parent() -> None:
+    """Ends this process, and all that it started, when its parent has ended."""
+    parent = parent_process()
+    if parent is not None:
+        _die_with(parent.sentinel)
+        wait([parent.sentinel])
+        _kill_group(os.getpid())
+        os._exit(LOST_PARENT)
+
+
+def _die_with(pipe: int) -> None:
+    """Linux: lets the kernel kill the group when the pipe's other end is closed.
+
+    So it ends even if a driver's compiled code blocks every thread of this process.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError):  # it is the pipe of an emulation, say
+            fcntl.fcntl(pipe, fcntl.F_SETOWN, -os.getpid())
+            fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+            fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | os.O_ASYNC)
+
+
+# In both
+
+
+@contextmanager
+def one_process() -> Iterator[None]:
+    """Around foreign code: only the process that goes in goes on.
+
+    A fork that comes out is ended at once, without a word to files or parents that it shares.
+    """
+    owner = os.getpid()
+    try:
+        yield
+    finally:
+        if os.getpid() != owner:
+            with suppress(OSError):
+                text = f"frenetic: process {os.getpid()} came out of a fork of {owner}: it is ended"
+                os.write(2, f"{text}\n".encode())
+            os._exit(FORKED)
