@@ -462,11 +462,23 @@ def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
     with CampaignStore.open(folder) as store:
         write_confirmation(store, there)
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
-    text, table, picture = section["blocks"]
+    text, table, pictures = section["blocks"]
     told = "Planner in EmbeddedSimulator, friction 0.8: 3 confirmed, 0 not confirmed"
     assert text["text"].startswith(told)
     assert [row[0] for row in table["rows"]] == [str(number) for number in failures]
-    assert picture["source"].startswith("data:image/png;base64,")
+    assert table["links"] == [f"#test-{number}" for number in failures]
+    assert pictures["kind"] == "confirmed"
+    assert (pictures["here"], pictures["there"]) == (
+        "EmbeddedSimulator",
+        "EmbeddedSimulator, friction 0.8",
+    )
+    for test, shown in zip(there.tests, pictures["drives"], strict=True):
+        assert (shown["test"], shown["agreement"]) == (test.test_id, "confirmed")
+        assert test.trajectory is not None
+        x = 0.01 * np.cumsum(np.cumsum(shown["columns"][1]))
+        assert x[0] == pytest.approx(test.trajectory.x[0], abs=0.006)
+    data = page_of(folder / "report.html").data
+    assert set(failures) <= {drive["id"] for drive in data["drives"]}
     (folder / "confirmations.json").write_text("{")
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     assert "damaged" in section["blocks"][0]["text"]

@@ -21,7 +21,9 @@ from playwright.sync_api import Browser, Page, expect
 from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.cli import cli
+from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
+from frenetic.redrive.confirm import confirm
 from frenetic.report.failures import road_document
 from frenetic.report.html import (
     Bars,
@@ -37,6 +39,7 @@ from frenetic.report.html import (
     write_report,
 )
 from frenetic.search import Origin
+from frenetic.simulators import EmbeddedSimulator
 
 pytest_plugins = ["browsing"]
 
@@ -565,6 +568,37 @@ def test_navigation_hints_at_more_to_the_right(
     page.wait_for_function(goes_on, arg=more)
     page.locator("nav").evaluate("nav => nav.scrollTo({ left: 1e4, behavior: 'instant' })")
     expect(page.locator("nav.goes-on")).to_have_count(0)
+
+
+def test_a_failure_in_another_simulator_is_replayed_beside_the_campaigns(
+    show: Callable[..., Page], tmp_path: Path
+) -> None:
+    folder = make_searched(tmp_path / "searched")
+    with CampaignStore.open(folder) as store:
+        failures = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd", limit=2)]
+    confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
+    page = show(write_report(folder), viewport={"width": 390, "height": 844}, color_scheme="dark")
+    section = page.locator("#confirmed")
+    assert section.locator("img").count() == 0  # a picture on white paper would glare
+    cards = section.locator(".card")
+    expect(cards).to_have_count(2)
+    box = cards.first.locator("svg").bounding_box()
+    assert box is not None
+    assert box["width"] > 300  # of 390
+    expect(cards.first.locator("path.other")).to_have_count(1)
+    expect(cards.first).to_contain_text("confirmed")
+    cards.first.click()
+    expect(page.locator("#player-title")).to_contain_text(f"Test {failures[0]} ")
+    expect(page.get_by_role("dialog")).to_contain_text("EmbeddedSimulator, friction 0.8: ")
+    expect(page.locator(".stage-main path.other")).to_have_count(1)
+    ghost = page.locator(".stage-main .ghost")
+    before = ghost.get_attribute("transform")
+    page.keyboard.press("End")
+    assert ghost.get_attribute("transform") != before
+    assert page.locator(".plot .line.other").count() == 6
+    page.keyboard.press("Escape")
+    section.locator("tbody a").last.click()
+    expect(page.locator("#player-title")).to_contain_text(f"Test {failures[1]} ")
 
 
 def test_a_table_hints_at_more_columns_to_the_right(

@@ -22,7 +22,8 @@ from frenetic.redrive.confirm import Confirmation
 from frenetic.redrive.record import Redrive
 from frenetic.report.failures import file_stem
 from frenetic.report.orientation import turn_of, turned
-from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, form_of, write_figure
+from frenetic.report.scene import OOB_COLOURS, draw_colour_bar, draw_coloured
+from frenetic.report.style import DPI, FAINT, INK, PANEL, POINT, QUIET, STYLE, form_of, write_figure
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive
 from frenetic.spec import part_text
@@ -31,15 +32,24 @@ CONFIRMED: Final = "confirmed"
 """Folder in a campaign's folder for these pictures."""
 GALLERY: Final = "gallery.png"
 """Picture in it of all of them at a glance."""
-RECORDED_COLOUR, OTHER_COLOUR = "#d1232a", "#1f6fb4"
-"""Colours of the paths in the campaign and in the other simulator; dashes differ, too."""
+RECORDED_COLOUR, OTHER_COLOUR = OOB_COLOURS[-3], INK
+"""Colours of what is said of the campaign's drive and of the other, whose lines are dashed. From
+above, the campaign's path is coloured by oob distance, as in all pictures."""
 
 _WIDTH: Final = 9.0  # inches
 _ACROSS: Final = 3  # pictures in a row of a gallery
-_CELL: Final = 3.4  # inches
+_CELL: Final = 3.4  # inches across, and
+_TALL: Final = 2.3  # high: roads lie flat
 _HEAD: Final = 0.9  # inches above the pictures of a gallery
 _MOST: Final = 60  # pictures in a gallery
 _LETTERS: Final = 110  # that fit into a line
+
+_RECORDED: Final[dict[str, Any]] = {"color": RECORDED_COLOUR, "linewidth": 1.8}
+_OTHER: Final[dict[str, Any]] = {
+    "color": OTHER_COLOUR,
+    "linewidth": 1.5,
+    "linestyle": (0, (4, 1.5)),
+}
 
 
 @dataclass(frozen=True)
@@ -72,7 +82,7 @@ def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path
         CampaignError: the folder cannot be made.
         FreneticError: a picture cannot be written.
     """
-    names = _names(store, confirmation)
+    names = names_of(store, confirmation)
     folder = store.folder / pictures_of(confirmation)
     pairs = {test.test_id: _pair(store, confirmation, test) for test in confirmation.tests}
     driven = {test_id: pair for test_id, pair in pairs.items() if pair is not None}
@@ -102,7 +112,7 @@ def _pair(store: CampaignStore, confirmation: Confirmation, test: Redrive) -> Pa
     return Pair(stored.road, stored.drive, other, f"Test {test.test_id}: {test.agreement}")
 
 
-def _names(store: CampaignStore, confirmation: Confirmation) -> Names:
+def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:
     """The simulators, with their drivers if these differ."""
     recorded = store.config.get("simulator"), store.config.get("driver")
     here, driver_here = map(part_text, recorded)
@@ -122,9 +132,9 @@ def draw_pair(pair: Pair, path: Path, names: Names) -> None:
     form = form_of(path)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(_WIDTH, 8.0), dpi=DPI, facecolor="white")
-        above = figure.add_axes((0.06, 0.33, 0.9, 0.52))
+        above = figure.add_axes((0.06, 0.34, 0.9, 0.51))
         _draw_from_above(above, pair)
-        below = figure.add_axes((0.08, 0.08, 0.88, 0.18))
+        below = figure.add_axes((0.08, 0.08, 0.88, 0.17))
         _draw_oob_distances(below, pair)
         figure.text(0.06, 0.96, pair.title, size=16, weight="bold", color=INK)
         for drive, name, colour, y in (
@@ -134,6 +144,7 @@ def draw_pair(pair: Pair, path: Path, names: Names) -> None:
             figure.text(0.06, y, name[:_LETTERS], size=9.5, weight="bold", color=colour)
             reason = judge(pair.road, drive).reason
             figure.text(0.06, y - 0.019, reason[:_LETTERS], size=9.5, color=colour)
+        _draw_key(figure, pair, (0.66, 0.308, 0.3, 0.012))
         write_figure(figure, path, form)
 
 
@@ -145,21 +156,22 @@ def draw_pairs(pairs: Sequence[Pair], path: Path, names: Names) -> None:
     """
     form = form_of(path)
     rows = math.ceil(len(pairs) / _ACROSS)
-    width, height = _ACROSS * _CELL, rows * (_CELL + 0.35) + _HEAD
+    width, height = _ACROSS * _CELL, rows * (_TALL + 0.35) + _HEAD
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
         for i, pair in enumerate(pairs):
             row, column = divmod(i, _ACROSS)
-            top = height - _HEAD - row * (_CELL + 0.35)
+            top = height - _HEAD - row * (_TALL + 0.35)
             left = (column + 0.04) / _ACROSS
-            box = (left, (top - _CELL) / height, 0.92 / _ACROSS, (_CELL - 0.1) / height)
+            box = (left, (top - _TALL) / height, 0.92 / _ACROSS, (_TALL - 0.1) / height)
             _draw_from_above(figure.add_axes(box), pair)
             figure.text(left, top / height, pair.title, size=10, weight="bold", color=INK)
         lines = [
-            Line2D([], [], color=RECORDED_COLOUR, label=names.recorded[:_LETTERS]),
-            Line2D([], [], color=OTHER_COLOUR, linestyle="--", label=names.other[:_LETTERS]),
+            Line2D([], [], **_RECORDED, label=names.recorded[:_LETTERS]),
+            Line2D([], [], **_OTHER, label=names.other[:_LETTERS]),
         ]
         figure.legend(handles=lines, loc="upper left", frameon=False, fontsize=11)
+        _draw_key(figure, pairs[0], (0.68, 1.0 - 0.3 / height, 0.3, 0.11 / height))
         write_figure(figure, path, form)
 
 
@@ -173,16 +185,12 @@ def _draw_from_above(axes: Any, pair: Pair) -> None:
         axes.add_patch(Polygon(np.vstack([line, edge[::-1]]), color=colour, linewidth=0.0))
     axes.plot(*line.T, color="white", linewidth=1.0, linestyle=(0, (6, 5)))
     low, high = np.vstack([left, right]).min(axis=0), np.vstack([left, right]).max(axis=0)
-    shown = [low, high]
-    for drive, how in _styles(pair):
-        path = np.clip(turned(_path(road, drive), turn), low - 20.0, high + 20.0)
-        axes.plot(*path.T, **how, zorder=5)
-        axes.plot(*path[-1], marker="o", markersize=5, color=how["color"], zorder=6)
-        shown += [path.min(axis=0), path.max(axis=0)]
-    axes.plot(
-        *turned(_path(road, pair.recorded), turn)[0], marker="s", markersize=5, color=INK, zorder=6
-    )
-    low, high = np.min(shown, axis=0), np.max(shown, axis=0)
+    paths = [
+        np.clip(turned(_path(road, drive), turn), low - 20.0, high + 20.0)
+        for drive in (pair.recorded, pair.other)
+    ]
+    shown = np.vstack([low, high, *paths])
+    low, high = shown.min(axis=0), shown.max(axis=0)
     # As much as fills the paper.
     box = axes.get_window_extent()
     scale = max((high - low + 8.0) / [box.width, box.height])
@@ -190,15 +198,29 @@ def _draw_from_above(axes: Any, pair: Pair) -> None:
     (left_end, lowest), (right_end, highest) = (
         0.5 * (low + high) + side * half for side in (-1, 1)
     )
+    recorded, other = paths
+    oob = assess(road, pair.recorded).oob_distance
+    on_paper = recorded * POINT / DPI / scale
+    draw_coloured(axes, recorded, on_paper, oob, 0.5 * road.lane_width, 2.4)
+    axes.plot(*other.T, **_OTHER, zorder=5)
+    for path, colour in ((recorded, RECORDED_COLOUR), (other, OTHER_COLOUR)):
+        axes.plot(*path[-1], marker="o", markersize=5, color=colour, zorder=6)
+    axes.plot(*recorded[0], marker="s", markersize=5, color=INK, zorder=6)
     axes.set(xlim=(left_end, right_end), ylim=(lowest, highest), aspect="equal", facecolor=PANEL)
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set_visible(False)
 
 
+def _draw_key(figure: Figure, pair: Pair, box: tuple[float, float, float, float]) -> None:
+    draw_colour_bar(figure.add_axes(box), 0.5 * pair.road.lane_width)
+    left, bottom = box[:2]
+    figure.text(left - 0.01, bottom, "oob distance (m)", size=8.5, color=QUIET, ha="right")
+
+
 def _draw_oob_distances(axes: Any, pair: Pair) -> None:
     half = 0.5 * pair.road.lane_width
-    for drive, how in _styles(pair):
+    for drive, how in ((pair.recorded, _RECORDED), (pair.other, _OTHER)):
         seen = assess(pair.road, drive)
         axes.plot(seen.distance, np.maximum(seen.oob_distance, -half), **how)
     axes.axhline(0.0, color=QUIET, linewidth=0.8)
@@ -208,13 +230,6 @@ def _draw_oob_distances(axes: Any, pair: Pair) -> None:
     axes.grid(color=FAINT, linewidth=0.5)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-
-
-def _styles(pair: Pair) -> tuple[tuple[Drive, dict[str, Any]], tuple[Drive, dict[str, Any]]]:
-    return (
-        (pair.recorded, {"color": RECORDED_COLOUR, "linewidth": 1.8}),
-        (pair.other, {"color": OTHER_COLOUR, "linewidth": 1.8, "linestyle": (0, (4, 1.5))}),
-    )
 
 
 def _path(road: Road, drive: Drive) -> FloatArray:

@@ -16,7 +16,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
 from frenetic.report.html.blocks import Section
-from frenetic.report.html.confirmed import confirmed_sections
+from frenetic.report.html.confirmed import confirmations_of, confirmed_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
 from frenetic.report.html.gallery import family_section, gallery_section, misses_section
 from frenetic.report.html.headline import headline
@@ -89,8 +89,10 @@ def campaign_report(
     tests = read_tests(store)
     by_id = {test.id: test for test in tests}
     reruns, trouble = _reruns(store)
+    confirmations, damage = confirmations_of(store)
+    confirmed = [test.test_id for one in confirmations for test in one.tests]
     drives, measured = _look(
-        store, _to_show(tests, by_id, found), [test.id for test in choose_mapped(tests)]
+        store, _to_show(tests, by_id, found, confirmed), [test.id for test in choose_mapped(tests)]
     )
     opened = {drive.id for drive in drives}
     spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
@@ -116,7 +118,7 @@ def campaign_report(
             map_section(table.ids, measured, tests),
             family_section(found, opened),
             operators_section(tests, clusters),
-            *confirmed_sections(store.folder, config),
+            *confirmed_sections(store, confirmations, damage),
             repeat_section(config, facts),
             *sections,
         ),
@@ -156,12 +158,15 @@ def _look(
 
 
 def _to_show(
-    tests: Sequence[TestSummary], by_id: dict[int, TestSummary], clusters: Clusters
+    tests: Sequence[TestSummary],
+    by_id: dict[int, TestSummary],
+    clusters: Clusters,
+    confirmed: Sequence[int],
 ) -> list[int]:
     """Ids of the tests to show, the most important first.
 
-    Each cluster's most severe and typical failure, then those that they descend from, then the
-    most severe failures.
+    Each cluster's most severe and typical failure, then those driven in another simulator, those
+    that the first descend from, and the most severe failures.
     """
     heads = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
     driven = [i for i in ancestors(by_id, heads) if by_id[i].outcome.is_driven]
@@ -169,7 +174,7 @@ def _to_show(
         (test for test in tests if test.outcome is Outcome.FAIL),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
-    return list(dict.fromkeys([*heads, *driven, *(test.id for test in failed)]))
+    return list(dict.fromkeys([*heads, *confirmed, *driven, *(test.id for test in failed)]))
 
 
 def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:

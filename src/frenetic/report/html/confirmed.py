@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import Final
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final
 
-from frenetic.campaign.store import JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.oracle import assess
 from frenetic.redrive.confirm import Confirmation, read_confirmations
 from frenetic.redrive.record import Agreement
-from frenetic.report.html.blocks import Block, Column, Paragraph, Picture, Section, Table
+from frenetic.report.html.blocks import Block, Column, Paragraph, Section, Table
+from frenetic.report.html.tests import columns_size, drive_columns
 from frenetic.spec import part_text
 
-MOST_BYTES: Final = 2_000_000
-"""Most bytes of a picture in the page; a larger one stays a file."""
+OTHERS_SIZE: Final = 1_000_000
+"""Approximate bytes of JSON for the drives in other simulators."""
 
 _COLUMNS: Final = (
     Column("test", is_number=True),
@@ -27,75 +28,111 @@ _COLUMNS: Final = (
 )
 
 
-def confirmed_sections(folder: Path, config: Mapping[str, JSONValue]) -> tuple[Section, ...]:
-    """A section about the failures driven in other simulators; None without any.
+@dataclass(frozen=True)
+class OtherDrive:
+    """A test's drive in the other simulator."""
+
+    test: int
+    agreement: str
+    reason: str
+    moobd: float | None
+    """m."""
+    columns: tuple[tuple[int, ...], ...]
+    """See `drive_columns`."""
+
+
+@dataclass(frozen=True)
+class Confirmed:
+    """Pictures of roads with the paths in both simulators."""
+
+    kind: ClassVar[str] = "confirmed"
+    here: str
+    """Name of the campaign's simulator."""
+    there: str
+    """Name of the other one."""
+    drives: tuple[OtherDrive, ...]
+
+
+def confirmations_of(store: CampaignStore) -> tuple[list[Confirmation], str]:
+    """The confirmations of a campaign, and trouble with them."""
+    try:
+        return list(read_confirmations(store.folder)), ""
+    except CampaignError as error:
+        return [], str(error)
+
+
+def confirmed_sections(
+    store: CampaignStore, confirmations: Sequence[Confirmation], trouble: str
+) -> tuple[Section, ...]:
+    """A section about the failures driven in other simulators; none without any.
 
     Args:
-        folder: of the campaign.
-        config: the campaign's configuration.
+        store: the campaign.
+        confirmations: its confirmations.
+        trouble: trouble with them.
     """
-    try:
-        confirmations = read_confirmations(folder)
-    except CampaignError as error:
-        blocks: tuple[Block, ...] = (Paragraph(str(error)),)
-    else:
-        blocks = tuple(block for one in confirmations for block in _blocks(folder, config, one))
+    blocks: list[Block] = [Paragraph(trouble)] if trouble else []
+    room = OTHERS_SIZE
+    for one in confirmations:
+        blocks += _blocks(store, one)
+        pictures = _pictures(store, one, room)
+        room -= sum(columns_size(drive.columns) for drive in pictures.drives)
+        blocks.append(pictures)
     if not blocks:
         return ()
     lead = "What fails in two simulators says something of the driver."
-    return (Section("confirmed", "In other simulators", blocks, lead),)
+    return (Section("confirmed", "In other simulators", tuple(blocks), lead),)
 
 
-def _blocks(
-    folder: Path, config: Mapping[str, JSONValue], confirmation: Confirmation
-) -> Iterator[Block]:
-    # Its pictures are drawn by matplotlib, which takes its time to import.
-    from frenetic.report.confirmation import GALLERY, pictures_of
-
+def _blocks(store: CampaignStore, confirmation: Confirmation) -> Iterator[Block]:
     counted = ", ".join(f"{confirmation.count(verdict)} {verdict}" for verdict in Agreement)
     correlation = confirmation.correlation
     ranks = (
         ""
         if correlation is None
-        else f" MOOBDs go together with a rank correlation of {correlation.spearman:.2f}"
+        else f" MOOBDs go together with a rank correlation of"
+        f" {_two_digits(correlation.spearman)}"
         f" (p {correlation.p:.2g}, {correlation.pairs} roads)."
     )
     yield Paragraph(
-        f"{part_text(confirmation.driver, config.get('driver'))} in"
-        f" {part_text(confirmation.simulator, config.get('simulator'))}: {counted};"
+        f"{part_text(confirmation.driver, store.config.get('driver'))} in"
+        f" {part_text(confirmation.simulator, store.config.get('simulator'))}: {counted};"
         f" {confirmation.alike} at the same place.{ranks}"
     )
     rows = tuple(
         (
             str(test.test_id),
-            _metres(test.recorded.moobd),
-            _metres(test.other.moobd),
+            _two_digits(test.recorded.moobd),
+            _two_digits(test.other.moobd),
             str(test.agreement),
             "yes" if test.is_alike else "",
             test.reason,
         )
         for test in confirmation.tests
     )
-    yield Table(_COLUMNS, rows)
-    gallery = folder / pictures_of(confirmation) / GALLERY
-    picture = _picture(gallery)
-    if picture is not None:
-        caption = f"Each road as a picture of its own: {gallery.parent}"
-        yield Picture(picture, "Both paths on each road", caption)
+    yield Table(_COLUMNS, rows, links=tuple(f"#test-{one.test_id}" for one in confirmation.tests))
 
 
-def _picture(path: Path) -> str | None:
-    """A PNG file as a data URI; None if it is missing, too large, or no PNG."""
-    try:
-        if path.stat().st_size > MOST_BYTES:
-            return None
-        data = path.read_bytes()
-    except OSError:
-        return None
-    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
-        return None
-    return f"data:image/png;base64,{base64.b64encode(data).decode()}"
+def _pictures(store: CampaignStore, confirmation: Confirmation, room: int) -> Confirmed:
+    """Pictures of as many of its drives as there is room for."""
+    # The other pictures of a confirmation are drawn by matplotlib, which imports slowly.
+    from frenetic.report.confirmation import names_of
+
+    drives = []
+    for test in confirmation.tests:
+        drive = confirmation.drive(test)
+        if drive is None or not len(drive.trajectory):
+            continue
+        road = store.test(test.test_id, with_trajectory=False).road
+        columns = drive_columns(drive.trajectory, assess(road, drive))
+        room -= columns_size(columns)
+        if room < 0:
+            break
+        moobd = None if test.moobd is None else round(test.moobd, 3)
+        drives.append(OtherDrive(test.test_id, str(test.agreement), test.reason, moobd, columns))
+    names = names_of(store, confirmation)
+    return Confirmed(names.recorded, names.other, tuple(drives))
 
 
-def _metres(value: float | None) -> str:
-    return "" if value is None else f"{value:.2f}"
+def _two_digits(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f}".replace("-", "−")

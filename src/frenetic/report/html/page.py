@@ -24,6 +24,7 @@ SCRIPTS: Final = (
     "player.js",
     "family.js",
     "gallery.js",
+    "confirmed.js",
     "map.js",
     "charts.js",
     "groups.js",

@@ -194,7 +194,7 @@ class DriveData:
     """km/h."""
     departure: Departure | None
     columns: tuple[tuple[int, ...], ...]
-    """Columns of `_COLUMNS` in multiples of their resolution, as second differences."""
+    """See `drive_columns`."""
     road_file: str | None
     """The road's file in the campaign's folder, if any."""
     minimised: MinimisedData | None
@@ -203,8 +203,8 @@ class DriveData:
     @property
     def size(self) -> int:
         """Approximate bytes of its JSON."""
-        numbers = sum(len(column) for column in self.columns)
-        return 400 + 10 * len(self.road.curvatures) + int(2.6 * numbers) + len(self.reason)
+        own = 400 + 10 * len(self.road.curvatures) + len(self.reason)
+        return own + columns_size(self.columns)
 
 
 def drive_data(record: TestRecord, segment: Segment, folder: Path) -> DriveData:
@@ -236,13 +236,14 @@ def drive_data(record: TestRecord, segment: Segment, folder: Path) -> DriveData:
         ),
         speed_limit=drive.rules.speed_limit,
         departure=None if departure is None else _rounded_departure(departure),
-        columns=_columns(drive.trajectory, segment.assessment),
+        columns=drive_columns(drive.trajectory, segment.assessment),
         road_file=f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
         minimised=_minimised(folder, f"{MINIMISED}/{name}"),
     )
 
 
-def _columns(path: Trajectory, seen: Assessment) -> tuple[tuple[int, ...], ...]:
+def drive_columns(path: Trajectory, seen: Assessment) -> tuple[tuple[int, ...], ...]:
+    """Columns of `_COLUMNS` in multiples of their resolution, as second differences."""
     n = len(seen.distance)
     taken = _taken(path.time[:n], int(np.argmin(seen.oob_distance)))
     values: dict[str, FloatArray] = {
@@ -255,6 +256,11 @@ def _columns(path: Trajectory, seen: Assessment) -> tuple[tuple[int, ...], ...]:
         whole = np.rint(values[name][:n][taken] / resolution).astype(np.int64)
         columns.append(tuple(np.diff(whole, n=2, prepend=[0, 0]).tolist()))
     return tuple(columns)
+
+
+def columns_size(columns: tuple[tuple[int, ...], ...]) -> int:
+    """Approximate bytes of the JSON of such columns."""
+    return int(2.6 * sum(map(len, columns)))
 
 
 def _taken(time: FloatArray, worst: int) -> np.ndarray:

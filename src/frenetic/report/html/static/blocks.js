@@ -10,6 +10,7 @@ const kinds = {
   bars: drawBars,
   timeline: drawTimeline,
   gallery: drawGallery,
+  confirmed: drawConfirmed,
   featureMap: drawFeatureMap,
   family: drawFamily,
   headline: drawHeadline,

@@ -118,13 +118,9 @@ const player = (() => {
     const { records } = shown;
     shown.time = clamp(time, 0, shown.end);
     const at = momentAt(records, shown.time + records.time[0]);
+    moveCars(shown.cars, at);
+    for (const { records: other, cars } of shown.others) moveCars(cars, momentAt(other, shown.time + other.time[0]));
     const [u, v] = shown.view.place(at.x, at.y);
-    const angle = (-(at.heading + shown.view.turn) * 180) / Math.PI;
-    const move = `translate(${u.toFixed(3)} ${v.toFixed(3)}) rotate(${angle.toFixed(2)})`;
-    for (const car of shown.cars) {
-      car.setAttribute("transform", move);
-      car.classList.toggle("is-out", at.oob < 0);
-    }
     const wide = shown.closeWide;
     const tall = wide / shown.closeAspect;
     shown.close.setAttribute("viewBox", `${u - wide / 2} ${v - tall / 2} ${wide} ${tall}`);
@@ -139,6 +135,15 @@ const player = (() => {
     shown.slider.value = String(shown.time);
     shown.slider.setAttribute("aria-valuetext", `${fixed(shown.time, 1)} s, at ${fixed(at.distance, 0)} m`);
     shown.clock.textContent = `${fixed(shown.time, 1)} / ${fixed(shown.end, 1)} s`;
+  }
+
+  function moveCars(cars, at) {
+    const [u, v] = shown.view.place(at.x, at.y);
+    const angle = (-(at.heading + shown.view.turn) * 180) / Math.PI;
+    for (const car of cars) {
+      car.setAttribute("transform", `translate(${u.toFixed(3)} ${v.toFixed(3)}) rotate(${angle.toFixed(2)})`);
+      car.classList.toggle("is-out", at.oob < 0);
+    }
   }
 
   /** Shows the moment at which the car was so far along the road. */
@@ -162,12 +167,13 @@ const player = (() => {
     const aspect = isPhone ? 1.4 : isNarrow ? 1.35 : clamp(window.innerWidth / window.innerHeight, 1.4, 1.65) * 1.55;
     const closeAspect = isPhone ? 0.7 : isNarrow ? 2.2 : 0.85;
     const closeWide = isPhone ? CLOSE_UP_PHONE : CLOSE_UP;
-    const view = viewOf([...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))], drive.road.turn, aspect);
+    const others = othersOf(drive.id).map((other) => ({ ...other, records: recordsOf(other), cars: [] }));
+    const view = viewOf(placesOf(line, records, others.map((other) => other.records)), drive.road.turn, aspect);
     const length = roadLength(drive.road);
     let furthest = -Infinity;
     const along = records.distance.map((d) => (furthest = Math.max(furthest, d)));
     const state = {
-      drive, order, records, view, length, along, closeAspect, closeWide,
+      drive, order, records, others, view, length, along, closeAspect, closeWide,
       time: 0,
       end: records.time[records.time.length - 1] - records.time[0],
       cars: [],
@@ -205,6 +211,7 @@ const player = (() => {
         ),
       ),
       el("p", { class: "reason" }, drive.reason),
+      ...othersText(others),
       el(
         "div",
         { class: "stage" },
@@ -220,14 +227,15 @@ const player = (() => {
   }
 
   function scene(drive, line, records, view, state, isMain) {
-    const car = svg("g", { class: "car", ...(isMain ? { id: "car" } : {}) });
-    const [length, width, ahead] = drive.car;
-    car.append(
-      svg("rect", { class: "body", x: ahead - length / 2, y: -width / 2, width: length, height: width, rx: 0.35 }),
-      svg("path", { class: "screen", d: `M${ahead + length * 0.14} ${-width * 0.36}L${ahead + length * 0.26} ${-width * 0.28}V${width * 0.28}L${ahead + length * 0.14} ${width * 0.36}Z` }),
-    );
+    const car = carShape(drive, isMain ? { class: "car", id: "car" } : { class: "car" });
     state.cars.push(car);
     const parts = [...roadShapes(line, view), ...pathShapes(records, view)];
+    const ghosts = state.others.map((other, i) => {
+      parts.push(otherShape(i, other.records, view));
+      const ghost = asOther(i, carShape(drive, { class: "car ghost" }));
+      other.cars.push(ghost);
+      return ghost;
+    });
     if (isMain) {
       const [x, y] = view.place(records.x[0], records.y[0]);
       parts.push(svg("circle", { class: "start", cx: x, cy: y, r: view.box[2] / 150 }));
@@ -237,18 +245,30 @@ const player = (() => {
       parts.push(svg("circle", { class: "left-here", cx: x, cy: y, r: isMain ? view.box[2] / 60 : 1.2 }));
     }
     const label = isMain ? "The road from above, with the car's path and the car" : "The car close up";
-    return svg("svg", { class: "scene", role: "img", "aria-label": label }, parts, car);
+    return svg("svg", { class: "scene", role: "img", "aria-label": label }, parts, ghosts, car);
+  }
+
+  function carShape(drive, attributes) {
+    const [length, width, ahead] = drive.car;
+    return svg(
+      "g",
+      attributes,
+      svg("rect", { class: "body", x: ahead - length / 2, y: -width / 2, width: length, height: width, rx: 0.35 }),
+      svg("path", { class: "screen", d: `M${ahead + length * 0.14} ${-width * 0.36}L${ahead + length * 0.26} ${-width * 0.28}V${width * 0.28}L${ahead + length * 0.14} ${width * 0.36}Z` }),
+    );
   }
 
   function profilePlots(drive, records, length, state) {
     const { step, curvatures } = drive.road;
     const own = PROFILES.map((profile) => {
       const scale = profile.scale ?? 1;
-      const pointsOf = (name) => (name === "curvature" ? curvatures.map((value, i) => [i * step, value]) : records[name].map((value, i) => [records.distance[i], scale * value]));
+      const recorded = (of, name) => of[name].map((value, i) => [of.distance[i], scale * value]);
+      const pointsOf = (name) => (name === "curvature" ? curvatures.map((value, i) => [i * step, value]) : recorded(records, name));
       return {
         ...profile,
         now: (at) => profile.lines.map((name) => (name === "curvature" ? curvatureAt(drive.road, at.distance) : scale * at[name])),
         points: profile.lines.map(pointsOf),
+        others: profile.lines[0] === "curvature" ? [] : state.others.flatMap((other, i) => profile.lines.map((name) => ({ i, name, points: recorded(other.records, name) }))),
         limit: profile.title === "speed" ? drive.speed_limit : null,
       };
     });
@@ -294,7 +314,7 @@ const player = (() => {
   }
 
   function plotOf(profile, length) {
-    const values = profile.points.flat().map(([, value]) => value);
+    const values = [...profile.points, ...profile.others.map((other) => other.points)].flat().map(([, value]) => value);
     let low = Math.min(...values, 0);
     let high = Math.max(...values, 0, profile.limit ?? -Infinity, profile.most ?? -Infinity);
     if (profile.lines[0] === "oob") high = Math.max(high, report.lane_width / 2);
@@ -308,7 +328,9 @@ const player = (() => {
     if (profile.lines[0] === "oob") shapes.push(svg("rect", { class: "outside", x: 0, y: up(0), width: wide, height: Math.max(0, tall - up(0)) }));
     shapes.push(svg("path", { class: "zero", d: `M0 ${up(0)}H${wide}` }));
     if (profile.limit !== null && profile.limit !== undefined) shapes.push(svg("path", { class: "limit", d: `M0 ${up(profile.limit)}H${wide}` }));
-    profile.points.forEach((points, i) => shapes.push(svg("path", { class: `line line-${profile.lines[i]}`, d: pathText(points.map(([d, v]) => [across(d), up(v)])) })));
+    const line = (name, points) => svg("path", { class: `line ${name}`, d: pathText(points.map(([d, v]) => [across(d), up(v)])) });
+    shapes.push(...profile.others.map(({ i, name, points }) => asOther(i, line(`other line-${name}`, points))));
+    shapes.push(...profile.points.map((points, i) => line(`line-${profile.lines[i]}`, points)));
     const label = `${profile.title} in ${profile.unit} along the road`;
     return el(
       "div",
@@ -392,7 +414,7 @@ function actionsOf(drive) {
     const place = joined(campaign, file);
     const line = `frenetic drive ${place}`;
     parts.unshift(
-      el("figure", { class: "minimised" }, roadPicture(drive, text, road), el("figcaption", {}, text, el("span", { class: "file" }, place))),
+      el("figure", { class: "minimised" }, roadPicture(drive, text, { road }), el("figcaption", {}, text, el("span", { class: "file" }, place))),
       isNamed ? commandLine(`${line} ${options}`, "Drive the minimised road again") : commandLine(line, "Drive the minimised road, with the driver of your choice"),
     );
   }

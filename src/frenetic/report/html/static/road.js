@@ -131,18 +131,30 @@ function pathShapes(records, view) {
   return shapes;
 }
 
-/** A small picture of a drive from above. */
-function roadPicture(drive, label, road = drive.road) {
+/** The path of a drive in another simulator. */
+function otherShape(i, records, view) {
+  return asOther(i, svg("path", { class: "path other", d: pathText(records.x.map((x, k) => view.place(x, records.y[k]))) }));
+}
+
+/** What a picture has to show: a road, a path, and others where they do not go far astray. */
+function placesOf(line, records, others = []) {
+  const own = records === null ? line : [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
+  const [xs, ys] = [line.map(({ x }) => x), line.map(({ y }) => y)];
+  const near = (value, all) => clamp(value, Math.min(...all) - 20, Math.max(...all) + 20);
+  return [...own, ...others.flatMap((other) => other.x.map((x, i) => ({ x: near(x, xs), y: near(other.y[i], ys) })))];
+}
+
+/** A small picture of a drive from above, with drives in other simulators; or of another road. */
+function roadPicture(drive, label, { road = drive.road, others = [] } = {}) {
   const line = centreLine(road);
-  const aspect = 1.6;
   const isOwn = road === drive.road;
   const records = isOwn ? recordsOf(drive) : null;
-  const seen = records === null ? line : [...line, ...records.x.map((x, i) => ({ x, y: records.y[i] }))];
-  const view = viewOf(seen, road.turn, aspect);
+  const beyond = others.map(recordsOf);
+  const view = viewOf(placesOf(line, records, beyond), road.turn, 1.6);
   const [startX, startY] = records === null ? besideLine(line.slice(0, 1), -report.lane_width / 2, view)[0] : view.place(records.x[0], records.y[0]);
   const shapes = [...roadShapes(line, view), svg("circle", { class: "start", cx: startX, cy: startY, r: view.box[2] / 70 })];
   if (isOwn) {
-    shapes.push(...pathShapes(records, view));
+    shapes.push(...pathShapes(records, view), ...beyond.map((one, i) => otherShape(i, one, view)));
     if (drive.departure !== null) {
       const [x, y] = view.place(drive.departure.x, drive.departure.y);
       shapes.push(svg("circle", { class: "left-here", cx: x, cy: y, r: view.box[2] / 32 }));
