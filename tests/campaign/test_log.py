@@ -33,7 +33,16 @@ from frenetic.campaign.log import (
 )
 from frenetic.campaign.progress import Progress
 
-SOME = Progress(invalid=4, passed=5, failed=2, errors=1, dropped=3, min_moobd=-1.5, seconds=60.0)
+SOME = Progress(
+    invalid=4,
+    passed=5,
+    failed=2,
+    errors=1,
+    dropped=3,
+    min_moobd=-1.5,
+    roads=11,
+    seconds=60.0,
+)
 
 
 class Clock:
@@ -206,6 +215,7 @@ def test_progress_holds_all_there_is_to_know(tmp_path: Path, log: CampaignLog) -
     (line,) = lines(tmp_path)
     assert {name: line[name] for name in list(line)[4:]} == {
         "tests": 12,
+        "roads": 11,
         "simulations": 8,
         "passed": 5,
         "failed": 2,
@@ -222,7 +232,10 @@ def test_progress_holds_all_there_is_to_know(tmp_path: Path, log: CampaignLog) -
             {"name": "worker 2", "state": "lost", "tests": 0, "seconds_in_state": 60.0},
         ],
     }
-    assert line["message"] == "12 tests, 2 failures, best MOOBD -1.50 m, 0.0% of the budget spent"
+    assert line["message"] == (
+        "12 tests of 11 different roads: 5 passed, 2 failed, 4 invalid, 1 error; 3 dropped,"
+        " best MOOBD -1.50 m, 0.0% of the budget spent"
+    )
 
 
 def test_of_many_failures_one_of_a_hundred_is_written(tmp_path: Path, log: CampaignLog) -> None:

@@ -34,6 +34,8 @@ def progress(number: int) -> Progress:
         passed=90 * number,
         failed=10 * number,
         errors=1,
+        dropped=3,
+        roads=1100,
         min_moobd=-1.25,
         seconds=10.0 * number,
         budget_spent=number / 100,
@@ -99,7 +101,10 @@ def test_once_says_how_it_goes_and_leaves(
         "Frenetic, Planner, EmbeddedSimulator, seed 3, budget 5000 simulations or 1:00:00"
     )
     assert facts["budget"] == "12.0% spent, 2:00, 14:40 left"
-    assert facts["tests"] == "1213: 1080 passed, 120 failed, 12 invalid, 1 errors, 0 dropped"
+    assert facts["results"] == (
+        "1213 tests of 1100 different roads: 1080 passed, 120 failed, 12 invalid, 1 error;"
+        " 3 dropped"
+    )
     assert facts["rate"] == "10.1 tests/s now, 10.1 tests/s overall"
     assert facts["best"] == "MOOBD -1.25 m"
     assert facts["workers"] == "1 driving, 1 lost"
@@ -231,10 +236,10 @@ def test_it_follows_line_by_line_and_ends_with_the_campaign(
         assert read_until(process.stdout, "test 5 broke")[0] == "campaign   c"
         with CampaignLog(campaign) as log:
             log.progress(progress(20))
-            (line,) = read_until(process.stdout, "tests 2021")
+            (line,) = read_until(process.stdout, "2021 tests")
             assert line == (
-                "20.0% after 3:20, 13:20 left: tests 2021, failures 200, best MOOBD -1.25 m,"
-                " 10.1 tests/s"
+                "20.0% after 3:20, 13:20 left: 2021 tests of 1100 different roads: 1800 passed,"
+                " 200 failed, 20 invalid, 1 error; 3 dropped, best MOOBD -1.25 m, 10.1 tests/s"
             )
             log.write(Event.WORKER_LOST, "worker 1 was lost", level="warning")
             (line,) = read_until(process.stdout, "worker 1")

@@ -89,7 +89,9 @@ def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
     never = dict(zip(titles, medians.rows[2], strict=True))
     assert (never["pairwise"].value, never["pairwise"].note) == ("none", "")
     assert "failures per\u00a0100" not in titles, "all have as many simulations"
-    assert medians.caption.endswith("The same in all campaigns: simulations 60, errors 0.")
+    assert medians.caption.endswith(
+        "The same in all campaigns: simulations 60, errors 0, dropped candidates 0."
+    )
     places = [row[0] for row in ranks.rows]
     assert [(cell.value, cell.note) for cell in places] == [
         ("1.", "3.0"),

@@ -28,13 +28,15 @@ from frenetic.analysis.failures import Failure, cluster_failures
 from frenetic.analysis.features import FEATURES, Feature, features_of
 from frenetic.analysis.segments import Segment, segments_of
 from frenetic.analysis.sparseness import competition_sparseness, diversity
+from frenetic.campaign.counts import Counts
+from frenetic.campaign.progress import Tally
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
 
 Cell: TypeAlias = tuple[int, ...]
 """Cell of a feature map: a bin of each of its features."""
-Counts: TypeAlias = npt.NDArray[np.int64]
+IntArray: TypeAlias = npt.NDArray[np.int64]
 Curve: TypeAlias = Literal["distinct_after", "failures_after", "cells_after"]
 """Name of a curve of `CampaignMeasures`."""
 
@@ -69,11 +71,11 @@ class CampaignMeasures:
     """Seed of its strategy."""
     invalid: int
     """Roads that were refused."""
-    failures_after: Counts
+    failures_after: IntArray
     """(simulations + 1,) failures found by each number of simulations."""
-    distinct_after: Counts
+    distinct_after: IntArray
     """(simulations + 1,) distinct failures, each counted from the first of those alike."""
-    cells_after: Counts
+    cells_after: IntArray
     """(simulations + 1,) cells of the feature map over `MAP_AXES` that hold a failure."""
     seconds_to_failure: float
     """Campaign time up to the first failure, in s; infinite if there is none."""
@@ -81,6 +83,12 @@ class CampaignMeasures:
     """Whether its budget was spent."""
     errors: int = 0
     """Simulations that broke."""
+    dropped: int = 0
+    """Candidates that were no longer wanted before they were driven."""
+    roads: int | None = None
+    """Different roads among the tests."""
+    min_moobd: float | None = None
+    """Lowest MOOBD, in m; None if nothing was driven."""
     filled: frozenset[Cell] = frozenset()
     """Cells of the feature map over `MAP_AXES` that hold a failure."""
     competition_filled: frozenset[Cell] = frozenset()
@@ -113,6 +121,19 @@ class CampaignMeasures:
     def failures(self) -> int:
         """FAIL outcomes."""
         return int(self.failures_after[-1])
+
+    @property
+    def counts(self) -> Counts:
+        """The counts of the campaign."""
+        return Counts(
+            invalid=self.invalid,
+            passed=self.simulations - self.failures - self.errors,
+            failed=self.failures,
+            errors=self.errors,
+            dropped=self.dropped,
+            min_moobd=self.min_moobd,
+            roads=self.roads,
+        )
 
     @property
     def distinct_failures(self) -> int:
@@ -416,6 +437,24 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 Topic.SPENT,
                 is_main=False,
             ),
+            Measure(
+                "dropped",
+                "dropped candidates",
+                "Candidates that the strategy no longer wanted before they were driven: no tests.",
+                "0..",
+                "dropped",
+                Topic.SPENT,
+                is_main=False,
+            ),
+            Measure(
+                "roads",
+                "different roads",
+                "Different roads among the tests: a repeated one counts once.",
+                "0..tests",
+                "roads",
+                Topic.SPENT,
+                is_main=False,
+            ),
         )
     }
 )
@@ -432,31 +471,30 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         found = [0]
         found_at: dict[int, int] = {}  # id of a failure -> simulations up to and with it
         seconds_to_failure = math.inf
-        invalid = errors = 0
+        tally = Tally()
         spent = 0.0
         for record in store.tests():
             # Logs of old versions hold only the time of each test.
             spent = spent + record.seconds if record.elapsed is None else record.elapsed
             outcome = record.outcome
-            if outcome is Outcome.INVALID:
-                invalid += 1
-            elif outcome is not Outcome.DROPPED:
+            tally.count(record.candidate, outcome, record.moobd)
+            if outcome.is_simulated:
                 found.append(found[-1] + (outcome is Outcome.FAIL))
-                errors += outcome is Outcome.ERROR
                 if outcome is Outcome.FAIL:
                     found_at[record.candidate.id] = len(found) - 1
                     if len(found_at) == 1:
                         seconds_to_failure = spent
         failures = _read_failures(store, found_at)
         facts, seed = store.facts, store.config.get("seed")
-    unused = _unused(facts, len(found) - 1)
+    counts = tally.counts()
+    unused = _unused(facts, counts.simulations)
     clusters = cluster_failures(failure.compared for failure in failures)
     # A curve rises at the first failure in a cell or cluster.
     cells = {failure.cell: found_at[failure.id] for failure in reversed(failures)}
     return CampaignMeasures(
         folder=Path(folder),
         seed=seed,
-        invalid=invalid,
+        invalid=counts.invalid,
         failures_after=np.array(found, dtype=np.int64),
         distinct_after=_curve(
             (min(map(found_at.__getitem__, c.ids)) for c in clusters), len(found)
@@ -464,7 +502,10 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         cells_after=_curve(cells.values(), len(found)),
         seconds_to_failure=seconds_to_failure,
         is_finished="finished_at" in facts and not facts.get("interrupted") and not unused,
-        errors=errors,
+        errors=counts.errors,
+        dropped=counts.dropped,
+        roads=counts.roads,
+        min_moobd=counts.min_moobd,
         filled=frozenset(cells),
         competition_filled=frozenset(
             failure.competition_cell for failure in failures if failure.competition_cell is not None
@@ -479,14 +520,14 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
     )
 
 
-def curves(campaigns: Sequence[CampaignMeasures], what: Curve) -> Counts:
+def curves(campaigns: Sequence[CampaignMeasures], what: Curve) -> IntArray:
     """Curves, (campaigns, n), up to the number of simulations that all campaigns reached.
 
     Args:
         campaigns: one or more.
         what: which of their curves.
     """
-    found: list[Counts] = [getattr(campaign, what) for campaign in campaigns]
+    found: list[IntArray] = [getattr(campaign, what) for campaign in campaigns]
     reached = min(map(len, found))
     return np.array([curve[:reached] for curve in found], dtype=np.int64)
 
@@ -537,7 +578,7 @@ def _competition_cell(features: CompetitionFeatures | None) -> Cell | None:
     return tuple(axis.bin(float(getattr(features, axis.name))) for axis in COMPETITION_AXES)
 
 
-def _curve(rises: Iterable[int], length: int) -> Counts:
+def _curve(rises: Iterable[int], length: int) -> IntArray:
     """Curve, (length,): how many of the given numbers of simulations each number reached."""
     counts = np.bincount(np.fromiter(rises, dtype=np.int64), minlength=length)
     return np.cumsum(counts, dtype=np.int64)

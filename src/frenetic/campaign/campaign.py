@@ -25,7 +25,6 @@ from frenetic.campaign.versions import package_versions
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, reason_of, traceback_of
-from frenetic.outcome import Outcome
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
@@ -360,13 +359,10 @@ class Campaign:
             raise
         # What is stored counts, also when an interrupt came between storing and counting.
         stored = store.counts()
-        summary = Summary(
-            invalid=stored.by_outcome[Outcome.INVALID],
-            passed=stored.by_outcome[Outcome.PASS],
-            failed=stored.by_outcome[Outcome.FAIL],
-            errors=stored.by_outcome[Outcome.ERROR],
-            dropped=stored.by_outcome[Outcome.DROPPED],
-            min_moobd=stored.lowest_moobd,
+        summary = Summary.of(
+            stored.by_outcome,
+            stored.min_moobd,
+            stored.roads or 0,
             seconds=time.perf_counter() - start,
             budget_spent=tally.budget_spent,
             seed=self.seed,
@@ -385,7 +381,7 @@ class Campaign:
         fields: dict[str, Any] = summary.as_json()
         log.write(
             Event.INTERRUPTED if interrupted else Event.FINISHED,
-            f"{summary.simulations} simulations, {summary.failed} failures",
+            summary.in_words(),
             **fields,
         )
         return summary

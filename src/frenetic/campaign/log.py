@@ -213,16 +213,8 @@ class CampaignLog:
         best = "" if progress.min_moobd is None else f", best MOOBD {progress.min_moobd:.2f} m"
         self.write(
             Event.PROGRESS,
-            f"{progress.tests} tests, {progress.failed} failures{best},"
-            f" {progress.budget_spent:.1%} of the budget spent",
-            tests=progress.tests,
-            simulations=progress.simulations,
-            passed=progress.passed,
-            failed=progress.failed,
-            invalid=progress.invalid,
-            errors=progress.errors,
-            dropped=progress.dropped,
-            min_moobd=progress.min_moobd,
+            f"{progress.in_words()}{best}, {progress.budget_spent:.1%} of the budget spent",
+            **progress.counts_json(),
             seconds=round(progress.seconds, 3),
             budget_spent=round(progress.budget_spent, 6),
             tests_per_second=round(progress.tests_per_second, 3),

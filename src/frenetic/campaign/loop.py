@@ -276,7 +276,7 @@ class Dispatcher:
 
     def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
         tally, result = self._tally, attempt.result
-        tally.count(result.outcome, result.moobd)
+        tally.count(candidate, result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
         tally.budget_spent = self._budget.spent(tally.simulations, elapsed, tally.failures)
         record = attempt.record(

@@ -5,36 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from frenetic.campaign.counts import Counts, key_of
 from frenetic.campaign.store import JSONValue
 from frenetic.outcome import Outcome
+from frenetic.search.records import Candidate
 
 
 @dataclass(frozen=True)
-class Progress:
+class Progress(Counts):
     """Progress of a campaign."""
 
-    invalid: int = 0
-    passed: int = 0
-    failed: int = 0
-    errors: int = 0
-    dropped: int = 0
-    """Number of candidates that the strategy no longer wanted before they were driven."""
-    min_moobd: float | None = None
-    """Lowest MOOBD of all drives so far, in m."""
     seconds: float = 0.0
     """Wall time since the start, in s."""
     budget_spent: float = 0.0
     """0..1."""
-
-    @property
-    def simulations(self) -> int:
-        """Number of drives, including broken ones."""
-        return self.passed + self.failed + self.errors
-
-    @property
-    def tests(self) -> int:
-        """Number of road tests, with refused ones, without dropped ones."""
-        return self.simulations + self.invalid
 
     @property
     def tests_per_second(self) -> float:
@@ -63,13 +47,7 @@ class Summary(Progress):
     def as_json(self) -> dict[str, JSONValue]:
         """The summary as one JSON object."""
         return {
-            "simulations": self.simulations,
-            "invalid": self.invalid,
-            "passed": self.passed,
-            "failed": self.failed,
-            "errors": self.errors,
-            "dropped": self.dropped,
-            "min_moobd": self.min_moobd,
+            **self.counts_json(),
             "seconds": round(self.seconds, 3),
             "tests_per_second": round(self.tests_per_second, 1),
             "seed": self.seed,
@@ -83,7 +61,8 @@ class Tally:
     """Counts the results of a campaign as they come."""
 
     def __init__(self) -> None:
-        self.counts = dict.fromkeys(Outcome, 0)
+        self._by_outcome = dict.fromkeys(Outcome, 0)
+        self._roads: set[int] = set()
         self.told = 0
         """Number of told results, including dropped candidates."""
         self.min_moobd: float | None = None
@@ -98,29 +77,32 @@ class Tally:
     @property
     def simulations(self) -> int:
         """Number of drives, including broken ones."""
-        return self.told - self.counts[Outcome.INVALID] - self.counts[Outcome.DROPPED]
+        return self.told - self._by_outcome[Outcome.INVALID] - self._by_outcome[Outcome.DROPPED]
 
     @property
     def failures(self) -> int:
         """FAIL outcomes."""
-        return self.counts[Outcome.FAIL]
+        return self._by_outcome[Outcome.FAIL]
 
-    def count(self, outcome: Outcome, moobd: float | None) -> None:
+    def count(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
         """Counts one more result."""
-        self.counts[outcome] += 1
+        self._by_outcome[outcome] += 1
         self.told += 1
+        if outcome.is_test:
+            self._roads.add(key_of(candidate))
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
 
+    def counts(self) -> Counts:
+        """The counts so far."""
+        return Counts.of(self._by_outcome, self.min_moobd, len(self._roads))
+
     def progress(self, seconds: float) -> Progress:
         """The progress ``seconds`` after the start."""
-        return Progress(
-            invalid=self.counts[Outcome.INVALID],
-            passed=self.counts[Outcome.PASS],
-            failed=self.counts[Outcome.FAIL],
-            errors=self.counts[Outcome.ERROR],
-            dropped=self.counts[Outcome.DROPPED],
-            min_moobd=self.min_moobd,
+        return Progress.of(
+            self._by_outcome,
+            self.min_moobd,
+            len(self._roads),
             seconds=seconds,
             budget_spent=self.budget_spent,
         )

@@ -221,30 +221,6 @@ class TestRecord:
 
 
 @dataclass(frozen=True)
-class Counts:
-    """Progress of a campaign."""
-
-    asked: int
-    """Candidates that were asked and recorded."""
-    told: int
-    """Candidates whose result was told, dropped ones included."""
-    by_outcome: Mapping[Outcome, int]
-    """Number of tests per outcome; every outcome is present."""
-    lowest_moobd: float | None
-    """Smallest minimum oob distance of all tests in m; None before the first drive."""
-
-    @property
-    def tests(self) -> int:
-        """Number of road tests, with refused ones, without dropped ones."""
-        return self.told - self.by_outcome[Outcome.DROPPED]
-
-    @property
-    def simulations(self) -> int:
-        """Number of drives, including broken ones."""
-        return self.tests - self.by_outcome[Outcome.INVALID]
-
-
-@dataclass(frozen=True)
 class Setting:
     """Terms of a campaign's drives."""
 

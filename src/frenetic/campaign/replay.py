@@ -55,7 +55,7 @@ def replay(
             )
         evaluation = Evaluation(candidate, record.outcome, record.moobd, record.budget_spent)
         tell(strategy, evaluation, tally)
-        tally.count(record.outcome, record.moobd)
+        tally.count(candidate, record.outcome, record.moobd)
         tally.seconds = record.elapsed or tally.seconds + record.seconds
     ask_until(tally.told)
     tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)

@@ -35,12 +35,12 @@ from typing import Any, Final, Literal, Self, TypeAlias, get_args
 from weakref import WeakSet
 
 from frenetic._support.json_value import JSONValue as JSONValue
+from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     RECORD_COLUMNS,
     TEST_COLUMNS,
-    Counts,
     RowError,
     Setting,
     TestRecord,
@@ -204,6 +204,11 @@ _SELECT_IDS: Final[Mapping[str, str]] = {
         WHERE ? IS NULL OR outcome = ? ORDER BY moobd IS NULL, moobd, told LIMIT ?
     """,
 }
+SELECT_TESTED_ROADS: Final = """
+    SELECT step, curvatures, points FROM candidate JOIN test ON id = candidate_id
+    WHERE outcome <> 'DROPPED'
+"""
+"""The roads of all tests, see `frenetic.campaign.counts.road_key`."""
 _CONFIG: Final = "config"
 _CREATED_AT: Final = "created_at"
 
@@ -535,24 +540,25 @@ class CampaignStore:
             ).fetchall()
         return ((self.candidate(candidate_id), place) for candidate_id, place in rows)
 
-    def counts(self) -> Counts:
-        """Return the number of tests per outcome, and the lowest MOOBD."""
+    def counts(self) -> StoredCounts:
+        """Return the number of tests per outcome and of different roads, and the lowest MOOBD."""
         self._write_tests()
         with translated(self._path):
             rows = self._connection.execute(
                 "SELECT outcome, count(*), min(moobd) FROM test GROUP BY outcome"
             ).fetchall()
             (asked,) = self._connection.execute("SELECT count(*) FROM candidate").fetchone()
+            roads = {road_key(*row) for row in self._connection.execute(SELECT_TESTED_ROADS)}
         by_outcome = dict.fromkeys(Outcome, 0)
         by_outcome |= {
             Outcome(self._value("outcome", outcome)): count for outcome, count, _ in rows
         }
         moobds = [self._value("moobd", moobd) for *_, moobd in rows if moobd is not None]
-        return Counts(
+        return StoredCounts.of(
+            by_outcome,
+            min(moobds, default=None),
+            len(roads),
             asked=asked + len(self._held_candidates),
-            told=sum(by_outcome.values()),
-            by_outcome=MappingProxyType(by_outcome),
-            lowest_moobd=min(moobds, default=None),
         )
 
     def elapsed(self) -> float:

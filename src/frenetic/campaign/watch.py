@@ -141,9 +141,9 @@ class CampaignState:
         return {
             "status": self.status,
             **asdict(self.setup),
-            "tests": progress.tests,
-            "simulations": progress.simulations,
-            **asdict(progress),
+            **progress.counts_json(),
+            "seconds": progress.seconds,
+            "budget_spent": progress.budget_spent,
             "seconds_left": left,
             "tests_per_second": progress.tests_per_second,
             "tests_per_second_now": self.rate,
@@ -246,6 +246,7 @@ class _ProgressLine(Struct):
     budget_spent: Annotated[float, Meta(ge=0.0, le=1.0)]
     running: Count
     min_moobd: Annotated[float, Meta(ge=-1e6, le=1e6)] | None = None
+    roads: Count | None = None
     workers: object = None
 
 

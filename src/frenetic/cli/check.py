@@ -45,14 +45,13 @@ def check(campaign: Path, quick: bool, as_json: bool) -> None:
 def _facts(report: CheckReport) -> list[tuple[str, str]]:
     holds = report.holdings
     counts = holds.counts
-    outcomes = ", ".join(f"{number:,} {outcome}" for outcome, number in counts.by_outcome.items())
     per_test = holds.bytes_per_test
     kilobytes = "" if per_test is None else f", {per_test / 1e3:.1f} kB per result"
     return [
         ("campaign", str(report.folder)),
         ("made", holds.created_at.replace("T", " ") or "unknown"),
         ("state", f"{holds.state}{_written_by(holds)}"),
-        ("results", f"{counts.told:,}: {outcomes}"),
+        ("results", counts.in_words()),
         ("waiting", f"{holds.outstanding:,} asked and not told"),
         ("drives", f"{holds.trajectories:,} trajectories"),
         ("on disk", f"{holds.size / 1e6:,.1f} MB{kilobytes}"),
@@ -78,9 +77,9 @@ def _as_json(report: CheckReport) -> dict[str, Any]:
         "writer": holds.writer,
         "created_at": holds.created_at,
         "asked": holds.counts.asked,
-        "told": holds.counts.told,
+        "told": holds.told,
+        **holds.counts.counts_json(),
         "by_outcome": dict(holds.counts.by_outcome),
-        "min_moobd": holds.counts.lowest_moobd,
         "trajectories": holds.trajectories,
         "bytes": holds.size,
         "schema": holds.schema,

@@ -174,7 +174,7 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
                 {
                     "folder": str(campaign.folder),
                     "seed": campaign.seed,
-                    "simulations": campaign.simulations,
+                    **campaign.counts.counts_json(),
                     "is_finished": campaign.is_finished,
                 }
                 for campaign in campaigns
@@ -195,9 +195,12 @@ def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
         with_all: whether to print all measures, and by each of them all pairs.
     """
     from frenetic.analysis.conclusions import verdict
+    from frenetic.campaign.counts import Counts
 
     sizes = ", ".join(f"{len(campaigns)} of {n}" for n, campaigns in comparison.groups.items())
     click.echo(f"Campaigns: {sizes}")
+    for name, campaigns in comparison.groups.items():
+        click.echo(f"{name}: {Counts.total(one.counts for one in campaigns).in_words()}")
     shown = [one for one in comparison.measures if with_all or one.measure.is_main]
     if len(comparison.groups) <= _MOST_COLUMNS:
         _print_by_measure(comparison, shown)

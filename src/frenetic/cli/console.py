@@ -73,8 +73,7 @@ def progress_text(progress: Progress) -> str:
     least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     left = progress.seconds_left
     return (
-        f"tests {progress.tests}, invalid {progress.invalid}, failures {progress.failed},"
-        f" best MOOBD {least}, {progress.tests_per_second:.0f} tests/s,"
+        f"{progress.in_words()}, best MOOBD {least}, {progress.tests_per_second:.0f} tests/s,"
         f" {'?' if left is None else format_duration(left)} left"
     )
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any, Final
 
 import click
 
 from frenetic.cli.console import Log, counted_progress
-from frenetic.cli.options import Folder
+from frenetic.cli.options import Folder, json_option
 from frenetic.outcome import Outcome
 
 # `frenetic.export.campaigns.Format` and `frenetic.export.tables.Which`, which take longer to import
@@ -46,17 +47,31 @@ TRAJECTORIES: Final = ("all", "failures", "none")
     show_default=True,
     help="Of which tests to write what was driven.",
 )
+@json_option
 def export(
-    campaign: Path, name: Any, out: Path | None, outcomes: tuple[str, ...], trajectories: Any
+    campaign: Path,
+    name: Any,
+    out: Path | None,
+    outcomes: tuple[str, ...],
+    trajectories: Any,
+    as_json: bool,
 ) -> None:
     """Write the tests of a CAMPAIGN and their trajectories, for pandas, DuckDB and others.
 
     Prints the folder with the files, which is written completely or not at all.
     """
+    from frenetic.campaign import CampaignStore
     from frenetic.export import export_campaign
 
-    with counted_progress(Log(), "Exporting") as show:
+    log = Log()
+    with CampaignStore.open(campaign) as store, counted_progress(log, "Exporting") as show:
+        counts = store.counts()
         folder = export_campaign(
-            campaign, name, out, outcomes=outcomes, trajectories=trajectories, on_progress=show
+            store, name, out, outcomes=outcomes, trajectories=trajectories, on_progress=show
         )
+    if as_json:
+        document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
+        click.echo(json.dumps({**document, "campaign": counts.counts_json()}))
+        return
+    log.print(f"The campaign holds {counts.in_words()}", markup=False)
     click.echo(folder)

@@ -41,7 +41,6 @@ def resume(
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
-    from frenetic.outcome import Outcome
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
@@ -59,7 +58,7 @@ def resume(
     done: dict[str, Any] = {
         "simulations": counts.simulations,
         "time": spent,
-        "failures": counts.by_outcome[Outcome.FAIL],
+        "failures": counts.failed,
     }
     with as_usage_error():
         for name, more in given.items():

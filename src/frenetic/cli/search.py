@@ -91,7 +91,6 @@ def search(
     """
     from frenetic.analysis.failures import distinct_failures, representative_failures
     from frenetic.campaign import CampaignStore
-    from frenetic.outcome import Outcome
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
 
     folder = campaign.folder
@@ -121,7 +120,7 @@ def search(
         elif summary is not None:
             _print_summary(summary, _first_error(store))
         if listed and not as_json:
-            print_failures(clusters, counts.by_outcome[Outcome.FAIL], len(listed))
+            print_failures(clusters, counts.failed, len(listed))
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:
@@ -165,10 +164,9 @@ def _print_summary(summary: Summary, first_error: str) -> None:
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
-        f" {format_duration(summary.seconds)} ({summary.tests_per_second:.0f} tests/s):"
-        f" {counted(summary.failed, 'failure')}, {summary.passed} passed,"
-        f" {summary.invalid} invalid, {counted(summary.errors, 'error')}{least}"
+        f" {format_duration(summary.seconds)}, {summary.tests_per_second:.0f} tests/s{least}"
     )
+    click.echo(summary.in_words())
     if first_error:
         click.echo(f"The first error: {first_error}")
     if summary.ended:

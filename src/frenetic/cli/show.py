@@ -42,20 +42,14 @@ def show(campaign: Path, test_id: int | None, plot: Path | None, as_json: bool) 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, distinct_failures
-    from frenetic.outcome import Outcome
 
     counts = store.counts()
     config, facts = store.config, store.facts
-    number = counts.by_outcome
     clusters = distinct_failures(store)
     if as_json:
         document = {
             "folder": str(store.folder),
-            "tests": counts.told,
-            "invalid": number[Outcome.INVALID],
-            "passed": number[Outcome.PASS],
-            "failed": number[Outcome.FAIL],
-            "errors": number[Outcome.ERROR],
+            **counts.counts_json(),
             "distinct_failures": [
                 {
                     "most_severe": cluster.most_severe,
@@ -65,7 +59,6 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 }
                 for cluster in clusters
             ],
-            "min_moobd": counts.lowest_moobd,
             "facts": dict(facts),
             "config": dict(config),
         }
@@ -93,15 +86,11 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 f" be out, map of {config.get('map_size')} m",
             ),
             ("budget", spent),
-            (
-                "tests",
-                f"{counts.told}: {number[Outcome.PASS]} passed, {number[Outcome.FAIL]} failed,"
-                f" {number[Outcome.INVALID]} invalid, {number[Outcome.ERROR]} errors",
-            ),
+            ("results", counts.in_words()),
         ]
     )
     if len(clusters):
-        print_failures(clusters, number[Outcome.FAIL], min(LISTED, len(clusters)))
+        print_failures(clusters, counts.failed, min(LISTED, len(clusters)))
         click.echo(f"One in full: frenetic show {shell(store.folder)} {clusters[0].most_severe}")
 
 

@@ -325,9 +325,8 @@ def _facts(
         yield "search", described
     yield "budget", f"{progress.budget_spent:.1%} spent, {_times(state)}"
     yield (
-        "tests",
-        f"{progress.tests}: {progress.passed} passed, {progress.failed} failed,"
-        f" {progress.invalid} invalid, {progress.errors} errors, {progress.dropped} dropped",
+        "results",
+        progress.in_words(),
     )
     yield "rate", f"{_rate(state.rate)} now, {_rate(progress.tests_per_second)} overall"
     if progress.min_moobd is not None:
@@ -346,8 +345,8 @@ def progress_line(state: CampaignState) -> str:
     progress = state.progress
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     return (
-        f"{progress.budget_spent:.1%} after {_times(state)}: tests {progress.tests}, failures"
-        f" {progress.failed}, best MOOBD {best}, {_rate(state.rate)}"
+        f"{progress.budget_spent:.1%} after {_times(state)}: {progress.in_words()}, best MOOBD"
+        f" {best}, {_rate(state.rate)}"
     )
 
 

@@ -48,7 +48,7 @@ def write_competition_folder(
         CampaignError: the campaign is damaged.
         OSError: a file cannot be written.
     """
-    failures = store.counts().by_outcome[Outcome.FAIL]
+    failures = store.counts().failed
     statistics = _Statistics(with_sparseness=failures <= MOST_COMPARED)
     for done, record in enumerate(store.tests(), start=1):
         outcome = record.outcome

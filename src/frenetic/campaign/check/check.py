@@ -18,11 +18,12 @@ from frenetic.campaign.check.database import (
 )
 from frenetic.campaign.check.report import CheckReport, FindingCollector, Holdings, State
 from frenetic.campaign.check.rows import check_candidates, check_results
+from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.lock import find_holder
-from frenetic.campaign.record import Counts
 from frenetic.campaign.store import (
     DATABASE,
     LOCK,
+    SELECT_TESTED_ROADS,
     check_identity,
     connect_to_read,
     find_database,
@@ -132,6 +133,7 @@ def _holdings(
 ) -> Holdings:
     by_outcome = dict.fromkeys(Outcome, 0)
     told = asked = trajectories = 0
+    roads: set[int] = set()
     lowest: float | None = None
     elapsed: object = None
     with findings.reading("the number of tests"):
@@ -145,6 +147,8 @@ def _holdings(
                     lowest = moobd if lowest is None else min(lowest, moobd)
         if tables.has("candidate"):
             (asked,) = connection.execute("SELECT count(*) FROM candidate").fetchone()
+        if tables.has("candidate", "test"):
+            roads = {road_key(*row) for row in connection.execute(_select_roads(tables))}
         if tables.has("trajectory"):
             (trajectories,) = connection.execute("SELECT count(*) FROM trajectory").fetchone()
         if "elapsed" in tables.columns.get("test", ()):
@@ -156,11 +160,19 @@ def _holdings(
         state=_state(facts, writer, elapsed),
         writer=writer,
         created_at=facts.created_at,
-        counts=Counts(asked, told, MappingProxyType(by_outcome), lowest),
+        counts=StoredCounts.of(by_outcome, lowest, len(roads), asked=asked),
+        told=told,
         trajectories=trajectories,
         size=sum(file.stat().st_size for file in files if file.is_file()),
         versions=facts.versions,
     )
+
+
+def _select_roads(tables: Tables) -> str:
+    """A SELECT of the roads of all tests, also of a database that lacks a column."""
+    if {"step", "curvatures", "points"} <= set(tables.columns["candidate"]):
+        return SELECT_TESTED_ROADS
+    return SELECT_TESTED_ROADS.replace("points", "NULL", 1)
 
 
 def _state(facts: Facts, writer: str | None, elapsed: object) -> State:

@@ -11,7 +11,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
-from frenetic.campaign.record import Counts
+from frenetic.campaign.counts import StoredCounts
 
 SHOWN: Final = 10
 """Most findings of a subject in detail; the rest are only counted."""
@@ -116,7 +116,9 @@ class Holdings:
     """Its present writer, such as "process 123"; None without one."""
     created_at: str
     """Time of its creation, UTC, ISO 8601; empty if unknown."""
-    counts: Counts
+    counts: StoredCounts
+    told: int
+    """Results, also those whose outcome is damaged."""
     trajectories: int
     size: int
     """Bytes on disk."""
@@ -126,12 +128,12 @@ class Holdings:
     @property
     def outstanding(self) -> int:
         """Number of candidates asked and not told."""
-        return self.counts.asked - self.counts.told
+        return self.counts.asked - self.told
 
     @property
     def bytes_per_test(self) -> float | None:
-        """Counts, None without any result."""
-        return self.size / self.counts.told if self.counts.told else None
+        """Bytes per result; None without any."""
+        return self.size / self.told if self.told else None
 
 
 @dataclass(frozen=True)

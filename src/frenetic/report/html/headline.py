@@ -10,10 +10,9 @@ from typing import Any, ClassVar
 from frenetic._support.durations import format_duration
 from frenetic._support.words import counted
 from frenetic.analysis.failures import Clusters
-from frenetic.campaign.record import Counts
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers.loading import LAYERS
-from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Fact, Role, percent
 
 
@@ -62,8 +61,7 @@ def headline(
         elapsed: s of its spent time.
         trouble: other warnings for the reader.
     """
-    number = counts.by_outcome
-    failures, tests = number[Outcome.FAIL], counts.tests
+    failures, tests = counts.failed, counts.tests
     seconds: Any = facts.get("seconds")
     duration = float(seconds) if isinstance(seconds, int | float) else elapsed
     strategy, driver, simulator = (_named(config, part) for part in _PARTS)
@@ -74,7 +72,7 @@ def headline(
     )
     most = f" among the {clusters.failures} most severe" if clusters.failures < failures else ""
     share = f"{percent(failures / counts.simulations)} of simulations" if counts.simulations else ""
-    least = counts.lowest_moobd
+    least = counts.min_moobd
     tiles = [
         Tile("simulations", str(counts.simulations), _rate(tests, duration)),
         Tile("failures", str(failures), share, "fail" if failures else None),
@@ -87,13 +85,13 @@ def headline(
         Tile("lowest MOOBD", "–" if least is None else f"{least:.2f} m".replace("-", "−")),
         Tile(
             "invalid roads",
-            str(number[Outcome.INVALID]),
-            f"{percent(number[Outcome.INVALID] / tests)} of tests" if tests else "",
+            str(counts.invalid),
+            f"{percent(counts.invalid / tests)} of tests" if tests else "",
         ),
-        Tile("errors", str(number[Outcome.ERROR]), "", "error" if number[Outcome.ERROR] else None),
+        Tile("errors", str(counts.errors), "", "error" if counts.errors else None),
     ]
-    if number[Outcome.DROPPED]:
-        tiles.append(Tile("dropped", str(number[Outcome.DROPPED]), "before they were driven"))
+    if counts.dropped:
+        tiles.append(Tile("dropped", str(counts.dropped), "before they were driven"))
     tiles.append(
         Tile("wall time", format_duration(duration), "min:s" if duration < 3600.0 else "h:min:s")
     )
@@ -105,7 +103,7 @@ def headline(
         facts=(
             Fact("campaign", folder),
             Fact("budget", _budget(config, facts) or "–"),
-            Fact("tests", str(tests)),
+            Fact("results", counts.in_words()),
             Fact("begun", _when(facts.get("created_at"))),
             Fact("finished", _when(facts.get("finished_at"))),
             Fact("versions", _versions(config)),

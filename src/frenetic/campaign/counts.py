@@ -1,0 +1,145 @@
+"""Numbers of a campaign's tests, counted alike wherever they are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Self
+
+from frenetic._support.words import counted
+from frenetic.outcome import Outcome
+from frenetic.search.records import Candidate
+
+
+@dataclass(frozen=True)
+class Counts:
+    """Numbers of tests by outcome, of different roads among them, and the lowest MOOBD."""
+
+    invalid: int = 0
+    passed: int = 0
+    failed: int = 0
+    errors: int = 0
+    dropped: int = 0
+    """Number of candidates that the strategy no longer wanted before they were driven."""
+    min_moobd: float | None = None
+    """Lowest MOOBD of all drives, in m; None before the first."""
+    roads: int | None = None
+    """Number of different roads among the tests: a repeated one counts once. None in logs of older
+    versions."""
+
+    @classmethod
+    def of(
+        cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None, roads: int, **more: Any
+    ) -> Self:
+        """The counts of a number per outcome; more fields are those of a subclass."""
+        return cls(
+            invalid=by_outcome[Outcome.INVALID],
+            passed=by_outcome[Outcome.PASS],
+            failed=by_outcome[Outcome.FAIL],
+            errors=by_outcome[Outcome.ERROR],
+            dropped=by_outcome[Outcome.DROPPED],
+            min_moobd=min_moobd,
+            roads=roads,
+            **more,
+        )
+
+    @property
+    def simulations(self) -> int:
+        """Number of drives, including broken ones."""
+        return self.passed + self.failed + self.errors
+
+    @property
+    def tests(self) -> int:
+        """Number of road tests, with refused ones, without dropped ones."""
+        return self.simulations + self.invalid
+
+    @property
+    def told(self) -> int:
+        """Number of results that the strategy was told: tests and dropped candidates."""
+        return self.tests + self.dropped
+
+    @property
+    def by_outcome(self) -> Mapping[Outcome, int]:
+        """Number per outcome; every outcome is present."""
+        return MappingProxyType(
+            {
+                Outcome.PASS: self.passed,
+                Outcome.FAIL: self.failed,
+                Outcome.INVALID: self.invalid,
+                Outcome.ERROR: self.errors,
+                Outcome.DROPPED: self.dropped,
+            }
+        )
+
+    @classmethod
+    def total(cls, campaigns: Iterable[Counts]) -> Counts:
+        """The counts of several campaigns together; a road counts once in each."""
+        several = list(campaigns)
+        roads = [one.roads for one in several if one.roads is not None]
+        moobds = [one.min_moobd for one in several if one.min_moobd is not None]
+        return Counts(
+            invalid=sum(one.invalid for one in several),
+            passed=sum(one.passed for one in several),
+            failed=sum(one.failed for one in several),
+            errors=sum(one.errors for one in several),
+            dropped=sum(one.dropped for one in several),
+            min_moobd=min(moobds, default=None),
+            roads=sum(roads) if len(roads) == len(several) else None,
+        )
+
+    def counts_json(self) -> dict[str, Any]:
+        """The counts as one JSON object."""
+        return {
+            "tests": self.tests,
+            "roads": self.roads,
+            "simulations": self.simulations,
+            "passed": self.passed,
+            "failed": self.failed,
+            "invalid": self.invalid,
+            "errors": self.errors,
+            "dropped": self.dropped,
+            "min_moobd": self.min_moobd,
+        }
+
+    def in_words(self) -> str:
+        """The counts in a line: ``90 tests of 88 different roads: 70 passed, 12 failed, ...``."""
+        roads = "" if self.roads is None else f" of {counted(self.roads, 'different road')}"
+        return (
+            f"{counted(self.tests, 'test')}{roads}: {self.passed} passed, {self.failed} failed,"
+            f" {self.invalid} invalid, {counted(self.errors, 'error')}; {self.dropped} dropped"
+        )
+
+
+@dataclass(frozen=True)
+class StoredCounts(Counts):
+    """Counts of a campaign's database."""
+
+    asked: int = 0
+    """Number of candidates that were asked and recorded."""
+
+    @property
+    def lowest_moobd(self) -> float | None:
+        """Lowest MOOBD, by its former name."""
+        return self.min_moobd
+
+
+def road_key(step: object, curvatures: object, points: object) -> int:
+    """A number that is the same for the same road, within this process.
+
+    Args:
+        step: m between curvatures.
+        curvatures: float64 as bytes.
+        points: likewise, None if the road was not proposed as points.
+    """
+    return hash((step, curvatures, points))
+
+
+def key_of(candidate: Candidate) -> int:
+    """The `road_key` of a candidate."""
+    points = candidate.points
+    return road_key(
+        float(candidate.step),
+        candidate.curvatures.astype("<f8", copy=False).tobytes(),
+        None if points is None else points.astype("<f8", copy=False).tobytes(),
+    )

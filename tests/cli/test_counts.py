@@ -1,0 +1,166 @@
+"""One count of a campaign's tests, the same wherever it is shown."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from frenetic.campaign import CampaignStore, Progress
+from frenetic.campaign.counts import Counts
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+PARTS = """
+import numpy as np
+from frenetic.search import Origin, SearchEnded
+from frenetic.search.strategy import Ledger
+from frenetic.testing import DummySimulator
+
+# Bent to the left it fails, bent to the right it breaks.
+STRAIGHT, LEFT, RIGHT = np.zeros(12), np.full(12, 0.01), np.full(12, -0.01)
+LOOP = np.full(14, 0.07)
+ROADS = [STRAIGHT, LEFT, LOOP, STRAIGHT, RIGHT, LEFT, LEFT / 2, LOOP]
+UNWANTED = 7
+
+
+class Mixed:
+    def __init__(self, seed=0, map_size=200.0):
+        self.ledger, self.asked = Ledger(), 0
+
+    def ask(self):
+        if self.asked == len(ROADS):
+            raise SearchEnded("all roads are proposed")
+        self.asked += 1
+        return self.ledger.issue(ROADS[self.asked - 1], 10.0, Origin("random"))
+
+    def tell(self, evaluation):
+        self.ledger.settle(evaluation)
+
+    def is_wanted(self, candidate):
+        return candidate.id != UNWANTED
+
+
+def drift(road):
+    return 400.0 * road.curvatures.mean()
+
+
+class Moody(DummySimulator):
+    def __init__(self, rules=None, wall_limit=60.0):
+        super().__init__(drift, rules=rules)
+
+    def drive(self, road, driver):
+        if road.curvatures.mean() < 0.0:
+            raise RuntimeError("it broke")
+        return super().drive(road, driver)
+"""
+SEARCH = (
+    *("run", "--strategy", "parts.py:Mixed", "--simulator", "parts.py:Moody"),
+    *("--simulations", "50", "--seed", "1", "--workers", "1"),
+)
+WORDS = (
+    "7 tests of 4 different roads: 2 passed, 2 failed, 2 invalid, 1 error; 1 dropped"  # of 8 asked
+)
+NUMBERS = {
+    "tests": 7,
+    "roads": 4,
+    "simulations": 5,
+    "passed": 2,
+    "failed": 2,
+    "invalid": 2,
+    "errors": 1,
+    "dropped": 1,
+}
+
+
+def numbers(document: dict[str, Any]) -> dict[str, Any]:
+    return {name: document[name] for name in NUMBERS}
+
+
+@pytest.fixture
+def mixed(frenetic: Frenetic) -> str:
+    """A campaign with every outcome, in which two roads were driven twice."""
+    Path("parts.py").write_text(PARTS)
+    answer = frenetic(*SEARCH, "--out", "c")
+    assert answer.code == 0
+    assert WORDS in answer.out
+    return "c"
+
+
+def test_run_resume_show_watch_check_and_compare_use_the_same_words(
+    frenetic: Frenetic, mixed: str
+) -> None:
+    for command in (("show", mixed), ("watch", "--once", mixed), ("check", mixed)):
+        assert WORDS in frenetic(*command).out
+    assert WORDS in frenetic("export", mixed, "--format", "csv").err
+    frenetic(*SEARCH, "--out", "d")
+    compared = frenetic("compare", "one=c", "two=d").out
+    assert [line for line in compared.splitlines() if WORDS in line] == [
+        f"one: {WORDS}",
+        f"two: {WORDS}",
+    ]
+    assert WORDS in frenetic("resume", mixed, "--workers", "1").out
+
+
+def test_run_show_watch_check_compare_and_export_give_the_same_numbers_as_json(
+    frenetic: Frenetic, mixed: str
+) -> None:
+    assert numbers(frenetic(*SEARCH, "--out", "again", "--json").json) == NUMBERS
+    for command in (("show", mixed), ("watch", mixed), ("check", mixed)):
+        assert numbers(frenetic(*command, "--json").json) == NUMBERS
+    compared = frenetic("compare", "one=c", "two=again", "--json").json["groups"]
+    assert [numbers(one) for group in compared.values() for one in group] == [NUMBERS, NUMBERS]
+    exported = frenetic("export", mixed, "--format", "csv", "--json").json
+    assert numbers(exported["campaign"]) == NUMBERS
+    with Path(exported["folder"], "tests.csv").open(newline="") as file:
+        outcomes = Counter(row["outcome"] for row in csv.DictReader(file))
+    assert outcomes == {"PASS": 2, "FAIL": 2, "INVALID": 2, "ERROR": 1, "DROPPED": 1}
+
+
+def test_the_log_and_the_report_give_the_same_numbers(frenetic: Frenetic, mixed: str) -> None:
+    log = [json.loads(line) for line in Path(mixed, "campaign.log").read_text().splitlines()]
+    last = [line for line in log if line["event"] in ("progress", "finished")][-2:]
+    assert [numbers(line) for line in last] == [NUMBERS, NUMBERS]
+    assert all(WORDS in line["message"] for line in last)
+    assert WORDS in Path(mixed, "report.html").read_text()
+
+
+def test_a_bench_gives_the_same_numbers(frenetic: Frenetic) -> None:
+    Path("parts.py").write_text(PARTS)
+    entrant = ("--strategy", "parts.py:Mixed", "--simulator", "parts.py:Moody")
+    bench = ("bench", *entrant, "--simulations", "50", "--repeats", "1", "--workers", "1")
+    (group,) = frenetic(*bench, "--out", "b", "--json").json["groups"].values()
+    assert [numbers(run) for run in group] == [NUMBERS]
+    assert WORDS in frenetic("bench", "--resume", "--out", "b").out
+
+
+def test_a_resumed_campaign_goes_on_counting(frenetic: Frenetic, campaign: str) -> None:
+    with CampaignStore.open(Path(campaign)) as store:
+        before = store.counts()
+    more = frenetic("resume", campaign, "--simulations", "20", "--workers", "1", "--json").json
+    with CampaignStore.open(Path(campaign)) as store:
+        after = store.counts()
+    assert after.simulations == before.simulations + 20
+    assert numbers(more) == {name: after.counts_json()[name] for name in NUMBERS}
+    last = frenetic("watch", campaign, "--json").json
+    assert numbers(last) == numbers(more)
+
+
+def test_counts_of_an_old_log_say_nothing_of_different_roads() -> None:
+    assert Progress(passed=2, failed=1, invalid=3).in_words() == (
+        "6 tests: 2 passed, 1 failed, 3 invalid, 0 errors; 0 dropped"
+    )
+
+
+def test_counts_of_several_campaigns_add_up() -> None:
+    one = Counts(invalid=1, passed=2, failed=3, errors=4, dropped=5, min_moobd=-1.0, roads=9)
+    assert Counts.total([one, one]) == Counts(2, 4, 6, 8, 10, -1.0, 18)
+    assert Counts.total([one, Counts(passed=1)]).roads is None
+    assert Counts.total([]) == Counts(roads=0)
