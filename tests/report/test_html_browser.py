@@ -12,6 +12,7 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from html_browser import background
@@ -280,6 +281,87 @@ def test_gallery_is_sorted_and_filtered(page: Page) -> None:
     page.select_option("#gallery-sort", "first")
     ids = [int(i) for i in cards.evaluate_all("els => els.map(el => el.dataset.test)")]
     assert len(ids) == everything
+
+
+def heads(page: Page) -> list[int]:
+    cards = page.locator(".gallery > .cluster > .card")
+    found: list[str] = cards.evaluate_all("els => els.map(el => el.dataset.test)")
+    return sorted(map(int, found))
+
+
+def test_failures_are_found_by_words_and_by_number(page: Page, searched: Path) -> None:
+    clusters = clusters_of(searched)
+    search = page.locator("#gallery-search")
+    word = "entering"
+    search.fill(f" {word.upper()} left")
+    wanted = [one for one in clusters if word in one.description and "left" in one.description]
+    assert 0 < len(wanted) < len(clusters)
+    assert set(heads(page)) >= {one.most_severe for one in wanted}
+    assert len(heads(page)) == len(wanted)
+    expect(page.locator(".choices .found")).to_have_text(f"{len(wanted)} of {len(clusters)}")
+    member = next(i for one in clusters if len(one) > 1 for i in one.ids if i != one.most_severe)
+    search.fill(f"#{member}")
+    assert heads(page) == [member]
+    expect(page.locator(".gallery .card-text").first).to_contain_text("Like test ")
+    search.fill("C2")
+    with CampaignStore.open(searched) as store:
+        crossed = {
+            test.id for test in store.tests(Outcome.FAIL) if test.candidate.origin.operator == "C2"
+        }
+    assert heads(page)
+    assert set(heads(page)) <= crossed
+    search.fill("no such words")
+    expect(page.locator(".gallery")).to_have_text("None of these.")
+    page.get_by_role("button", name="Clear").click()
+    assert search.input_value() == ""
+    assert len(heads(page)) == min(24, len(clusters))
+
+
+def test_failures_are_chosen_by_radius_and_speed(page: Page, searched: Path) -> None:
+    radii, speeds = {}, {}
+    clusters = clusters_of(searched)
+    with CampaignStore.open(searched) as store:
+        for test in store.tests(Outcome.FAIL, with_trajectory=True):
+            assert test.departure is not None
+            assert test.drive is not None
+            before = np.arange(
+                max(0.0, test.departure.distance - 30.0), test.departure.distance, 1.0
+            )
+            radii[test.id] = 1.0 / np.abs(test.road.curvature_at(before)).max()
+            path = test.drive.trajectory
+            speeds[test.id] = 3.6 * np.interp(test.departure.time, path.time, path.speed)
+
+    def chosen(values: dict[int, float], low: float, high: float) -> list[int]:
+        inside = ([i for i in one.ids if low <= values[i] <= high] for one in clusters)
+        return [len(ids) for ids in inside if ids]
+
+    for name, values in (("radius", radii), ("speed", speeds)):
+        low, high = (float(v) for v in np.quantile(list(values.values()), (0.3, 0.6)))
+        # No failure lies so near to a bound that the page's rounding decides.
+        low, high = (math.floor(2 * v) / 2 + 0.26 for v in (low, high))
+        page.fill(f"#gallery-{name}-low", str(low))
+        page.fill(f"#gallery-{name}-high", str(high))
+        shown = heads(page)
+        assert len(shown) == len(chosen(values, low, high)) < len(clusters)
+        assert all(low - 0.2 <= values[i] <= high + 0.2 for i in shown)
+        page.get_by_role("button", name="Clear").click()
+
+
+def test_failures_are_chosen_by_robustness(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(searched, tmp_path / "again")
+    arguments = ["--driver", "planner", "--simulator", "embedded", "--top", "2"]
+    assert CliRunner().invoke(cli, ["robustness", str(folder), *arguments]).exit_code == 0
+    page = show(write_report(folder))
+    everything = heads(page)
+    page.select_option("#gallery-robust", "robust")
+    robust = heads(page)
+    assert len(robust) == 2
+    expect(page.locator(".gallery .repeats.robust")).to_have_count(2)
+    page.select_option("#gallery-robust", "none")
+    assert len(heads(page)) >= len(everything) - 2
+    assert not set(robust) & set(heads(page))
 
 
 def test_family_tree_leads_from_test_to_test(page: Page) -> None:

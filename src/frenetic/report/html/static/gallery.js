@@ -1,6 +1,7 @@
 // The failures as small pictures, by cluster.
 
 const PAGE = window.innerWidth < 560 ? 8 : 24; // clusters that are shown at first
+const BEFORE = 30; // m of road before the place of departure, as of a failure's segment
 const repeatsById = new Map();
 
 function repeatsOf(id) {
@@ -23,41 +24,106 @@ function card(id, order, { caption = "", small = false } = {}) {
   );
 }
 
+/** What failures can be chosen by, per test: computed when it is first asked for. */
+const traits = new Map();
+
+function traitsOf(id) {
+  if (!traits.has(id)) {
+    const drive = drives.get(id);
+    const records = recordsOf(drive);
+    const place = drive.departure?.distance ?? drive.moobd_distance ?? 0;
+    const then = drive.departure === null ? records.time[records.distance.findIndex((d) => d >= place)] ?? 0 : drive.departure.time;
+    let sharpestBend = 0;
+    for (let distance = Math.max(0, place - BEFORE); distance <= place; distance += 1) sharpestBend = Math.max(sharpestBend, Math.abs(curvatureAt(drive.road, distance)));
+    traits.set(id, { radius: sharpestBend > 0 ? 1 / sharpestBend : Infinity, speed: 3.6 * momentAt(records, then).speed });
+  }
+  return traits.get(id);
+}
+
+/** Whether a text or number is found: "#47" and "47" are the id of a test, words are in any order. */
+function isFound(query, cluster, id) {
+  const number = query.match(/^#?(\d+)$/);
+  if (number !== null) return id === Number(number[1]);
+  const { operator, does } = tests.get(id);
+  const text = `${cluster.description} ${drives.get(id).reason} ${operator} ${does}`.toLowerCase();
+  return query.split(/\s+/).every((word) => text.includes(word));
+}
+
+/** Two fields for the least and the most of a quantity. */
+function between(name, title, unit, explanation) {
+  const field = (end, words) => el("input", { type: "number", id: `gallery-${name}-${end}`, class: "bound", min: 0, step: "any", inputmode: "decimal", "aria-label": `${title} ${words} (${unit})` });
+  const [low, high] = [field("low", "from"), field("high", "to")];
+  const isIn = (value) => (low.value === "" || value >= Number(low.value)) && (high.value === "" || value <= Number(high.value));
+  const element = el("span", { title: explanation }, `${title} `, low, "–", high, ` ${unit}`);
+  return { inputs: [low, high], element, isIn, isSet: () => low.value !== "" || high.value !== "" };
+}
+
 function drawGallery(element, block) {
   for (const one of block.repeats) repeatsById.set(one.test, one);
   let shown = PAGE;
   const grid = el("div", { class: "gallery" });
   const more = el("button", { type: "button", class: "more" });
-  const sort = el(
-    "select",
-    { id: "gallery-sort" },
-    [["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]].map(([value, text]) => el("option", { value }, text)),
-  );
-  const side = el(
-    "select",
-    { id: "gallery-side" },
-    [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]].map(([value, text]) => el("option", { value }, text)),
-  );
+  const select = (id, options) => el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
+  const sort = select("gallery-sort", [["moobd", "most severe"], ["size", "most alike"], ["first", "found first"]]);
+  const side = select("gallery-side", [["", "either side"], ["left", "left"], ["right", "right"], ["none", "did not leave"]]);
+  const search = el("input", { type: "search", id: "gallery-search", placeholder: "words or a test number", spellcheck: "false" });
+  const radius = between("radius", "Radius", "m", `Smallest radius of the road in the ${BEFORE} m before the car left its lane`);
+  const speed = between("speed", "Speed", "km/h", "Speed when the car left its lane");
+  const robust = select("gallery-robust", [["", "any"], ["robust", "robust"], ["unclear", "unclear"], ["fragile", "fragile"], ["none", "not driven again"]]);
+  const found = el("span", { role: "status", class: "found" });
+  const clear = el("button", { type: "button" }, "Clear");
+  const fields = [side, search, ...radius.inputs, ...speed.inputs, robust];
 
+  const matches = (cluster, id) => {
+    const query = search.value.trim().toLowerCase();
+    return (
+      (query === "" || isFound(query, cluster, id)) &&
+      (!radius.isSet() || radius.isIn(traitsOf(id).radius)) &&
+      (!speed.isSet() || speed.isIn(traitsOf(id).speed)) &&
+      (robust.value === "" || (repeatsOf(id)?.stability ?? "none") === robust.value)
+    );
+  };
   const show = () => {
-    const chosen = block.clusters
-      .filter((cluster) => cluster.shown.length && (side.value === "" || (cluster.side ?? "none") === side.value))
-      .sort((a, b) => (sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : 0) || a.moobd - b.moobd);
-    const order = () => chosen.map((cluster) => cluster.shown[0]);
-    grid.replaceChildren(...chosen.slice(0, shown).map((cluster) => clusterItem(cluster, order)));
+    const isFiltered = fields.some((field) => field.value !== "");
+    const openable = block.clusters.filter((cluster) => cluster.shown.length);
+    // A cluster is shown by its most severe failure that is asked for.
+    const chosen = openable
+      .filter((cluster) => side.value === "" || (cluster.side ?? "none") === side.value)
+      .map((cluster) => ({ cluster, head: cluster.shown.find((id) => matches(cluster, id)) }))
+      .filter(({ head }) => head !== undefined)
+      .sort(({ cluster: a }, { cluster: b }) => (sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : 0) || a.moobd - b.moobd);
+    const order = () => chosen.map(({ head }) => head);
+    grid.replaceChildren(...chosen.slice(0, shown).map(({ cluster, head }) => clusterItem(cluster, head, order)));
     if (!chosen.length) grid.append(el("p", { class: "quiet" }, "None of these."));
     more.hidden = chosen.length <= shown;
     more.textContent = `Show ${chosen.length - shown} more`;
+    found.textContent = isFiltered ? `${chosen.length} of ${openable.length}` : "";
+    clear.hidden = !isFiltered;
     setRoving(grid);
   };
   more.addEventListener("click", () => {
     shown = Infinity;
     show();
   });
-  sort.addEventListener("change", show);
-  side.addEventListener("change", show);
+  clear.addEventListener("click", () => {
+    for (const field of fields) field.value = "";
+    show();
+  });
+  for (const field of [sort, ...fields]) field.addEventListener("input", show);
+  const labelled = (text, field) => el("span", {}, el("label", { for: field.id }, text), field);
   element.append(
-    el("div", { class: "choices" }, el("span", {}, el("label", { for: "gallery-sort" }, "First "), sort), el("span", {}, el("label", { for: "gallery-side" }, "Side "), side)),
+    el(
+      "div",
+      { class: "choices" },
+      labelled("First ", sort),
+      labelled("Side ", side),
+      labelled("Find ", search),
+      radius.element,
+      speed.element,
+      block.repeats.length ? labelled("Driven again ", robust) : null,
+      found,
+      clear,
+    ),
     grid,
     more,
     el("p", { class: "caption" }, oobKey(), ". Each road is laid flat and driven to the right; ● is its start, ○ where the car left its lane."),
@@ -70,10 +136,10 @@ function setRoving(grid) {
   grid.querySelectorAll(".card").forEach((item, i) => (item.tabIndex = i === 0 ? 0 : -1));
 }
 
-function clusterItem(cluster, order) {
-  const first = cluster.shown[0];
-  const item = el("article", { class: "cluster" }, card(first, order, { caption: cluster.description }));
-  const others = cluster.shown.slice(1);
+function clusterItem(cluster, head, order) {
+  const caption = head === cluster.most_severe ? cluster.description : `Like test ${cluster.most_severe}, which ${cluster.description}`;
+  const item = el("article", { class: "cluster" }, card(head, order, { caption }));
+  const others = cluster.shown.filter((id) => id !== head);
   if (cluster.size > 1) {
     const hidden = cluster.size - cluster.shown.length;
     const text = `${cluster.size - 1} more like it`;
