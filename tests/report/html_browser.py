@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from playwright.sync_api import Page
 
@@ -29,3 +30,16 @@ def background(page: Page) -> int:
     """How light the page is, 0..765."""
     found = page.evaluate("getComputedStyle(document.body).backgroundColor")
     return sum(int(part) for part in re.findall(r"\d+", found)[:3])
+
+
+LEAST_CONTRAST = 4.5
+"""Of text with what is behind it: level AA of the Web Content Accessibility Guidelines, 1.4.3."""
+
+
+def low_contrast(page: Page) -> list[str]:
+    """Texts of a page as it stands that are hard to read."""
+    script = (Path(__file__).parent / "contrast.js").read_text(encoding="utf-8")
+    found = page.evaluate(script, LEAST_CONTRAST)
+    assert found["texts"] > 50  # nothing is hidden from the measurement
+    low: list[str] = found["low"]
+    return low

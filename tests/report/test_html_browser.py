@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from html_browser import background
+from html_browser import background, low_contrast
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
 from playwright.sync_api import Browser, Page, expect
 
@@ -318,7 +318,8 @@ def test_failures_are_found_by_words_and_by_number(page: Page, searched: Path) -
 
 
 def test_failures_are_chosen_by_radius_and_speed(page: Page, searched: Path) -> None:
-    radii, speeds = {}, {}
+    radii: dict[int, float] = {}
+    speeds: dict[int, float] = {}
     clusters = clusters_of(searched)
     with CampaignStore.open(searched) as store:
         for test in store.tests(Outcome.FAIL, with_trajectory=True):
@@ -327,9 +328,9 @@ def test_failures_are_chosen_by_radius_and_speed(page: Page, searched: Path) -> 
             before = np.arange(
                 max(0.0, test.departure.distance - 30.0), test.departure.distance, 1.0
             )
-            radii[test.id] = 1.0 / np.abs(test.road.curvature_at(before)).max()
+            radii[test.id] = float(1.0 / np.abs(test.road.curvature_at(before)).max())
             path = test.drive.trajectory
-            speeds[test.id] = 3.6 * np.interp(test.departure.time, path.time, path.speed)
+            speeds[test.id] = float(3.6 * np.interp(test.departure.time, path.time, path.speed))
 
     def chosen(values: dict[int, float], low: float, high: float) -> list[int]:
         inside = ([i for i in one.ids if low <= values[i] <= high] for one in clusters)
@@ -449,6 +450,53 @@ def test_a_robust_failure_has_no_colour_of_success(page: Page) -> None:
     assert colours[0] == fail
     assert colours[1] not in (fail, success)
     assert colours[2] not in (fail, success)
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_all_text_can_be_read(
+    show: Callable[..., Page], searched: Path, tmp_path: Path, theme: str
+) -> None:
+    folder = shutil.copytree(searched, tmp_path / "again")
+    with CampaignStore.open(folder) as store:
+        failures = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd", limit=2)]
+    confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
+    page = show(write_report(folder), color_scheme=theme)
+    # What is folded, what is hovered over, and each shade of the map with a number in it.
+    page.evaluate(
+        """() => {
+          for (const details of document.querySelectorAll("details")) details.open = true;
+          const styles = ["covered", "empty"];
+          for (let i = 0; i < 7; i++) styles.push(`severity-${i}`, `count-${i}`);
+          for (const style of styles) {
+            const cell = document.createElement("button");
+            cell.className = `cell ${style}`;
+            cell.textContent = "12";
+            document.querySelector(".map-panel").append(cell);
+          }
+          for (const style of ["robust", "unclear", "fragile"]) {
+            const line = document.createElement("span");
+            line.className = `repeats ${style}`;
+            line.textContent = style;
+            document.querySelector(".card").append(line);
+          }
+        }"""
+    )
+    assert low_contrast(page) == []
+    raised = "els => els.forEach(el => { el.style.background = 'var(--raised)'; })"
+    page.locator(".card, tbody tr > *, .node").evaluate_all(raised)
+    assert low_contrast(page) == []
+    page.locator(".legend button").first.click()
+    page.locator("button.alike").first.click()
+    page.locator(".cell[class*=severity]").first.click()
+    page.locator(".block-timeline .chart-drawing").focus()
+    page.keyboard.press("ArrowRight")
+    assert low_contrast(page) == []
+    page.evaluate("location.hash = '#test-99999'")
+    expect(page.locator("#notice")).to_be_visible()
+    assert low_contrast(page) == []
+    page.locator("#confirmed .card").first.click()
+    expect(page.get_by_role("dialog")).to_be_visible()
+    assert low_contrast(page) == []
 
 
 def test_dark_colours_follow_the_system_and_the_switch(

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from html_browser import background
+from html_browser import background, low_contrast
 from html_campaigns import HOSTILE
 from playwright.sync_api import Page, expect
 
@@ -206,6 +206,19 @@ def test_page_has_all_parts(page: Page) -> None:
     expect(page.locator("#campaigns tbody tr")).to_have_count(15)
     expect(page.locator("#campaigns a").first).to_have_attribute("href", "low-1/report.html")
     expect(page.locator("#configuration")).to_contain_text("seeds")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_all_text_can_be_read(
+    show: Callable[..., Page], three: Comparison, tmp_path: Path, theme: str
+) -> None:
+    page = show(write_comparison_page(three, tmp_path / "page.html"), color_scheme=theme)
+    assert low_contrast(page) == []
+    page.locator(".legend button").first.click()
+    page.locator(".curve-panels .chart-drawing").first.focus()
+    page.keyboard.press("ArrowRight")
+    page.locator(".track").first.hover()
+    assert low_contrast(page) == []
 
 
 def test_a_group_can_be_hidden_in_all_curves(page: Page) -> None:
