@@ -14,7 +14,9 @@ import importlib.util
 import inspect
 import os
 import sys
-from collections.abc import Callable, Iterable, Mapping
+import sysconfig
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
@@ -23,6 +25,7 @@ from frenetic.errors import FreneticError, UnknownNameError, describe_raised
 
 USER_MODULE: Final = "frenetic_user_"
 """Prefix of the names of modules loaded from a user's file."""
+_INSTALLED: Final = frozenset({"site-packages", "dist-packages"})
 
 
 @runtime_checkable
@@ -221,6 +224,38 @@ def _load_own_module(name: str) -> Any:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     return importlib.import_module(name)
+
+
+@contextmanager
+def own_modules() -> Iterator[None]:
+    """Forgets, in the end, the modules of users' own that were loaded meanwhile.
+
+    So one process can load two versions of a module, and of its neighbours, one after the other.
+    """
+    path, known = list(sys.path), set(sys.modules)
+    try:
+        yield
+    finally:
+        for name in sys.modules.keys() - known:
+            if name.startswith(USER_MODULE) or _is_own(name):
+                del sys.modules[name]
+        sys.path[:] = path
+        importlib.invalidate_caches()
+
+
+def _is_own(name: str) -> bool:
+    """Whether a loaded module is neither ours, nor installed, nor of the standard library."""
+    module = sys.modules[name]
+    file = getattr(module, "__file__", None)
+    # A folder without __init__.py is a package, too.
+    places = [Path(place) for place in ([file] if file else getattr(module, "__path__", ()))]
+    if name.partition(".")[0] == __package__ or not places:
+        return False
+    standard = sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")
+    return not any(
+        not _INSTALLED.isdisjoint(place.parts) or any(map(place.is_relative_to, standard))
+        for place in places
+    )
 
 
 def user_files() -> list[str]:

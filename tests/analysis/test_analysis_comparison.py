@@ -54,6 +54,7 @@ def test_frenetic_finds_more_than_chance(comparison: Comparison) -> None:
     assert pair.magnitude is Magnitude.LARGE
     assert pair.p == pair.p_corrected < 0.05
     assert pair.verdict is Verdict.FIRST_IS_BETTER
+    assert comparison.by("failures").said(pair) == "frenetic finds more than random"
     assert str(pair) == "frenetic is better than random"
 
 
@@ -141,7 +142,8 @@ def test_more_failures_are_better_and_a_later_first_one_is_worse() -> None:
     (pair,) = turned.by("simulations_to_failure").pairs
     assert pair.a12 == 0.0
     assert pair.verdict is Verdict.SECOND_IS_BETTER
-    assert str(pair) == "quick is better than slow"
+    by = turned.by("simulations_to_failure")
+    assert by.said(pair) == "quick has less than slow"
 
 
 def test_never_failing_is_worse_than_any_failure() -> None:
@@ -355,7 +357,7 @@ def test_a_campaign_counts_once(repeats: Path) -> None:
 def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:
     first, same = made(tmp_path, "a"), made(tmp_path, "b")
     other = made(tmp_path, "c", driver=DummyDriver(), seed=2)
-    (note,) = compare({"x": [first, same], "y": [other]}).notes
+    _, note = compare({"x": [first, same], "y": [other]}).notes
     assert note == "campaigns of x have the same seed: they are no repeats"
     (note,) = compare({"x": [first, other], "y": [same]}).notes
     assert note == "the campaigns of x are no repeats: they differ in driver"
@@ -364,7 +366,8 @@ def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:
 def test_groups_that_differ_in_more_than_one_thing_are_noted(tmp_path: Path) -> None:
     first = made(tmp_path, "a")
     other = made(tmp_path, "b", driver=DummyDriver(), map_size=None, strategy=Frenetic(seed=1))
-    (note,) = compare({"x": [first], "y": [other]}).notes
+    about_drivers, note = compare({"x": [first], "y": [other]}).notes
+    assert f"'frenetic back-to-back {first} {other}'" in about_drivers
     assert note == "the groups differ in more than one thing: strategy, driver"
 
 

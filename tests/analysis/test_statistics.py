@@ -20,6 +20,8 @@ from frenetic.analysis.statistics import (
     magnitude,
     mann_whitney,
     mean_ranks,
+    median_estimate,
+    paired_share_difference,
     places,
     proportion_interval,
     quartiles,
@@ -87,6 +89,106 @@ def test_interval_of_all_and_of_none_stay_within_a_share() -> None:
 def test_interval_of_nothing_is_refused() -> None:
     with pytest.raises(ValueError, match="at least one trial"):
         proportion_interval(0, 0)
+
+
+# paired_share_difference
+
+
+def table(both: int, first: int, second: int, neither: int) -> tuple[list[int], list[int]]:
+    """Pairs of 0 and 1, by how many there are of each kind."""
+    x = [1] * (both + first) + [0] * (second + neither)
+    y = [1] * both + [0] * first + [1] * second + [0] * neither
+    return x, y
+
+
+@pytest.mark.parametrize(
+    ("counts", "expected"),
+    [
+        # As the R package contingencytables of Fagerland, Lydersen and Laake has it, turned.
+        ((59, 6, 16, 80), (0.0621, 0.0046, 0.1186)),
+        # Of the airway hyper-responsiveness of Bentur et al. (2009), in their Statistics in
+        # Medicine 33 (2014).
+        ((1, 1, 7, 12), (0.286, 0.026, 0.507)),
+        # Altman et al., "Statistics with confidence" (2000), table 6.2.
+        ((14, 5, 0, 22), (-0.122, -0.226, -0.011)),
+    ],
+)
+def test_paired_difference_of_published_cases(
+    counts: tuple[int, int, int, int], expected: tuple[float, float, float]
+) -> None:
+    found = paired_share_difference(*table(*counts))
+    assert (found.value, found.low, found.high) == pytest.approx(expected, abs=6e-4)
+
+
+def test_paired_difference_turns_with_its_pairs() -> None:
+    one = paired_share_difference(*table(10, 21, 2, 167))
+    other = paired_share_difference(*table(10, 2, 21, 167))
+    assert (one.value, one.low, one.high) == pytest.approx((-other.value, -other.high, -other.low))
+    assert (one.sign, other.sign) == (-1, 1)
+
+
+def test_nothing_differs_where_nothing_happened() -> None:
+    found = paired_share_difference([0] * 200, [0] * 200)
+    assert found.value == found.sign == 0
+    assert found.high == -found.low == pytest.approx(proportion_interval(0, 200)[1])
+
+
+def test_repeats_narrow_the_interval_but_not_below_that_of_so_many_trials() -> None:
+    rng = np.random.default_rng(1)
+    chances = rng.random(100)
+    widths = []
+    for repeats in (1, 4, 16):
+        x, y = (rng.binomial(repeats, chances) / repeats for _ in range(2))
+        found = paired_share_difference(x, y, repeats=repeats)
+        widths.append(found.high - found.low)
+    assert widths == sorted(widths, reverse=True)
+    steady = [0.5] * 99 + [0.25]  # hardly varies, by chance
+    found = paired_share_difference(steady, steady[::-1], repeats=4)
+    least = np.diff(proportion_interval(199, 400))[0]
+    assert found.high - found.low >= least
+
+
+@pytest.mark.parametrize("repeats", [1, 5])
+def test_the_interval_of_a_paired_difference_covers_it(repeats: int) -> None:
+    rng = np.random.default_rng(2)
+    missed = 0
+    for _ in range(400):
+        hard = rng.normal(size=150)
+        chances = [stats.norm.cdf((stats.norm.ppf(p) + 0.9 * hard) / 0.19**0.5) for p in (0.1, 0.1)]
+        x, y = (rng.binomial(repeats, chance) / repeats for chance in chances)
+        missed += paired_share_difference(x, y, repeats=repeats).sign != 0
+    assert missed / 400 <= 0.05
+
+
+@pytest.mark.parametrize("second", [[0.5], [0.5, 1.5], [0.5, -0.1], [0.5, math.nan]])
+def test_what_is_no_pair_of_shares_is_refused(second: list[float]) -> None:
+    with pytest.raises(ValueError, match="needed"):
+        paired_share_difference([0.5, 1.0], second)
+
+
+# median_estimate
+
+
+def test_median_of_ten_lies_between_the_second_and_the_ninth() -> None:
+    # 1 - 2 (1 + 10) / 2^10 is 0.979, and one value further in 0.891.
+    found = median_estimate([5, 3, 8, 1, 9, 2, 7, 10, 4, 6])
+    assert (found.value, found.low, found.high) == (5.5, 2.0, 9.0)
+    assert found.sign == 1
+
+
+@pytest.mark.parametrize("n", [6, 17, 40, 201])
+def test_the_interval_of_a_median_is_that_of_the_sign_test(n: int) -> None:
+    values = np.arange(1.0, n + 1.0)
+    found = median_estimate(values)
+    inside = [m for m in values if stats.binomtest(int((values < m - 0.5).sum()), n).pvalue > 0.05]
+    outside = stats.binomtest(int((values < found.low - 0.5).sum()), n).pvalue
+    assert outside <= 0.05
+    assert min(inside) == found.low + 1.0
+
+
+def test_few_values_have_no_interval() -> None:
+    found = median_estimate([1.0, 2.0, 3.0])
+    assert (found.value, found.low, found.high, found.sign) == (2.0, -math.inf, math.inf, 0)
 
 
 # a12

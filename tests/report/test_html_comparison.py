@@ -125,7 +125,7 @@ def test_pairs_are_told_the_best_first(three: Comparison, tmp_path: Path) -> Non
         ("low", "never"),
     ]
     assert all((pair.a12, pair.effect, pair.better) == (1.0, "large", 1) for pair in by.pairs)
-    assert by.pairs[0].verdict == "the first is better"
+    assert by.pairs[0].verdict == "the first finds more"
     assert by.pairs[0].p == "0.0079"
 
 
@@ -260,7 +260,7 @@ def test_pairs_change_with_the_measure(page: Page) -> None:
     page.select_option("#pairs-by", label="invalid share")
     expect(caption).to_contain_text("By invalid share: less is better")
     expect(page.locator("#pairs tbody tr")).to_have_count(3)
-    expect(page.locator("#pairs tbody tr").first).to_contain_text("the second is better")
+    expect(page.locator("#pairs tbody tr").first).to_contain_text("the second has less")
 
 
 def test_dark_colours_follow_the_system(

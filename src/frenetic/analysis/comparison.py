@@ -164,6 +164,13 @@ class MeasureComparison:
         found = places([round(rank, 9) for rank in self.mean_ranks.values()])
         return MappingProxyType(dict(zip(self.mean_ranks, found, strict=True)))
 
+    def said(self, pair: PairComparison) -> str:
+        """The verdict on two groups in words of this measure, such as "a finds more than b"."""
+        if pair.better is None:
+            return str(pair)
+        worse = pair.second if pair.better == pair.first else pair.first
+        return f"{pair.better} {self.measure.comparative} than {worse}"
+
     @property
     def order(self) -> tuple[str, ...]:
         """The groups by mean rank, the best first."""
@@ -292,7 +299,7 @@ def compare(groups: Mapping[str, Sequence[Path]]) -> Comparison:
     parts = {name: [parts_of(folder) for folder in folders] for name, folders in groups.items()}
     return compare_measured(
         measured,
-        notes=_notes(parts, measured),
+        notes=[*_drivers_differ(groups, parts), *_notes(parts, measured)],
         shared=shared_parts([one for found in parts.values() for one in found]),
     )
 
@@ -356,6 +363,21 @@ def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
             f"with so few campaigns and {len(groups)} groups no two can be shown to differ: p after"
             f" correction is {least:.2g} at least; make more repeats, or compare fewer groups"
         )
+
+
+def _drivers_differ(
+    groups: Mapping[str, Sequence[Path]], parts: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> Iterator[str]:
+    """A note if groups have different drivers, about which a comparison of searches says little."""
+    (first, (own, *_)), *others = parts.items()
+    for other, (theirs, *_) in others:
+        if own["driver"] != theirs["driver"]:
+            yield (
+                "the groups have different drivers, and this compares what their searches found;"
+                f" which driver is better says 'frenetic back-to-back {groups[first][0]}"
+                f" {groups[other][0]}'"
+            )
+            return
 
 
 def _notes(

@@ -37,11 +37,11 @@ def verdict(comparison: Comparison) -> str:
     worse = by.worse_than(best)
     level = [name for name in by.values if name != best and name not in worse]
     if len(first) > 1 or not worse:
-        return f"No group is shown to be the best by {by.measure.title}."
+        return f"No group is shown to find the most {by.measure.title}."
     if not level:
         return f"{best} finds more {by.measure.title} than {in_short(worse)}{_evidence(by)}."
     return (
-        f"{best} comes first in {by.measure.title}, shown to be better than {in_short(worse)},"
+        f"{best} comes first in {by.measure.title}, shown to find more than {in_short(worse)},"
         f" not than {in_short(level)}."
     )
 

@@ -237,6 +237,11 @@ class Measure:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
     @property
+    def comparative(self) -> str:
+        """What the better of two campaigns does, such as "finds more" than the other."""
+        return f"{'finds' if self.topic is Topic.FOUND else 'has'} {self.better}"
+
+    @property
     def better(self) -> str:
         """The better direction: more, less or neither."""
         if self.more_is_better is None:

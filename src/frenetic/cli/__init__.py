@@ -58,6 +58,9 @@ COMMANDS: Final = {
         "Drive a campaign's failures again, with another driver or simulator.",
         "replay",
     ),
+    "back-to-back": Row(
+        "back_to_back:back_to_back", "Say whether a new version of a driver is better."
+    ),
     "minimise": Row(
         "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
     ),

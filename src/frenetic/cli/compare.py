@@ -58,7 +58,9 @@ def compare(
     with_all: bool,
     as_json: bool,
 ) -> None:
-    """Compare groups of campaigns.
+    """Compare what the searches of groups of campaigns found.
+
+    Which of two drivers is better says 'frenetic back-to-back'.
 
     A FOLDER is that of a campaign, or holds the folders of several. Campaigns that differ only in
     the seed repeat each other and form a group. NAME=FOLDER[,FOLDER...] forms a group of your own,
@@ -267,7 +269,7 @@ def _print_pairs(telling: Sequence[MeasureComparison], *, several: bool) -> None
             is_told = pair.verdict is not Verdict.TOO_FEW
             table.add_row(
                 "" if i else by.measure.title,
-                escape(str(pair)),
+                escape(by.said(pair)),
                 f"{pair.a12:.2f}",
                 str(pair.magnitude) if is_told else "-",
                 f"{pair.p_corrected:.2g}" if is_told else "-",

@@ -170,7 +170,10 @@ def drive_again(
         for attempt in drive_tasks(tasks):
             number = attempt.candidate_id
             record, conditions = drives[number - 1]
-            packed = attempt.pack().packed if purpose is Purpose.CONFIRMATION else None
+            keeps = purpose is Purpose.CONFIRMATION or (
+                purpose is Purpose.BACK_TO_BACK and attempt.result.outcome is Outcome.FAIL
+            )
+            packed = attempt.pack().packed if keeps else None
             drive = Redrive.of(
                 record,
                 attempt.result,

@@ -27,6 +27,8 @@ class Purpose(StrEnum):
     """Whether failures are confirmed in another simulator."""
     REGRESSION = "regression"
     """Whether they are fixed."""
+    BACK_TO_BACK = "back-to-back"
+    """Whether a new version of the driver is better."""
     MINIMISING = "minimising"
     """The shortest road that still fails."""
 

@@ -381,7 +381,7 @@ def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Pairs:
             PairsBy(
                 one.measure.heading,
                 f"{one.measure.better} is better{_overall(one)}",
-                tuple(_pair(pair, known) for pair in _in_order(one, groups)),
+                tuple(_pair(one, pair, known) for pair in _in_order(one, groups)),
             )
             for one in comparison.telling
         ),
@@ -403,7 +403,11 @@ def _in_order(by: MeasureComparison, groups: tuple[Group, ...]) -> list[PairComp
     ]
 
 
-def _pair(pair: PairComparison, known: dict[str, Group]) -> Pair:
+def _pair(by: MeasureComparison, pair: PairComparison, known: dict[str, Group]) -> Pair:
+    said = str(pair.verdict)
+    if pair.better is not None:
+        which = "first" if pair.better == pair.first else "second"
+        said = f"the {which} {by.measure.comparative}"
     enough = min(pair.repeats) >= LEAST_REPEATS
     return Pair(
         known[pair.first],
@@ -412,6 +416,6 @@ def _pair(pair: PairComparison, known: dict[str, Group]) -> Pair:
         str(pair.magnitude) if enough else "–",
         p_text(pair.p) if enough else "–",
         p_text(pair.p_corrected) if enough else "–",
-        str(pair.verdict),
+        said,
         0 if pair.better is None else 1 if pair.better == pair.first else 2,
     )

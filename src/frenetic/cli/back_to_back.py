@@ -1,0 +1,261 @@
+"""The command that says whether a new version of a driver is better: back-to-back."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from frenetic._support.words import capitalised, counted
+from frenetic.cli.beamng import moved, place_options
+from frenetic.cli.console import Log, print_table, two_digits
+from frenetic.cli.options import (
+    GroupedCommand,
+    Setting,
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+)
+from frenetic.cli.redrive import recorded_spec, shown_driving
+from frenetic.errors import CampaignError
+
+if TYPE_CHECKING:
+    from frenetic.redrive.back_to_back import Plan
+    from frenetic.redrive.paired import BackToBack, Version
+    from frenetic.spec import Spec
+
+_LISTED: Final = 10
+"""Most distinct failures that are printed."""
+_EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
+
+
+@click.command(name="back-to-back", cls=GroupedCommand)
+@click.argument("old", type=click.Path(path_type=Path))
+@click.argument("new", type=click.Path(path_type=Path), required=False)
+@click.option("--driver", metavar="D", help="The new version, in place of NEW's driver.")
+@click.option(
+    "--driver-option",
+    "driver_options",
+    type=Setting(),
+    multiple=True,
+    help="An option of the new version, such as aggression=1.2; may be repeated.",
+)
+@click.option("--old-driver", metavar="D", help="The old version, in place of OLD's driver.")
+@click.option(
+    "--old-driver-option",
+    "old_driver_options",
+    type=Setting(),
+    multiple=True,
+    help="An option of the old version; may be repeated.",
+)
+@click.option(
+    "--fresh",
+    type=click.IntRange(1),
+    default=200,
+    show_default=True,
+    metavar="N",
+    help="Number of fresh random roads.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    metavar="S",
+    help="Seed of the fresh roads. [default: the first from 0 that no campaign has]",
+)
+@click.option(
+    "--repeats",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Drive each road N times with each version: for what does not repeat, and for --noise,"
+    " whose errors then differ.",
+)
+@click.option(
+    "--top",
+    type=click.IntRange(0),
+    metavar="N",
+    help="Only the N most telling failures of each campaign. [default: all]",
+)
+@click.option(
+    "--workers",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Drive on N roads at once, in processes of their own.",
+)
+@drive_limit_option
+@place_options
+@json_option
+def back_to_back(
+    old: Path,
+    new: Path | None,
+    driver: str | None,
+    driver_options: tuple[tuple[str, Any], ...],
+    old_driver: str | None,
+    old_driver_options: tuple[tuple[str, Any], ...],
+    fresh: int,
+    seed: int | None,
+    repeats: int,
+    top: int | None,
+    workers: int,
+    drive_limit: float | None,
+    as_json: bool,
+) -> None:
+    """Say whether a new version of a driver is better than the old one.
+
+    OLD is a campaign with the old version. The new one is that of the campaign NEW, or --driver.
+    Both drive on fresh random roads and on the failing roads of each campaign, in the same
+    simulator, by the same rules. The answer rests on the fresh roads: the difference of the failure
+    rates, with its interval. What is driven is stored, so the same command goes on after Ctrl-C.
+    The exit code is 0 if the new version is better, 1 if it is worse, 3 if that cannot be told, 2
+    if something is wrong with the command.
+    """
+    from frenetic.redrive.back_to_back import plan as plan_roads
+    from frenetic.redrive.paired import Version, back_to_back_document
+
+    if new is None and driver is None and not driver_options:
+        raise click.UsageError(
+            "say what the new version is: give its campaign after OLD, or --driver or"
+            " --driver-option"
+        )
+    with as_usage_error():
+        plan = plan_roads(old, new, fresh=fresh, seed=seed, repeats=repeats, top=top)
+    old_spec = _spec(old, old_driver, old_driver_options)
+    new_spec = _spec(new or old, driver, driver_options)
+    result = _driven(plan, old_spec, new_spec, workers, drive_limit)
+    if as_json:
+        click.echo(json.dumps(back_to_back_document(result)))
+    else:
+        _print(result, {Version.OLD: old_spec, Version.NEW: new_spec})
+    raise click.exceptions.Exit(_EXIT_CODES[result.verdict])
+
+
+def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]) -> Spec:
+    """The spec of a version.
+
+    Raises:
+        CampaignError: the campaign was started from Python, or its record is damaged.
+    """
+    from frenetic.campaign import CampaignStore
+
+    with CampaignStore.open(folder) as store:
+        if store.config.get("command") is None:
+            raise CampaignError(
+                f"{folder} was started from Python, so its parts have no names: compare the"
+                " versions there, with frenetic.redrive.back_to_back"
+            )
+        spec = recorded_spec(store, {"driver": driver, "driver_options": options})
+    simulator = spec.simulator
+    return replace(
+        spec,
+        simulator=replace(simulator, options=moved(simulator.name, simulator.options)),
+    )
+
+
+def _driven(
+    plan: Plan, old_spec: Spec, new_spec: Spec, workers: int, drive_limit: float | None
+) -> BackToBack:
+    from frenetic.redrive.back_to_back import (
+        Driving,
+        check_differ,
+        drive_new,
+        drive_old,
+        pair_up,
+    )
+    from frenetic.registry import own_modules
+    from frenetic.spec import describe
+
+    log = Log()
+    simulator = old_spec.make_simulator()
+    # One version after the other, since both may call their modules alike. First both are made, so
+    # that a mistake in the new one shows before the old one has driven.
+    made = []
+    for spec in (old_spec, new_spec):
+        with own_modules():
+            made.append(describe(spec.make_driver()))
+    check_differ(*made)
+    with own_modules(), shown_driving(log, "Driving the old version") as hooks:
+        old = drive_old(
+            plan,
+            Driving(simulator, old_spec.make_driver(), workers, drive_limit, **hooks),
+            old_spec,
+        )
+    if old.missing:
+        raise _interrupted(log, old.missing + plan.drives)
+    with own_modules(), shown_driving(log, "Driving the new version") as hooks:
+        new = drive_new(
+            plan, Driving(simulator, new_spec.make_driver(), workers, drive_limit, **hooks), old
+        )
+    if new.missing:
+        raise _interrupted(log, new.missing)
+    return pair_up(plan, old, new)
+
+
+def _interrupted(log: Log, missing: int) -> click.exceptions.Exit:
+    log.print(f"Interrupted: {counted(missing, 'drive')} to go; the same command goes on")
+    return click.exceptions.Exit(130)
+
+
+def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
+    from frenetic.redrive.paired import Version
+    from frenetic.redrive.record import Change
+
+    shown = [Change.FIXED, Change.NEWLY_FAILING, Change.STILL_FAILING, Change.STILL_PASSING]
+    if any(roads.count(Change.NOT_JUDGED) for roads in result.sets):
+        shown.append(Change.NOT_JUDGED)
+    click.echo(result.answer)
+    for version, spec in specs.items():
+        _, *words = spec.driver.words("driver")
+        click.echo(f"{version}: {shlex.join(words)}")
+    print_table(
+        ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in shown)),
+        [
+            (
+                roads.roads,
+                len(roads.judged),
+                *(roads.failing(version) for version in Version),
+                *(roads.count(change) for change in shown),
+            )
+            for roads in result.sets
+            if roads.pairs
+        ],
+    )
+    for text in result.trade_offs:
+        click.echo(capitalised(text))
+    _print_distinct(result)
+    for note in result.notes:
+        click.echo(f"Note: {note}")
+
+
+def _print_distinct(result: BackToBack) -> None:
+    from frenetic.redrive.paired import Fate
+
+    distinct = result.distinct
+    if not distinct:
+        return
+    fates = (Fate.NEW, Fate.REMAINS, Fate.FIXED)
+    counts = [(fate, sum(one.fate is fate for one in distinct)) for fate in fates]
+    told = ", ".join(f"{number} {fate}" for fate, number in counts if number)
+    print_table(
+        ("", ">old fails", ">new fails", ">MOOBD (m)", "what happens", "such as"),
+        [
+            (
+                one.fate,
+                one.old,
+                one.new,
+                two_digits(one.moobd),
+                one.description,
+                f"{one.folder} {one.test_id}",
+            )
+            for one in sorted(distinct, key=lambda one: fates.index(one.fate))[:_LISTED]
+        ],
+        title=f"{counted(len(distinct), 'distinct failure')}: {told}"
+        + (f"; {_LISTED} are listed" if len(distinct) > _LISTED else ""),
+    )

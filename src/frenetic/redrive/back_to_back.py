@@ -1,0 +1,454 @@
+"""Back-to-back testing: whether a new version of a driver is better than the old one.
+
+ISTQB's glossary calls so what executes the same tests on two variants and compares the results.
+Both versions drive on fresh random roads, which no search has chosen, and on the failing roads of
+the campaigns of either; `frenetic.redrive.paired` says what the pairs show.
+
+The fresh roads are a campaign of their own, which the old version drives, in the folder of its
+campaign. Every other drive is stored in the database of the campaign whose road it is, and serves
+the next call, too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.analysis.failures import representative_failures
+from frenetic.campaign.campaign import LOOKAHEAD, Campaign
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.drivers import Driver, Noisy
+from frenetic.drivers.driver import inner_driver
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.redrive.loop import campaign_tester, drive_again
+from frenetic.redrive.paired import BackToBack, Pair, PairedRoads, RoadSet
+from frenetic.redrive.record import Purpose, Redrive
+from frenetic.redrive.table import read_runs
+from frenetic.search import RandomSearch
+from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import USUAL, Conditions
+from frenetic.spec import Budget, Part, Spec, describe, part_text
+
+FRESH: Final = 200
+"""Default number of fresh roads."""
+FOLDER: Final = "fresh"
+"""Folder, in that of the old version's campaign, of the campaigns with fresh roads."""
+TERMS: Final = ("simulator", "rules", "map_size", "margin", "lane_width")
+"""Parts of a configuration that both campaigns share."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The roads on which both versions are to drive; made by `plan`."""
+
+    old: Path
+    """Folder of the campaign of the old version."""
+    new: Path | None
+    """Folder of the campaign of the new version, if it has one."""
+    fresh: int
+    """Number of fresh roads."""
+    seed: int
+    """Seed of the fresh roads."""
+    repeats: int
+    """Number of drives of each version on each road."""
+    failures: Mapping[RoadSet, tuple[int, ...]]
+    """The failing tests of each campaign."""
+
+    @property
+    def drives(self) -> int:
+        """Number of drives of each version."""
+        return self.repeats * (self.fresh + sum(map(len, self.failures.values())))
+
+    def folder(self, roads: RoadSet) -> Path:
+        """Folder of the campaign with some failing roads."""
+        folder = self.old if roads is RoadSet.OLD else self.new
+        assert folder is not None
+        return folder
+
+
+def plan(
+    old: Path | str,
+    new: Path | str | None = None,
+    *,
+    fresh: int = FRESH,
+    seed: int | None = None,
+    repeats: int = 1,
+    top: int | None = None,
+) -> Plan:
+    """Chooses the roads on which two versions drive.
+
+    Args:
+        old: folder of a campaign of the old version.
+        new: folder of one of the new version, with the same simulator, rules and map.
+        fresh: number of fresh roads.
+        seed: of the fresh roads, another than those of the campaigns; the least of these by
+            default.
+        repeats: number of drives of each version on each road.
+        top: number of failing roads of each campaign, the most telling first; all by default.
+
+    Raises:
+        CampaignError: there is no such campaign, it is damaged, or the campaigns differ in more
+            than the driver.
+        ValueError: an option is out of range.
+    """
+    for name, number, least in (("fresh", fresh, 1), ("repeats", repeats, 1), ("top", top, 0)):
+        if number is not None and (isinstance(number, bool) or number < least):
+            raise ValueError(f"{name} is {number}: a whole number of at least {least} is needed")
+    folders = {RoadSet.OLD: Path(old)} | ({} if new is None else {RoadSet.NEW: Path(new)})
+    if len({folder.resolve() for folder in folders.values()}) < len(folders):
+        raise CampaignError(f"{old} is there twice: give each version's own campaign")
+    configurations: list[Mapping[str, Any]] = []
+    failures: dict[RoadSet, tuple[int, ...]] = {}
+    for roads, folder in folders.items():
+        with CampaignStore.open(folder) as store:
+            configurations.append(store.config)
+            if top is None:
+                failing = store.tests(Outcome.FAIL)
+            else:
+                failing = iter(representative_failures(store, top) if top else [])
+            failures[roads] = tuple(sorted(record.id for record in failing))
+    differing = [
+        term.replace("_", " ")
+        for term in TERMS
+        if len({_same(configuration.get(term)) for configuration in configurations}) > 1
+    ]
+    if differing:
+        raise CampaignError(
+            f"{old} and {new} differ in {', '.join(differing)}: only versions of a driver can be"
+            " compared, everything else has to be equal"
+        )
+    taken = [configuration.get("seed") for configuration in configurations]
+    if seed is None:
+        seed = next(number for number in count() if number not in taken)
+    elif seed in taken:
+        raise ValueError(
+            f"seed {seed} is that of a campaign, whose random roads are not fresh: choose another"
+        )
+    return Plan(Path(old), None if new is None else Path(new), fresh, seed, repeats, failures)
+
+
+def _same(part: Any) -> str:
+    """A part of a configuration in a form that is equal for equal parts."""
+    return json.dumps(part, sort_keys=True)
+
+
+@dataclass(frozen=True)
+class VersionDrives:
+    """The drives of one version on the planned roads."""
+
+    driver: Mapping[str, JSONValue]
+    """The driver as a campaign describes it."""
+    simulator: Mapping[str, JSONValue]
+    fresh: Path
+    """Folder of the campaign with the fresh roads."""
+    roads: Mapping[RoadSet, tuple[TestRecord, ...]]
+    """The tests whose roads these are, the fresh ones first."""
+    drives: Mapping[RoadSet, Mapping[int, tuple[Redrive, ...]]]
+    """Test -> its drives, as many as are planned."""
+    missing: int
+    """Number of drives that Ctrl-C prevented."""
+
+
+@dataclass(frozen=True)
+class Driving:
+    """How a version drives."""
+
+    simulator: Simulator
+    """That of the campaigns, not yet entered."""
+    driver: Driver
+    workers: int = 1
+    """Number of roads driven at once, as for `Campaign`."""
+    drive_limit: float | None = None
+    """Wall time in s, likewise."""
+    on_progress: Callable[[int, int], None] | None = None
+    """Called after every drive with the number of drives, and of all."""
+    on_start: Callable[[], None] | None = None
+    """Called when the simulator has started."""
+    on_interrupt: Callable[[], None] | None = None
+    """Called at the first Ctrl-C, which ends it after the running drives."""
+
+
+def drive_old(plan: Plan, driving: Driving, spec: Spec | None = None) -> VersionDrives:
+    """Lets the old version drive on the planned roads, and makes the fresh ones.
+
+    Args:
+        plan: the roads.
+        driving: the old version.
+        spec: names of the old campaign's parts, for the record of the fresh roads.
+
+    Raises:
+        CampaignError: a campaign is damaged, a folder cannot be written, no worker can be started,
+            or only broken drives come.
+        ValueError: an option is out of range.
+    """
+    return _VersionDriver(plan, driving).drive_old(spec)
+
+
+def drive_new(plan: Plan, driving: Driving, old: VersionDrives) -> VersionDrives:
+    """Lets the new version drive on the planned roads, after the old one.
+
+    Errors are those of `drive_old`, and a `CampaignError` if both versions are the same.
+    """
+    check_differ(old.driver, describe(driving.driver))
+    return _VersionDriver(plan, driving).drive_new(old.fresh)
+
+
+def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
+    """Refuses two versions, as `frenetic.spec.describe` gives them, that are the same.
+
+    Raises:
+        CampaignError: they are.
+    """
+    if old == new:
+        raise CampaignError(
+            f"both versions are the same, {part_text(old)}: keep each in a file of its own, or give"
+            " them other options"
+        )
+
+
+def pair_up(plan: Plan, old: VersionDrives, new: VersionDrives) -> BackToBack:
+    """Compares what two versions drove, without the roads that one of them lacks after Ctrl-C."""
+    sets = []
+    for chosen, records in old.roads.items():
+        ours, theirs = old.drives[chosen], new.drives[chosen]
+        pairs = (
+            Pair(record, ours[record.id], theirs[record.id])
+            for record in records
+            if record.id in ours and record.id in theirs
+        )
+        folder = old.fresh if chosen is RoadSet.FRESH else plan.folder(chosen)
+        sets.append(PairedRoads(chosen, folder, tuple(pairs), plan.repeats))
+    return BackToBack(old.driver, new.driver, old.simulator, plan.seed, tuple(sets))
+
+
+def back_to_back(
+    old_campaign: Path | str,
+    new_campaign: Path | str | None,
+    simulator: Simulator,
+    old: Driver,
+    new: Driver,
+    *,
+    fresh: int = FRESH,
+    seed: int | None = None,
+    repeats: int = 1,
+    top: int | None = None,
+    workers: int = 1,
+    drive_limit: float | None = None,
+) -> BackToBack:
+    """Compares two versions of a driver, see `plan` and `Driving` for arguments and errors."""
+    chosen = plan(old_campaign, new_campaign, fresh=fresh, seed=seed, repeats=repeats, top=top)
+    first = drive_old(chosen, Driving(simulator, old, workers, drive_limit))
+    second = drive_new(chosen, Driving(simulator, new, workers, drive_limit), first)
+    return pair_up(chosen, first, second)
+
+
+class _VersionDriver:
+    """Lets a version drive on the planned roads, one set after the other."""
+
+    def __init__(self, plan: Plan, driving: Driving) -> None:
+        self._plan = plan
+        self._driving = driving
+        self._done = 0
+        self._interrupted = False
+
+    def drive_old(self, spec: Spec | None) -> VersionDrives:
+        fresh = self._make_fresh(spec)
+        return self._drive(fresh, has_driven_fresh=True)
+
+    def drive_new(self, fresh: Path) -> VersionDrives:
+        return self._drive(fresh, has_driven_fresh=False)
+
+    def _show(self, more: int) -> None:
+        if self._driving.on_progress is not None:
+            self._driving.on_progress(self._done + more, self._plan.drives)
+
+    def _add(self, drives: int) -> None:
+        if drives:
+            self._done += drives
+            self._show(0)
+
+    def _make_fresh(self, spec: Spec | None) -> Path:
+        """Makes the campaign with the fresh roads, or goes on with it."""
+        plan, driving = self._plan, self._driving
+        with CampaignStore.open(plan.old) as store:
+            setting = store.setting
+        parts = _same([describe(driving.driver), describe(driving.simulator)])
+        key = hashlib.sha256(parts.encode()).hexdigest()[:8]
+        folder = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
+        exists, done = (folder / DATABASE).exists(), 0
+        if exists:
+            with CampaignStore.open(folder) as store:
+                done = store.counts().simulations
+        if done < plan.fresh:
+            budget = Budget(simulations=plan.fresh)
+            campaign = Campaign(
+                strategy=RandomSearch(seed=plan.seed, map_size=setting.map_size),
+                simulator=driving.simulator,
+                driver=driving.driver,
+                budget=budget,
+                folder=folder,
+                map_size=setting.map_size,
+                margin=setting.margin,
+                lane_width=setting.lane_width,
+                workers=driving.workers,
+                drive_limit=driving.drive_limit,
+                ordered=True,
+            )
+            if spec is not None:
+                campaign.named = replace(
+                    spec,
+                    strategy=Part("random"),
+                    seed=plan.seed,
+                    budget=budget,
+                    lookahead=LOOKAHEAD,
+                    cluster=None,
+                )
+            search = campaign.resume if exists else campaign.run
+            summary = search(
+                lambda now: self._show(min(now.simulations, plan.fresh)),
+                on_start=driving.on_start,
+                on_interrupt=driving.on_interrupt,
+            )
+            self._interrupted = summary.interrupted
+            done = summary.simulations
+        self._done = min(done, plan.fresh)
+        return folder
+
+    def _drive(self, fresh: Path, *, has_driven_fresh: bool) -> VersionDrives:
+        plan, driving = self._plan, self._driving
+        conditions = _conditions(driving.driver, plan.repeats)
+        roads, drives = {}, {}
+        for chosen in (RoadSet.FRESH, *plan.failures):
+            folder = fresh if chosen is RoadSet.FRESH else plan.folder(chosen)
+            first: dict[int, tuple[Redrive, ...]] = {}
+            if chosen is not RoadSet.FRESH:
+                with CampaignStore.open(folder) as store:
+                    records = tuple(
+                        store.test(i, with_trajectory=False) for i in plan.failures[chosen]
+                    )
+            else:
+                records = _fresh_records(folder, plan.fresh)
+                if has_driven_fresh:
+                    first = {record.id: (_recorded(record),) for record in records}
+            rest = conditions[1:] if first else conditions
+            found = self._drive_in(folder, records, rest)
+            roads[chosen] = records
+            drives[chosen] = {i: first.get(i, ()) + own for i, own in found.items()}
+        return VersionDrives(
+            describe(driving.driver),
+            describe(driving.simulator),
+            fresh,
+            roads,
+            drives,
+            plan.drives - self._done,
+        )
+
+    def _drive_in(
+        self, folder: Path, records: Sequence[TestRecord], conditions: Sequence[Conditions]
+    ) -> dict[int, tuple[Redrive, ...]]:
+        """Drives tests of a campaign, each in all conditions, unless such drives are stored."""
+        driving = self._driving
+        # A road whose worker was lost lies nowhere: nobody can drive it again.
+        placed = [record for record in records if record.pose is not None]
+        found: dict[int, tuple[Redrive, ...]] = {
+            record.id: () for record in records if record.pose is None or not conditions
+        }
+        self._add(len(conditions) * (len(records) - len(placed)))
+        if not conditions:
+            return found
+        with CampaignStore.open(folder) as store:
+            tester = campaign_tester(store, driving.simulator, driving.driver)
+        stored = _stored(folder, driving)
+        for record in placed:
+            known = stored.get(record.id, ())[: len(conditions)]
+            if [one.conditions for one in known] == list(conditions):
+                found[record.id] = known
+                self._add(len(known))
+        missing = [record for record in placed if record.id not in found]
+        if not missing or self._interrupted:
+            return found
+        planned = [(record, wanted) for record in missing for wanted in conditions]
+        run = drive_again(
+            folder,
+            Purpose.BACK_TO_BACK,
+            tester,
+            planned,
+            optional=True,
+            workers=driving.workers,
+            drive_limit=driving.drive_limit,
+            on_progress=lambda _: self._add(1),
+            on_start=driving.on_start,
+            on_interrupt=driving.on_interrupt,
+        )
+        self._interrupted = len(run.drives) < len(planned)
+        own: dict[int, list[Redrive]] = {}
+        for drive in run.drives:
+            own.setdefault(drive.test_id, []).append(drive)
+        whole = {i: tuple(one) for i, one in own.items() if len(one) == len(conditions)}
+        return found | whole
+
+
+def _stored(folder: Path, driving: Driving) -> dict[int, tuple[Redrive, ...]]:
+    """Test -> stored and judged drives of a version."""
+    parts = _same([describe(driving.driver), describe(driving.simulator)])
+    stored: dict[int, tuple[Redrive, ...]] = {}
+    for run in read_runs(folder, Purpose.BACK_TO_BACK):
+        if _same([run.driver, run.simulator]) == parts and run.rules == driving.simulator.rules:
+            own: dict[int, list[Redrive]] = {}
+            for drive in run.drives:
+                own.setdefault(drive.test_id, []).append(drive)
+            stored |= {
+                i: tuple(drives)
+                for i, drives in own.items()
+                if all(drive.outcome.is_driven for drive in drives)
+            }
+    return stored
+
+
+def _fresh_records(folder: Path, number: int) -> tuple[TestRecord, ...]:
+    """The first fresh roads, those of failures with their drives."""
+    with CampaignStore.open(folder) as store:
+        driven = [record for record in store.tests() if record.outcome.is_simulated]
+        driven.sort(key=lambda record: record.id)
+        return tuple(
+            store.test(record.id) if record.outcome is Outcome.FAIL else record
+            for record in driven[:number]
+        )
+
+
+def _recorded(record: TestRecord) -> Redrive:
+    """The campaign's own drive of a test."""
+    return Redrive(
+        record,
+        USUAL,
+        record.outcome,
+        record.moobd,
+        record.departure_distance,
+        record.departure_side,
+        record.reason,
+        record.max_oob_share,
+        record.duration,
+        record.seconds,
+        record.trajectory,
+    )
+
+
+def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:
+    """Conditions of the repeats: with noise each has its own errors, the same for both versions."""
+    noise = None
+    layer: object = driver
+    while layer is not None:
+        if isinstance(layer, Noisy):
+            noise = layer.offset
+        layer = inner_driver(layer)
+    if noise is None:
+        return (USUAL,) * repeats
+    others = (Conditions(noise=noise, noise_seed=number) for number in range(1, repeats))
+    return (USUAL, *others)
