@@ -22,7 +22,6 @@ from frenetic.road import Road
 from frenetic.road.opendrive import to_opendrive
 from frenetic.simulators import Rules
 
-CHECKER = "asam-qc-openscenarioxml==1.0.0"
 ESMINI = os.environ.get("FRENETIC_ESMINI")
 WINDING = [0.0, 0.02, 0.05, -0.03, 0.0, 0.01, 0.0]
 ROADS = {
@@ -131,7 +130,7 @@ def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path
             files[-1].write_text(text.replace('revMinor="0"', f'revMinor="{minor}"'))
     bad = tmp_path / "bad.xosc"
     bad.write_text(text.replace("<CatalogLocations />", ""))
-    python = environments.python_with(CHECKER, request)
+    python = environments.python_with(environments.OPENSCENARIO_CHECKER, request)
     script = environments.ASAM_CHECKS
     answers = environments.answers(python, script, "qc_openscenario", *files, bad)
     assert len(answers.pop(str(bad))["check_asam_xosc_xml_valid_schema"]) > 1

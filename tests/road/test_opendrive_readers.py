@@ -18,8 +18,6 @@ ROADS = readers.varied_roads()
 SHOULDERS = {name: 2.5 * (i % 2) for i, name in enumerate(ROADS)}  # m
 HERE = Path(__file__).parent
 LANELETS = "commonroad_lanelets.py"
-COMMONROAD = "commonroad-scenario-designer==0.8.5"
-ASAM_CHECKER = "asam-qc-opendrive==1.0.0"
 NEW_IN_1_8 = "check_asam_xodr_junctions_connection_one_link_to_incoming"
 GONE_IN_1_8 = "check_asam_xodr_junctions_connection_one_connection_element"
 
@@ -119,7 +117,7 @@ def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path
     files[bad] = to_opendrive(Road([0.0, 0.01])).replace('hdg="', 'heading="')
     for path, text in files.items():
         path.write_text(text, encoding="utf-8")
-    python = environments.python_with(ASAM_CHECKER, request)
+    python = environments.python_with(environments.OPENDRIVE_CHECKER, request)
     answers = environments.answers(python, environments.ASAM_CHECKS, "qc_opendrive", *files)
     complaint = answers.pop(str(bad))
     assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
@@ -164,7 +162,7 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
     for i, (path, road) in enumerate(files.items()):
         path.write_text(to_opendrive(road, shoulder=2.5 * (i % 2)), encoding="utf-8")
     answers = environments.answers(
-        environments.python_with(COMMONROAD, request), HERE / LANELETS, "", *files
+        environments.python_with(environments.COMMONROAD, request), HERE / LANELETS, "", *files
     )
     assert len(answers) == 53
     for path, road in files.items():
@@ -179,7 +177,7 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
     elsewhere.write_text(to_opendrive(bend, origin=(-33.5, 151.25)), encoding="utf-8")
     east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"
     answers = environments.answers(
-        environments.python_with(COMMONROAD, request), HERE / LANELETS, east, elsewhere
+        environments.python_with(environments.COMMONROAD, request), HERE / LANELETS, east, elsewhere
     )
     moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(elsewhere)]]
     assert min(readers.away_from_line(bend, readers.ReadLane(lane, 4.0)) for lane in moved) < 0.03

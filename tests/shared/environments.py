@@ -1,4 +1,7 @@
-"""Python environments of their own, for tools whose packages do not go with ours."""
+"""Python environments of their own, for tools whose packages do not go with ours.
+
+As a script it installs all of them in a folder: `.ci/run` does so beside the project's own install.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,14 @@ import subprocess
 import sys
 import venv
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import pytest
+if TYPE_CHECKING:
+    import pytest
 
+OPENDRIVE_CHECKER = "asam-qc-opendrive==1.0.0"
+OPENSCENARIO_CHECKER = "asam-qc-openscenarioxml==1.0.0"
+COMMONROAD = "commonroad-scenario-designer==0.8.5"
 ASAM_CHECKS = Path(__file__).with_name("asam_checks.py")
 """Script that runs one of ASAM's checkers."""
 
@@ -21,19 +28,35 @@ def python_with(package: str, request: pytest.FixtureRequest) -> str:
 
     Where it cannot be installed, the test fails in CI and is skipped elsewhere.
     """
-    name = f"{package.split('=')[0]}-{sys.version_info.major}.{sys.version_info.minor}"
-    folder = request.config.cache.mkdir(name)
+    import pytest  # the script runs before it is installed
+
+    try:
+        return installed(package, request.config.cache.mkdir(_name(package)))
+    except OSError as error:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)(str(error))
+
+
+def installed(package: str, folder: Path) -> str:
+    """The path of the Python of an environment that has a package; it is made where it is missing.
+
+    Raises:
+        OSError: it cannot be installed.
+    """
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     complete = folder / "complete"
     if not (complete.exists() and complete.read_text() == package):
         venv.create(folder, clear=True, with_pip=True)
-        command = [str(python), "-m", "pip", "install", "--quiet", package]
+        # Compiling all modules takes longer than installing them; few are imported.
+        command = [str(python), "-m", "pip", "install", "--quiet", "--no-compile", package]
         done = subprocess.run(command, capture_output=True, text=True)
         if done.returncode != 0:
-            reason = f"{' '.join(command)} failed: {done.stderr.strip()[-300:]}"
-            (pytest.fail if os.environ.get("CI") else pytest.skip)(reason)
+            raise OSError(f"{' '.join(command)} failed: {done.stderr.strip()[-300:]}")
         complete.write_text(package)
     return str(python)
+
+
+def _name(package: str) -> str:
+    return f"{package.split('=')[0]}-{sys.version_info.major}.{sys.version_info.minor}"
 
 
 def answers(python: str, script: Path, *arguments: str | Path) -> dict[str, Any]:
@@ -43,3 +66,8 @@ def answers(python: str, script: Path, *arguments: str | Path) -> dict[str, Any]
     assert done.returncode == 0, done.stderr
     document: dict[str, Any] = json.loads(done.stdout)
     return document
+
+
+if __name__ == "__main__":
+    for one in (COMMONROAD, OPENDRIVE_CHECKER, OPENSCENARIO_CHECKER):
+        installed(one, Path(sys.argv[1], _name(one)))
