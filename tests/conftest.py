@@ -36,10 +36,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """A process per core for all tests; none for chosen ones, which begin at once so."""
+    """Three processes per two cores for all tests; none for chosen ones, which begin at once so.
+
+    About a third of the time a test waits: for a process that it starts, kills or lets time out.
+    """
     chosen = {Path(name).resolve() for name in config.args}
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-    return cores if chosen & {HERE, HERE.parent} else 0
+    return 3 * cores // 2 if chosen & {HERE, HERE.parent} else 0
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -72,13 +75,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The longest files come first, and new ones, so that all processes end together."""
     if hasattr(config, "workerinput"):
-        lines = DURATIONS.read_text(encoding="utf-8").splitlines()
-        seconds = {file: float(number) for number, file in map(str.split, lines)}
+        seconds = kept_durations()
         items.sort(key=lambda item: -seconds.get(file_of(item.nodeid), math.inf))
 
 
 class Durations:
-    """Writes down how long the tests of each file took."""
+    """Writes down how long the tests of each file took; files that did not run keep theirs."""
 
     def __init__(self) -> None:
         self.seconds: Counter[str] = Counter()
@@ -87,8 +89,16 @@ class Durations:
         self.seconds[file_of(report.nodeid)] += report.duration  # type: ignore[assignment]
 
     def pytest_sessionfinish(self) -> None:
-        lines = [f"{seconds:6.1f} {file}\n" for file, seconds in self.seconds.most_common()]
+        known = {file: s for file, s in kept_durations().items() if (HERE.parent / file).exists()}
+        seconds = Counter(known | self.seconds)
+        lines = [f"{s:6.1f} {file}\n" for file, s in seconds.most_common()]
         DURATIONS.write_text("".join(lines), encoding="utf-8")
+
+
+def kept_durations() -> dict[str, float]:
+    """The s that the tests of each file took."""
+    lines = DURATIONS.read_text(encoding="utf-8").splitlines()
+    return {file: float(number) for number, file in map(str.split, lines)}
 
 
 def file_of(nodeid: str) -> str:
