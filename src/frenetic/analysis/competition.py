@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import splev, splprep
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import REACH, Segment
@@ -158,6 +157,8 @@ def _interpolated(points: FloatArray) -> FloatArray | None:
     None if no cubic spline passes through the points: fewer than four, or one that is repeated.
     (For a road's validity the competition rounds to the millimetre and makes 20 steps or more.)
     """
+    from scipy.interpolate import splev, splprep  # takes its time
+
     moves: FloatArray = np.diff(points, axis=0)
     steps = np.hypot(moves[:, 0], moves[:, 1])
     if len(points) < 4 or steps.min() == 0.0 or steps.sum() < 1.0:

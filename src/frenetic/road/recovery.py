@@ -6,8 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
-from scipy.linalg import lstsq, solve_banded
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
@@ -35,6 +33,8 @@ def curvature_from_points(points: FloatArray) -> Recovered:
 
 def _along_spline(points: FloatArray) -> Recovered:
     """Road along the competition's spline through the points."""
+    from scipy.interpolate import make_interp_spline  # takes as long as the rest of a start-up
+
     degree = min(len(points) - 1, 3)
     chords = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     polyline = float(chords[-1])
@@ -155,6 +155,8 @@ def _from_turns(turns: FloatArray, front: float, back: float) -> FloatArray:
     the turn from one to the next is (kappa_i-1 + 4 kappa_i + kappa_i+1) / 6. The first and the last
     curvature are free: ``front`` and ``back`` 1/m beyond the neighbouring turn.
     """
+    from scipy.linalg import solve_banded  # takes its time
+
     n = len(turns)
     bands = np.zeros((3, n))
     bands[0, 1:] = bands[2, :-1] = 1.0 / 6.0
@@ -168,6 +170,8 @@ def _from_turns(turns: FloatArray, front: float, back: float) -> FloatArray:
 
 def _gauss_newton(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray, float]:
     """Best unknowns found from a start and the largest mismatch in m that they leave."""
+    from scipy.linalg import lstsq  # takes its time
+
     step = unknowns[-1]
     best, best_worst, stalled = unknowns, math.inf, 0
     for iteration in range(40):
