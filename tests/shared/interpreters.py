@@ -10,6 +10,7 @@ import gc
 import importlib
 import json
 import os
+import pkgutil
 import subprocess
 import sys
 import tempfile
@@ -22,15 +23,19 @@ from typing import Any, NoReturn
 
 import pytest
 
-# What takes long to import, in Frenetic where it is needed only.
+import frenetic
+
+# What takes long to import and Frenetic imports where it needs it.
 LOADED = (
-    "frenetic.cli",
     "matplotlib.backends.backend_agg",
     "matplotlib.figure",
     "rich.live",
     "scipy.cluster.hierarchy",
+    "scipy.interpolate",
     "scipy.stats",
 )
+# Of ours: what few commands need and makes forking slow.
+LEFT_OUT = {"__main__", "beamng", "dask", "hosting", "metadrive", "metrics", "tables"}
 
 
 @dataclass(frozen=True)
@@ -115,7 +120,8 @@ def load_kernels() -> None:
 
 def _serve() -> None:
     """Forks for each line of stdin, which holds a job, and answers with its exit code."""
-    for name in LOADED:
+    ours = [module.name for module in pkgutil.walk_packages(frenetic.__path__, "frenetic.")]
+    for name in (*LOADED, *(name for name in ours if not set(name.split(".")) & LEFT_OUT)):
         importlib.import_module(name)
     load_kernels()
     gc.collect()
