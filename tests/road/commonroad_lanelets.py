@@ -1,8 +1,8 @@
 """What CommonRoad's Scenario Designer makes of OpenDRIVE files, as JSON: for each file, its lanes.
 
-    python tests/road/commonroad_lanelets.py PROJECTION FILE...
+    python tests/road/commonroad_lanelets.py FILE... [PROJECTION FILE...]
 
-places them on the map that PROJECTION says, or with an empty one leaves them where the file does.
+leaves them where a file does; those behind a PROJECTION (+proj=...) are placed on its map.
 It runs where the package commonroad-scenario-designer is installed. That wants versions of its own
 of many packages, so the tests give it an environment of its own.
 """
@@ -32,5 +32,10 @@ def lanelets(path: str, projection: str | None) -> list[list[list[float]]] | str
 if __name__ == "__main__":
     logging.disable()
     warnings.simplefilter("ignore")
-    projection, *paths = sys.argv[1:]
-    json.dump({path: lanelets(path, projection or None) for path in paths}, sys.stdout)
+    projection, found = None, {}
+    for argument in sys.argv[1:]:
+        if argument.startswith("+proj="):
+            projection = argument
+        else:
+            found[argument] = lanelets(argument, projection)
+    json.dump(found, sys.stdout)

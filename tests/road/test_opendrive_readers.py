@@ -161,10 +161,12 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
     files = {tmp_path / f"{i}.xodr": road for i, road in enumerate(roads.values())}
     for i, (path, road) in enumerate(files.items()):
         path.write_text(to_opendrive(road, shoulder=2.5 * (i % 2)), encoding="utf-8")
-    answers = environments.answers(
-        environments.python_with(environments.COMMONROAD, request), HERE / LANELETS, "", *files
-    )
-    assert len(answers) == 53
+    elsewhere, bend = tmp_path / "elsewhere.xodr", ROADS["S-bend"]
+    elsewhere.write_text(to_opendrive(bend, origin=(-33.5, 151.25)), encoding="utf-8")
+    east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"
+    python = environments.python_with(environments.COMMONROAD, request)
+    answers = environments.answers(python, HERE / LANELETS, *files, east, elsewhere)
+    assert len(answers) == 53 + 1
     for path, road in files.items():
         lanes = answers[str(path)]
         assert isinstance(lanes, list), lanes
@@ -173,12 +175,6 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
             for lane in lanes
         ]
         assert min(away) < 0.03
-    elsewhere, bend = tmp_path / "elsewhere.xodr", ROADS["S-bend"]
-    elsewhere.write_text(to_opendrive(bend, origin=(-33.5, 151.25)), encoding="utf-8")
-    east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"
-    answers = environments.answers(
-        environments.python_with(environments.COMMONROAD, request), HERE / LANELETS, east, elsewhere
-    )
     moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(elsewhere)]]
     assert min(readers.away_from_line(bend, readers.ReadLane(lane, 4.0)) for lane in moved) < 0.03
 
