@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 
 import numpy as np
 
@@ -26,6 +26,9 @@ Side: TypeAlias = Literal["left", "right"]
 
 RUNNING, REACHED, LEFT_LANE, STUCK, TIMED_OUT = range(5)
 """State of a drive at a record: it goes on, or how it ended."""
+
+BEHAVIOUR: Final = 1
+"""Raised when the same drive is judged otherwise; campaigns record it."""
 
 # Columns of the assessment of a trajectory, one row per record.
 DISTANCE, OFFSET, OOB_SHARE = range(3)

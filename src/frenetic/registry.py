@@ -15,8 +15,9 @@ import inspect
 import os
 import sys
 import sysconfig
+import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
@@ -41,6 +42,69 @@ def options_of(part: object) -> Mapping[str, Any] | None:
     """The options that a part was made with; None if it does not say."""
     options = part.options if isinstance(part, Described) else None
     return options if isinstance(options, Mapping) else None
+
+
+@dataclass(frozen=True)
+class Made:
+    """How a part was made here."""
+
+    factory: Callable[..., Any]
+    """Its class, or a function."""
+    arguments: Mapping[str, Any]
+    """Name -> value of each argument, defaults included."""
+
+
+_MADE: Final[dict[int, tuple[weakref.ref[Any], Made]]] = {}
+"""Identity of a part -> itself and how it was made."""
+
+
+def made_by(part: object) -> Made | None:
+    """How a part was made, if this process made it by name."""
+    found = _MADE.get(id(part))
+    return found[1] if found is not None and found[0]() is part else None
+
+
+def arguments_of(part: object) -> dict[str, Any]:
+    """The arguments with which a part was made, defaults included.
+
+    Of an object from Python, those that it keeps as an attribute of the same name, or of this name
+    after an underscore.
+    """
+    made = made_by(part)
+    if made is not None:
+        return dict(made.arguments)
+    found = {}
+    for name in _parameters(type(part)):
+        for attribute in (name, f"_{name}"):
+            try:
+                found[name] = getattr(part, attribute)
+                break
+            except Exception:  # noqa: S112  # a foreign attribute may raise anything
+                continue
+    return found
+
+
+def _parameters(factory: Callable[..., Any]) -> list[str]:
+    """Names of a factory's arguments, as far as it has names for them."""
+    try:
+        parameters = inspect.signature(factory).parameters.values()
+    except (TypeError, ValueError):
+        return []
+    return [p.name for p in parameters if p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)]
+
+
+def _remember(part: object, factory: Callable[..., Any], options: Mapping[str, Any]) -> None:
+    """Keeps how a part was made for as long as it lives."""
+    arguments = dict(options)
+    try:
+        bound = inspect.signature(factory).bind(**options)
+        bound.apply_defaults()
+        arguments = {name: bound.arguments[name] for name in _parameters(factory)} | arguments
+    except (TypeError, ValueError):  # it hides what it takes
+        pass
+    key = id(part)
+    with suppress(TypeError):  # objects with slots have no weak references
+        _MADE[key] = weakref.ref(part, lambda _: _MADE.pop(key, None)), Made(factory, arguments)
 
 
 @dataclass(frozen=True)
@@ -136,6 +200,7 @@ class Registry:
             raise FreneticError(
                 f"{spec!r} is no {self.kind}: it has no method {' and no method '.join(missing)}"
             )
+        _remember(made, factory, options)
         return made
 
     def make_from(

@@ -11,19 +11,30 @@ help reads this module, so slow imports are inside functions.
 
 from __future__ import annotations
 
+import hashlib
 import json
+import logging
 import math
+import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
-from pathlib import Path
-from types import MappingProxyType
+from pathlib import Path, PurePath
+from types import FunctionType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.drivers.loading import LAYERS, load_driver
-from frenetic.errors import CampaignError, FreneticError
-from frenetic.registry import SIMULATORS, STRATEGIES, USER_MODULE, Registry, options_of
+from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.fingerprint import Fingerprint, fingerprint_of
+from frenetic.registry import (
+    SIMULATORS,
+    STRATEGIES,
+    USER_MODULE,
+    Registry,
+    arguments_of,
+    options_of,
+)
 
 # Imports inside functions below are too slow for help.
 
@@ -35,6 +46,11 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+logger = logging.getLogger(__name__)
+
+_ADDRESS: Final = re.compile(r" at 0x[0-9a-fA-F]+")
+_DEEPEST: Final = 3  # nesting of arguments in a record
+_LONGEST: Final = 200  # characters of an argument in a record
 _SHOWN_OPTIONS: Final = 3
 _PARTS: Final = ("strategy", "driver", "simulator")
 
@@ -182,6 +198,8 @@ class Spec:
     """Car of the simulator, None before it is made."""
     versions: Mapping[str, str] = field(default_factory=dict)
     """Package -> its version in the run."""
+    fingerprints: Mapping[str, JSONValue] = field(default_factory=dict)
+    """Those of `describe_terms`; each part has its own in its description."""
 
     # From a command line
 
@@ -301,6 +319,7 @@ class Spec:
             "cluster": self.cluster,
             "lookahead": self.lookahead,
             "versions": dict(self.versions),
+            "fingerprints": dict(self.fingerprints),
             **({} if command is None else {"command": command}),
         }
 
@@ -444,41 +463,87 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
 
 
 def describe(part: object) -> dict[str, JSONValue]:
-    """A part of a campaign for its record: its class, its options, the part under it.
+    """A part of a campaign for its record: class, options, fingerprint, and the part under it.
 
-    The options are the part's ``options`` if it has any, or the fields of a dataclass.
+    The options are the part's ``options`` if it has any, or the fields of a dataclass; of a part of
+    your own also the other arguments of its constructor, as far as they can be found
+    (`frenetic.registry.arguments_of`). See `frenetic.fingerprint` for the fingerprint.
     """
     from frenetic.drivers.driver import inner_driver  # numpy takes its time
 
-    kind = type(part)
-    module = kind.__module__
-    if module.startswith(USER_MODULE):
-        module = Path(sys.modules[module].__file__ or module).name
-    described: dict[str, JSONValue] = {"class": f"{module}:{kind.__qualname__}"}
-    options = options_of(part)
-    if options is not None:
-        described["options"] = {str(name): _plain(value) for name, value in options.items()}
-    elif is_dataclass(part):
-        described["options"] = {
-            item.name: _plain(getattr(part, item.name, None)) for item in fields(part)
-        }
+    described: dict[str, JSONValue] = {"class": _class_name(type(part))}
     inner = inner_driver(part)
+    arguments = _options_and_arguments(part, without="" if inner is None else "driver")
+    if arguments:
+        described["options"] = {name: _plain(value) for name, value in arguments.items()}
+    described["fingerprint"] = fingerprint_of(part, arguments).to_json()
     if inner is not None:
         described["driver"] = describe(inner)
     return described
 
 
-def _plain(value: object) -> JSONValue:
-    """A value as JSON, or else its repr."""
+def describe_terms() -> dict[str, JSONValue]:
+    """The fingerprints of the rules and of placing roads on the map, for a campaign's record."""
+    from frenetic import oracle, road  # numba takes its time
+
+    versions = {"rules": oracle.BEHAVIOUR, "map": road.BEHAVIOUR}
+    return {name: Fingerprint(f"version {version}").to_json() for name, version in versions.items()}
+
+
+def _options_and_arguments(part: object, *, without: str) -> dict[str, Any]:
+    try:
+        options = options_of(part)
+        if options is None and is_dataclass(part):
+            options = {item.name: getattr(part, item.name, None) for item in fields(part)}
+        found = {str(name): value for name, value in (options or {}).items()}
+        if not _is_built_in(part):
+            found |= {k: v for k, v in arguments_of(part).items() if k not in found}
+    except Exception as error:  # a foreign class may raise anything
+        logger.warning("what %s was made with is unknown: %s", type(part), describe_error(error))
+        return {}
+    # The rules are a part of their own.
+    return {k: v for k, v in found.items() if k != without and type(v).__qualname__ != "Rules"}
+
+
+def _class_name(kind: type) -> str:
+    module = kind.__module__
+    if module.startswith(USER_MODULE):
+        module = Path(sys.modules[module].__file__ or module).name
+    return f"{module}:{kind.__qualname__}"
+
+
+def _is_built_in(part: object) -> bool:
+    return type(part).__module__.partition(".")[0] == "frenetic"
+
+
+def _plain(value: object, depth: int = 0) -> JSONValue:
+    """A value as JSON, or else its repr without addresses."""
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float) and math.isfinite(value):
         return value
-    if isinstance(value, Mapping):
-        return {str(name): _plain(item) for name, item in value.items()}
-    if isinstance(value, (list, tuple)) and len(value) <= 100:
-        return [_plain(item) for item in value]
-    return repr(value)[:200]
+    if isinstance(value, Mapping) and depth < _DEEPEST:
+        return {str(name): _plain(item, depth + 1) for name, item in value.items()}
+    if isinstance(value, (list, tuple)) and len(value) <= 100 and depth < _DEEPEST:
+        return [_plain(item, depth + 1) for item in value]
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, (type, FunctionType)):
+        return f"{value.__module__}:{value.__qualname__}"
+    try:
+        text = repr(value)
+    except Exception:
+        text = f"<{_class_name(type(value))}>"
+    if _ADDRESS.search(text):
+        arguments = {} if depth == _DEEPEST else arguments_of(value)
+        inner = {name: _plain(item, depth + 1) for name, item in arguments.items()}
+        return {"class": _class_name(type(value)), "options": inner}
+    digest = ""
+    if len(text) > _LONGEST or "..." in text:
+        # Arrays are shown in part.
+        data = value.tobytes() if hasattr(value, "tobytes") else text.encode(errors="replace")
+        digest = f" SHA-256 {hashlib.sha256(data).hexdigest()[:16]}"
+    return text[:_LONGEST] + digest
 
 
 def part_text(part: object, recorded: object = None) -> str:
@@ -646,6 +711,15 @@ def is_number(value: object) -> bool:
     return abs(value) <= sys.float_info.max  # a whole number may be too large for a float
 
 
+def read_part(name: str, value: Any) -> Any:
+    """A part of a record, such as ``driver``.
+
+    Raises:
+        ValueError: it is none; the message follows "is ..:".
+    """
+    return CONFIGURATION[name].decode(value)
+
+
 def decode_budget(value: Any) -> Budget:
     """The budget of a JSON object.
 
@@ -702,6 +776,25 @@ _versions: Final = _if(
 )
 
 
+def _fingerprint(value: Any) -> Mapping[str, JSONValue]:
+    """A fingerprint in the form of `Fingerprint.to_json`."""
+    if not isinstance(value, Mapping) or not isinstance(value.get("digest"), str):
+        raise ValueError("its fingerprint has to be an object with a digest")
+    files = value.get("files", {})
+    if not isinstance(files, Mapping) or not all(isinstance(one, str) for one in files.values()):
+        raise ValueError("the files of its fingerprint have to be an object of texts")
+    for name in ("version", "trouble"):
+        if not isinstance(value.get(name, ""), str):
+            raise ValueError(f"the {name} of its fingerprint has to be a text")
+    return value
+
+
+def _fingerprints(value: Any) -> Mapping[str, JSONValue]:
+    if not isinstance(value, Mapping):
+        raise ValueError("an object with a fingerprint for each name is needed")
+    return {name: _fingerprint(one) for name, one in value.items()}
+
+
 def _described(value: Any) -> Mapping[str, JSONValue]:
     """A part in the form of `describe`."""
     if not isinstance(value, Mapping) or not isinstance(value.get("class"), str):
@@ -709,6 +802,8 @@ def _described(value: Any) -> Mapping[str, JSONValue]:
     for name in ("options", "driver"):
         if name in value and not isinstance(value[name], Mapping):
             raise ValueError(f"its {name} have to be an object")
+    if "fingerprint" in value:
+        _fingerprint(value["fingerprint"])
     if "driver" in value:
         _described(value["driver"])
     return value
@@ -760,6 +855,7 @@ CONFIGURATION: Final[Mapping[str, Entry]] = MappingProxyType(
         "cluster": Entry(_or_none(_text), is_needed=False),
         "lookahead": Entry(_or_none(_whole_number(1)), is_needed=False),
         "versions": Entry(_versions),
+        "fingerprints": Entry(_fingerprints, is_needed=False),
     }
 )
 """Entries of a campaign's record, beside ``command``."""

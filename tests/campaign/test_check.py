@@ -7,6 +7,7 @@ import json
 import random
 import shutil
 import sqlite3
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from checksums import forget_checksums
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import CheckReport, Severity, State, Subject, check_campaign
@@ -27,7 +29,9 @@ from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.cli import main
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
+from frenetic.export import export_campaign
 from frenetic.outcome import Outcome
+from frenetic.redrive.confirm import confirm
 from frenetic.road import Road
 from frenetic.search import Frenetic, RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Trajectory
@@ -77,11 +81,16 @@ def folder(sound: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(sound, tmp_path / "c"))
 
 
-def execute(folder: Path, statement: str, *values: object) -> int:
-    """Changes the database behind everybody's back; returns how many rows."""
+def execute(folder: Path, statement: str, *values: object, keep_checksums: bool = False) -> int:
+    """Changes the database behind everybody's back; returns how many rows.
+
+    Its rows lose their checksums, as an older version has them, which would find each change.
+    """
     with closing(sqlite3.connect(folder / DATABASE)) as connection:
         connection.execute("PRAGMA ignore_check_constraints = ON")
         changed = connection.execute(statement, values).rowcount
+        if not keep_checksums:
+            forget_checksums(connection)
         connection.commit()
     return changed
 
@@ -364,6 +373,7 @@ def test_each_value_of_the_configuration_of_the_wrong_type(tmp_path: Path, name:
         "workers": [10**400],
         "lookahead": [10**400],
         "versions": [{}],
+        "fingerprints": [{}],
     }
     bads: list[object] = [[], {}, "seven", -1, True, 10**400]
     accepted = []
@@ -765,3 +775,108 @@ def test_resuming_with_a_budget_that_is_none_is_one_line(
     assert stop.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "the budget is {'tests': 5}: it lacks simulations, time, failures" in line
+
+
+# Checksums
+
+
+def flipped(stored: Any) -> Any:
+    """A stored value with one bit changed, of the same type."""
+    match stored:
+        case int():
+            return stored ^ 1
+        case float():
+            data = bytearray(struct.pack("<d", stored))
+            data[0] ^= 1
+            return struct.unpack("<d", data)[0]
+        case bytes():
+            return stored[:-1] + bytes([stored[-1] ^ 1])
+    return stored[:-1] + chr(ord(stored[-1]) ^ 1)
+
+
+def test_one_changed_bit_is_found_in_each_stored_value(folder: Path) -> None:
+    with CampaignStore.open(folder) as store:
+        failure = next(store.tests(Outcome.FAIL)).id
+    confirm(folder, EmbeddedSimulator(friction=0.9), Planner(), test_ids=[failure])
+    minimise = ("minimise", str(folder), str(failure), "--max-drives", "30")
+    with pytest.raises(SystemExit):
+        main([*minimise])
+    assert check_campaign(folder, quick=True).is_sound
+    unnoticed, cases = [], 0
+    with closing(sqlite3.connect(folder / DATABASE, isolation_level=None)) as connection:
+        connection.execute("PRAGMA ignore_check_constraints = ON")
+        for table, row in rows_to_flip(connection, failure):
+            columns = [c for _, c, *_ in connection.execute(f"PRAGMA table_info({table})")]
+            for column in columns:
+                of_row = f"FROM {table} WHERE rowid = {row}"
+                (stored,) = connection.execute(f"SELECT {column} {of_row}").fetchone()
+                if stored is None or (table, column) in (("redrive_run", "ended_at"),):
+                    continue
+                change = f"UPDATE {table} SET {column} = ? WHERE rowid = {row}"
+                connection.execute(change, (flipped(stored),))
+                cases += 1
+                if check_campaign(folder, quick=True).is_sound:
+                    unnoticed.append((table, column))
+                connection.execute(change, (stored,))
+    assert cases > 60
+    # The number of a run is found by the drives that lose it.
+    assert unnoticed == []
+    assert check_campaign(folder, quick=True).is_sound
+
+
+def rows_to_flip(connection: sqlite3.Connection, failure: int) -> list[tuple[str, int]]:
+    """A table and the number of one of its rows, for rows that hold all kinds of values."""
+    minimised = "SELECT max(rowid) FROM redrive WHERE curvatures IS NOT NULL"
+    rows = [
+        ("campaign", "SELECT rowid FROM campaign WHERE key = 'config'"),
+        ("campaign", "SELECT rowid FROM campaign WHERE key = 'budget'"),
+        *((name, f"SELECT {failure}") for name in ("candidate", "test", "trajectory")),
+        ("redrive_run", "SELECT min(id) FROM redrive_run"),
+        ("redrive", "SELECT min(rowid) FROM redrive"),
+        ("redrive", minimised),
+    ]
+    return [(table, connection.execute(select).fetchone()[0]) for table, select in rows]
+
+
+@pytest.mark.parametrize(
+    ("change", "subject", "text"),
+    [
+        ("UPDATE test SET moobd = moobd + 1e-12 WHERE candidate_id = {}", Subject.TEST, "test {}"),
+        (
+            "UPDATE candidate SET step = step + 1e-12 WHERE id = {}",
+            Subject.CANDIDATE,
+            "candidate {}",
+        ),
+        (
+            "UPDATE trajectory SET checksum = checksum + 1 WHERE candidate_id = {}",
+            Subject.TRAJECTORY,
+            "the trajectory of test {}",
+        ),
+    ],
+)
+def test_a_changed_row_is_one_line_for_every_reader(
+    folder: Path, change: str, subject: Subject, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    number = test_of(folder, Outcome.FAIL)
+    assert execute(folder, change.format(number), keep_checksums=True) == 1
+    text = f"{text.format(number)} does not match its checksum"
+    expect(check_campaign(folder, quick=True), subject, text)
+    with CampaignStore.open(folder) as store, pytest.raises(CampaignError, match=text):
+        store.test(number)
+    with pytest.raises(CampaignError, match=text):
+        export_campaign(folder, "json", folder / "out")
+    with pytest.raises(SystemExit) as stop:
+        main(["show", str(folder), str(number)])
+    assert stop.value.code == 2
+    assert text in capsys.readouterr().err
+
+
+def test_rows_of_before_there_were_checksums_have_none_and_later_ones_keep_theirs(
+    folder: Path,
+) -> None:
+    forget = "UPDATE test SET checksum = NULL WHERE told"
+    execute(folder, f"{forget} <= 40", keep_checksums=True)
+    assert check_campaign(folder, quick=True).is_sound
+    execute(folder, f"{forget} = 60", keep_checksums=True)
+    number = value(folder, "SELECT candidate_id FROM test WHERE told = 60")
+    expect(check_campaign(folder, quick=True), Subject.TEST, f"test {number} has lost its checksum")

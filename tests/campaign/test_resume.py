@@ -8,13 +8,16 @@ import random
 import signal
 import sqlite3
 import sys
+from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import killing
 import numpy as np
 import pytest
+from checksums import forget_checksums
 from contents import contents
 from faulty import Marks
 from pids import LIMIT, until_gone
@@ -23,7 +26,9 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE
+from frenetic.drivers.loading import load_driver
 from frenetic.errors import CampaignError
+from frenetic.registry import USER_MODULE
 from frenetic.search import Candidate, Frenetic, RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -175,6 +180,7 @@ def test_a_campaign_of_a_version_with_fewer_options_goes_on(tmp_path: Path) -> N
     with closing(sqlite3.connect(tmp_path / DATABASE)) as connection:
         forget = "UPDATE campaign SET value = json_remove(value, ?) WHERE key = 'config'"
         connection.execute(forget, ("$.strategy.options.skip_repeats",))
+        forget_checksums(connection)
         connection.commit()
     summary = campaign(tmp_path, simulator=Stopping(999)).resume()
     assert not summary.interrupted
@@ -214,3 +220,149 @@ def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(tmp_path
     with CampaignStore.open(tmp_path) as store:
         assert "finished_at" not in store.facts
         assert store.facts["budget"] == {"simulations": 70, "time": None, "failures": None}
+
+
+# Parts that were changed
+
+
+DRIVER = """
+from frenetic.testing import DummyDriver
+
+class Mpc(DummyDriver):
+    def __init__(self, comfort=2.0):
+        super().__init__()
+        self.comfort = comfort
+"""
+
+
+@pytest.fixture
+def driver_file(tmp_path: Path) -> Iterator[Path]:
+    """A user's driver, loaded anew by `with_driver`."""
+    path = tmp_path / "mpc.py"
+    path.write_text(DRIVER, encoding="utf-8")
+    search_path = list(sys.path)
+    yield path
+    forget_user_files()
+    sys.path[:] = search_path
+
+
+def forget_user_files() -> None:
+    for name in [name for name in sys.modules if name.startswith(USER_MODULE)]:
+        del sys.modules[name]
+
+
+def with_driver(folder: Path, file: Path, simulations: int, **options: object) -> Campaign:
+    forget_user_files()
+    return Campaign(
+        strategy=Frenetic(seed=4, cross_freq=10, cross_num=6),
+        simulator=DummySimulator(drift),
+        driver=load_driver(f"{file}:Mpc", options),
+        budget=Budget(simulations=simulations),
+        folder=folder,
+    )
+
+
+def test_a_changed_driver_is_refused_unless_it_is_accepted_and_then_marked(
+    tmp_path: Path, driver_file: Path
+) -> None:
+    folder = tmp_path / "c"
+    with_driver(folder, driver_file, 20).run()
+    before = contents(folder)
+    driver_file.write_text(DRIVER + "\n", encoding="utf-8")
+    with pytest.raises(CampaignError, match=r"another driver: driver Mpc: mpc\.py was changed;"):
+        with_driver(folder, driver_file, 40).resume()
+    with pytest.raises(CampaignError, match=r"driver Mpc: comfort is 1\.0, it was 2\.0"):
+        with_driver(folder, driver_file, 40, comfort=1.0).resume()
+    assert contents(folder) == before
+    with CampaignStore.open(folder) as store:
+        told, first = store.counts().told, store.parts["driver"]
+        assert store.changes == ()
+    changed = with_driver(folder, driver_file, 40)
+    assert changed.resume(accept_changed=True).simulations == 40
+    assert changed.notes == (f"changed from result {told + 1} on: driver Mpc: mpc.py was changed",)
+    with CampaignStore.open(folder) as store:
+        (mark,) = store.changes
+        assert (mark.first, mark.what) == (told + 1, ("driver Mpc: mpc.py was changed",))
+        assert store.config["driver"] == first != store.parts["driver"]
+    # It is the campaign's driver now, and the first one is another.
+    unchanged = with_driver(folder, driver_file, 50)
+    unchanged.resume()
+    assert unchanged.notes == ()
+    driver_file.write_text(DRIVER, encoding="utf-8")
+    with pytest.raises(CampaignError, match="another driver"):
+        with_driver(folder, driver_file, 60).resume()
+    with_driver(folder, driver_file, 60).resume(accept_changed=True)
+    with CampaignStore.open(folder) as store:
+        assert [change.parts["driver"] == first for change in store.changes] == [False, True]
+
+
+def test_a_change_without_a_result_since_is_replaced(tmp_path: Path, driver_file: Path) -> None:
+    folder = tmp_path / "c"
+    stopped = with_driver(folder, driver_file, 40)
+    stopped.tester = replace(stopped.tester, simulator=Stopping(20))
+    stopped.run()
+    for more, marks in (("\n# one", 1), ("\n# two", 1), ("", 0)):
+        driver_file.write_text(DRIVER + more, encoding="utf-8")
+        interrupted = with_driver(folder, driver_file, 40)
+        interrupted.tester = replace(interrupted.tester, simulator=Stopping(0))
+        interrupted.resume(accept_changed=True)
+        with CampaignStore.open(folder) as store:
+            assert len(store.changes) == marks
+
+
+def test_built_in_rules_that_changed_are_refused_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign(tmp_path, simulations=20).run()
+    monkeypatch.setattr("frenetic.oracle.BEHAVIOUR", 2)
+    with pytest.raises(CampaignError, match="rules: it is version 2, it was version 1"):
+        campaign(tmp_path, simulations=30).resume()
+    campaign(tmp_path, simulations=30).resume(accept_changed=True)
+
+
+def test_a_campaign_without_fingerprints_is_resumed_with_a_note_and_has_them_then(
+    tmp_path: Path, driver_file: Path
+) -> None:
+    folder = tmp_path / "c"
+    with_driver(folder, driver_file, 20).run()
+    with closing(sqlite3.connect(folder / DATABASE)) as connection:
+        for path in (
+            "strategy.fingerprint",
+            "simulator.fingerprint",
+            "driver.fingerprint",
+            "driver.options",
+            "fingerprints",
+        ):
+            forget = "UPDATE campaign SET value = json_remove(value, ?) WHERE key = 'config'"
+            connection.execute(forget, (f"$.{path}",))
+        forget_checksums(connection)
+        connection.commit()
+    driver_file.write_text(DRIVER + "\n", encoding="utf-8")
+    old = with_driver(folder, driver_file, 30)
+    old.resume()
+    (note,) = old.notes
+    assert note.startswith(
+        "whether these are as before is unknown: strategy Frenetic: the campaign"
+    )
+    again = with_driver(folder, driver_file, 40)
+    again.resume()
+    assert again.notes == ()
+    driver_file.write_text(DRIVER, encoding="utf-8")
+    with pytest.raises(CampaignError, match=r"mpc\.py was changed"):
+        with_driver(folder, driver_file, 50).resume()
+    with CampaignStore.open(folder) as store:
+        (mark,) = store.changes
+        assert mark.what == ()
+    assert check_campaign(folder).is_sound
+
+
+@pytest.mark.parametrize("damage", ["7", '[{"first": 0}]', "[7]", '"text"'])
+def test_a_damaged_mark_is_one_line(tmp_path: Path, damage: str) -> None:
+    campaign(tmp_path, simulations=20).run()
+    with closing(sqlite3.connect(tmp_path / DATABASE)) as connection:
+        connection.execute("INSERT INTO campaign (key, value) VALUES ('changes', ?)", (damage,))
+        connection.commit()
+    with pytest.raises(CampaignError, match="is damaged: the fact changes: a list of changes"):
+        campaign(tmp_path, simulations=30).resume()
+    (finding,) = check_campaign(tmp_path).findings
+    assert "the fact changes is" in finding.message

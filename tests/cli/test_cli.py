@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import click
 import pytest
+from checksums import forget_checksums
 
 from frenetic.cli import COMMANDS, cli
 
@@ -418,6 +419,7 @@ def test_resume_refuses_what_makes_no_sense(frenetic: Frenetic) -> None:
     before = frenetic("show", "c", "--json").json
     with sqlite3.connect("c/campaign.sqlite") as database:
         database.execute("UPDATE candidate SET step = 9.0 WHERE id = 2")
+        forget_checksums(database)
     database.close()
     refused(frenetic("resume", "c", "--simulations", "5"), "another road as candidate 2")
     assert frenetic("show", "c", "--json").json["tests"] == before["tests"]

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from checksums import forget_checksums
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.cli.robustness import QUANTITIES
@@ -158,6 +159,7 @@ def test_a_damaged_record_is_one_line(
         database.execute(
             "UPDATE campaign SET value = ? WHERE key = 'config'", (json.dumps(config),)
         )
+        forget_checksums(database)
     database.close()
     assert frenetic("rerun", campaign).refuses("does not say with what it was driven", *words)
 

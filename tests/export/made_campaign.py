@@ -9,6 +9,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
+from checksums import forget_checksums
 
 from frenetic.campaign import Budget, Campaign
 from frenetic.campaign.store import DATABASE
@@ -41,6 +42,7 @@ def damaged(made_campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
         with closing(sqlite3.connect(folder / DATABASE)) as connection:
             connection.execute("PRAGMA ignore_check_constraints = ON")
             assert connection.execute(statement).rowcount == 1
+            forget_checksums(connection)
             connection.commit()
         return folder
 

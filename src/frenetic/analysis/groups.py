@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
+from frenetic.fingerprint import FIRST_VERSION, comparable, short_version
 
 PARTS: Final = (
     "strategy",
@@ -20,8 +21,11 @@ PARTS: Final = (
     "margin",
     "lane_width",
     "lookahead",
+    "fingerprints",
+    "changes",
 )
-"""Parts of a configuration that repeats share; the strategy's seed differs."""
+"""Parts of a configuration that repeats share; the strategy's seed differs. The changes are those
+that were accepted when a campaign was resumed."""
 
 
 def find_campaigns(place: Path) -> list[Path]:
@@ -71,9 +75,11 @@ def parts_of(folder: Path) -> dict[str, Any]:
         CampaignError: it is not there or damaged.
     """
     with CampaignStore.open(folder) as store:
-        config, facts = store.config, store.facts
-    parts: dict[str, Any] = {name: config.get(name) for name in PARTS}
+        config, facts, changes = store.config, store.facts, store.changes
+    parts: dict[str, Any] = {name: comparable(config.get(name)) for name in PARTS}
     parts["budget"] = facts.get("budget", parts["budget"])
+    parts["fingerprints"] = parts["fingerprints"] or None
+    parts["changes"] = [str(change) for change in changes if change.what] or None
     strategy = parts["strategy"]
     if isinstance(strategy, dict) and isinstance(strategy.get("options"), dict):
         options = {k: v for k, v in strategy["options"].items() if k != "seed"}
@@ -100,6 +106,8 @@ def _names(configurations: list[dict[str, Any]]) -> list[str]:
 
 def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     """Value of a part, as opposed to other configurations."""
+    if part == "changes":
+        return "changed" if value else ""
     if not isinstance(value, dict):
         return f"{part}={value}"
     if "class" not in value:
@@ -108,9 +116,17 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     own, inner = value.get("options"), value.get("driver")
     settings = _settings(own, [o.get("options") for o in alike]) if isinstance(own, dict) else ""
     word = str(value["class"]).rpartition(":")[2] + (f"({settings})" if settings else "")
+    version = _version(value)
+    if any(_version(other) != version for other in alike):
+        word += f" [{version}]"
     if isinstance(inner, dict):
         word += f" over {_word(part, inner, [o.get('driver') for o in alike])}"
     return word
+
+
+def _version(part: Mapping[str, Any]) -> str:
+    is_built_in = str(part["class"]).startswith("frenetic.")
+    return short_version(part) or (FIRST_VERSION if is_built_in else "unknown version")
 
 
 def _settings(value: Mapping[str, Any], others: Sequence[Any]) -> str:

@@ -32,6 +32,7 @@ from frenetic.campaign.progress import Progress
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import FreneticError
 from frenetic.export.tables import Which
+from frenetic.fingerprint import differences
 from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
@@ -300,6 +301,12 @@ class Bench:
                 raise FreneticError(
                     f"the source of {entrant.name} is not what the bench in {self.folder} was"
                     " begun with: restore it, or begin a new bench"
+                )
+        for name in ("simulator", "driver"):
+            if changed := differences(name, theirs.get(name), ours.pop(name)).changed:
+                raise FreneticError(
+                    f"{self.folder} holds a bench with another {name}: {'; '.join(changed)[:1000]};"
+                    " restore it, or begin a new bench"
                 )
         for name, value in ours.items():
             if theirs.get(name) != value:

@@ -10,11 +10,12 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
+from frenetic.campaign.changes import CHANGES, PARTS, PartChange, changed_parts, present_parts
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order
 from frenetic.campaign.progress import Progress, Summary, Tally
@@ -32,7 +33,7 @@ from frenetic.search.strategy import Strategy
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, describe
+from frenetic.spec import Budget, Part, Spec, describe, describe_terms
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -145,6 +146,8 @@ class Campaign:
         self.started = False
         """Whether its folder and database exist."""
         self.description = dict(description or {})
+        self.notes: tuple[str, ...] = ()
+        """What `resume` has to say about changed parts, and those that it could not compare."""
         self.named: Spec | None = None
         """Names of its parts; None if they came from Python."""
 
@@ -216,6 +219,7 @@ class Campaign:
             cluster=self.cluster,
             lookahead=self.order.lookahead,
             versions=package_versions(),
+            fingerprints=describe_terms(),
         )
 
     def run(
@@ -261,6 +265,7 @@ class Campaign:
         *,
         on_start: Callable[[], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
+        accept_changed: bool = False,
     ) -> Summary:
         """Resumes the campaign in the folder, whatever ended it.
 
@@ -273,6 +278,9 @@ class Campaign:
             on_progress: called after every test.
             on_start: called when the log is replayed and the simulator has started.
             on_interrupt: called at the first Ctrl-C.
+            accept_changed: go on with a strategy, driver, simulator, or built-in rules that differ
+                from those of the campaign in arguments, source or version, and mark in the campaign
+                from which result on. `notes` says what cannot be compared.
 
         Raises:
             CampaignError: there is no such campaign, another process writes it, it was made with
@@ -281,34 +289,70 @@ class Campaign:
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
             prepare(self.tester.simulator)
-            self._require_same_parts(store.config)
+            changes = self._changes(store, accept_changed=accept_changed)
             store.require_whole()
             tally, outstanding = replay(store, self.strategy, self.budget)
             # However this process ends, the campaign is resumed to this budget.
-            store.reopen(budget=asdict(self.budget))
+            store.reopen(budget=asdict(self.budget), **changes)
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
             self._log_start(log, Event.RESUMED, tally)
+            for note in self.notes:
+                log.write(Event.LOG, note, level="warning", logger=__name__)
             return self._search(store, log, tally, outstanding, on_progress, on_start, on_interrupt)
 
-    def _require_same_parts(self, config: Mapping[str, JSONValue]) -> None:
-        """Raises a `CampaignError` if a log was not made by parts like these."""
+    def _changes(
+        self, store: CampaignStore, *, accept_changed: bool
+    ) -> dict[str, list[dict[str, JSONValue]]]:
+        """The campaign's fact about changed parts, if there is anything new; fills `notes`.
+
+        Raises:
+            CampaignError: the log was made by other parts, and that is not accepted.
+        """
         ours = json.loads(json.dumps(self.configuration()))
-        for name in (
-            "strategy",
-            "driver",
-            "simulator",
-            "rules",
-            "map_size",
-            "margin",
-            "lane_width",
-            "lookahead",
-        ):
-            if ours[name] != _with_new_options(config.get(name), ours[name], name):
+        for name in ("rules", "map_size", "margin", "lane_width", "lookahead"):
+            theirs = store.config.get(name)
+            if ours[name] != theirs:
                 raise CampaignError(
                     f"{self.folder} was made with another {name.replace('_', ' ')}:"
-                    f" {json.dumps(config.get(name))[:300]}, not {json.dumps(ours[name])[:300]}"
+                    f" {json.dumps(theirs)[:300]}, not {json.dumps(ours[name])[:300]}"
                 )
+        recorded = store.parts
+        found = changed_parts(recorded, ours)
+        changed = [text for one in found.values() for text in one.changed]
+        if changed and not accept_changed:
+            others = [name for name, one in found.items() if one.changed and name in PARTS]
+            raise CampaignError(
+                f"{self.folder} was made with another {' and '.join(others) or 'version'}:"
+                f" {'; '.join(changed)[:1000]}; restore it, or go on and mark that with"
+                " --accept-changed (in Python: resume(accept_changed=True))"
+            )
+        unknown = [text for one in found.values() for text in one.unknown]
+        first = store.counts().told + 1
+        self.notes = tuple(
+            f"{what}: {'; '.join(texts)}"
+            for what, texts in (
+                ("whether these are as before is unknown", unknown),
+                (f"changed from result {first} on", changed),
+            )
+            if texts
+        )
+        # A change without a result since is replaced.
+        earlier = [change for change in store.changes if change.first < first]
+        before = present_parts(store.config, earlier)
+        since = changed_parts(before, ours)
+        parts = {
+            name: ours[name]
+            for name, one in since.items()
+            if (one.changed or one.unknown) and ours[name] != before.get(name)
+        }
+        if parts:
+            what = tuple(text for one in since.values() for text in one.changed)
+            moment = datetime.now(UTC).isoformat(timespec="milliseconds")
+            earlier.append(PartChange(first, moment, what, parts))
+        if not earlier and not store.changes:
+            return {}
+        return {CHANGES: [change.to_json() for change in earlier]}
 
     def _search(
         self,
@@ -401,19 +445,6 @@ class Campaign:
         fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
         text = f"{event} after {tally.told} results" if tally.told else str(event)
         log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
-
-
-def _with_new_options(recorded: Any, ours: Any, name: str) -> Any:
-    """A recorded strategy with the options that are new since then, as ours has them.
-
-    Replaying the log notices if they change its proposals.
-    """
-    if name != "strategy" or not isinstance(recorded, dict) or not isinstance(ours, dict):
-        return recorded
-    old, new = recorded.get("options"), ours.get("options")
-    if not isinstance(old, dict) or not isinstance(new, dict):
-        return recorded
-    return {**recorded, "options": {**new, **old}}
 
 
 _LOGGED: Final = (

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from enum import Enum, auto
@@ -470,6 +471,42 @@ RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
 _AS_THEY_ARE: Final = tuple(RECORD_COLUMNS.keys() - {"candidate_id", "outcome", *POSE})
 
 
+# Checksums of rows
+
+CHECKSUM: Final = "checksum"
+"""Name of the column with a row's checksum, the last of a table; NULL in rows of old versions."""
+
+
+def checksum(row: Iterable[object]) -> int:
+    """CRC-32 of the other values of a row, in the order of their columns.
+
+    It is that of a JSON list in ASCII, as Python writes it, with the CRC-32 of a blob in its place.
+    SQLite knows no negative zero, so it counts as zero.
+    """
+    values = [
+        value + 0.0
+        if type(value) is float
+        else zlib.crc32(value)
+        if type(value) is bytes
+        else value
+        for value in row
+    ]
+    return zlib.crc32(json.dumps(values).encode())
+
+
+def with_checksum(row: tuple[object, ...]) -> tuple[object, ...]:
+    """A row with its checksum."""
+    return (*row, checksum(row))
+
+
+def checksum_fault(row: Sequence[object]) -> str:
+    """How a row, with its checksum at the end, contradicts that; empty if it does not."""
+    *values, stored = row
+    if stored is None or stored == checksum(values):
+        return ""
+    return "does not match its checksum: a value was changed"
+
+
 # From rows to records
 
 
@@ -542,12 +579,12 @@ def read_test(
     trajectory: Trajectory | None = None,
     setting: Setting | None = None,
 ) -> TestRecord:
-    """The record of a row of `RECORD_COLUMNS`.
+    """The record of a row of `TEST_COLUMNS`.
 
     Raises:
         RowError: the row is damaged.
     """
-    return record_of(read_row(RECORD_COLUMNS, row), candidate, trajectory, setting)
+    return record_of(read_row(TEST_COLUMNS, row), candidate, trajectory, setting)
 
 
 def record_of(

@@ -35,20 +35,23 @@ from typing import Any, Final, Literal, Self, TypeAlias, get_args
 from weakref import WeakSet
 
 from frenetic._support.json_value import JSONValue as JSONValue
+from frenetic.campaign.changes import CHANGES, PartChange, present_parts, read_changes
 from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
-    RECORD_COLUMNS,
+    CHECKSUM,
     TEST_COLUMNS,
     RowError,
     Setting,
     TestRecord,
+    checksum_fault,
     read_candidate,
     read_test,
     row_of_candidate,
     row_of_test,
     setting_faults,
+    with_checksum,
 )
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
@@ -178,22 +181,31 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         ) {_STRICT}
         """,
     ),
+    tuple(
+        # CRC-32 of the other values, see `frenetic.campaign.record.checksum`; of a run without id
+        # and ended_at
+        f"ALTER TABLE {table} ADD COLUMN checksum INTEGER"
+        for table in ("campaign", "candidate", "test", "trajectory", "redrive_run", "redrive")
+    ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
-_UNREAD: Final = frozenset({4})
-"""Schema versions that only add tables, which readers of the store do not need."""
+_UNREAD: Final = frozenset({4, 5})
+"""Schema versions that only add what readers of the store can do without."""
 
 _INSERT: Final = "INSERT INTO {} VALUES ({})"
-_INSERT_CANDIDATE: Final = _INSERT.format("candidate", ", ".join("?" * len(CANDIDATE_COLUMNS)))
-_INSERT_TEST: Final = _INSERT.format("test", ", ".join("?" * len(TEST_COLUMNS)))
-_REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?)"
-_INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?)"
-_SELECT_CANDIDATE: Final = f"SELECT {', '.join(CANDIDATE_COLUMNS)} FROM candidate WHERE id = ?"  # noqa: S608
+_INSERT_CANDIDATE: Final = _INSERT.format("candidate", "?, " * len(CANDIDATE_COLUMNS) + "?")
+_INSERT_TEST: Final = _INSERT.format("test", "?, " * len(TEST_COLUMNS) + "?")
+_REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?, ?)"
+_INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?, ?)"
+# {} is the column of checksums, NULL in older schemas.
+_SELECT_CANDIDATE: Final = f"SELECT {', '.join(CANDIDATE_COLUMNS)}, {{}} FROM candidate"  # noqa: S608
+_SELECT_RESULT: Final = f"SELECT {', '.join(TEST_COLUMNS)}, {{}} FROM test"  # noqa: S608
 _SELECT_TEST: Final = f"""
-    SELECT {", ".join(RECORD_COLUMNS)}, {", ".join(CANDIDATE_COLUMNS)}
+    SELECT {", ".join(TEST_COLUMNS)}, {{}}, {", ".join(CANDIDATE_COLUMNS)}, {{}}
     FROM test LEFT JOIN candidate ON id = candidate_id WHERE candidate_id = ?
 """  # noqa: S608
-_SELECT_TRAJECTORY: Final = "SELECT data FROM trajectory WHERE candidate_id = ?"
+_SELECT_TRAJECTORY: Final = "SELECT candidate_id, data, {} FROM trajectory"
+_SELECT_FACTS: Final = "SELECT key, value, {} FROM campaign"
 _SELECT_IDS: Final[Mapping[str, str]] = {
     "told": """
         SELECT candidate_id FROM test
@@ -209,6 +221,7 @@ SELECT_TESTED_ROADS: Final = """
     WHERE outcome <> 'DROPPED'
 """
 """The roads of all tests, see `frenetic.campaign.counts.road_key`."""
+_CHECKSUMS_SINCE: Final = 5  # schema version
 _CONFIG: Final = "config"
 _CREATED_AT: Final = "created_at"
 
@@ -234,10 +247,20 @@ class CampaignStore:
         # Rows that the next transaction writes.
         self._held_candidates: list[tuple[object, ...]] = []
         self._held_tests: list[tuple[object, ...]] = []
-        self._held_trajectories: list[tuple[int, bytes]] = []
+        self._held_trajectories: list[tuple[object, ...]] = []
         self._last_asked = 0
         self._told = 0
         with translated(self._path):
+            (version,) = connection.execute("PRAGMA user_version").fetchone()
+            has_checksums = version >= _CHECKSUMS_SINCE
+            self.checksum_column: Final = CHECKSUM if has_checksums else "NULL"
+            """The column of checksums in a SELECT, NULL in an older schema."""
+            self._select_test = _SELECT_TEST.format(
+                *(
+                    f"{name}.{CHECKSUM}" if has_checksums else "NULL"
+                    for name in ("test", "candidate")
+                )
+            )
             if lock is not None:
                 (last,) = connection.execute("SELECT max(id) FROM candidate").fetchone()
                 self._last_asked = last or 0
@@ -381,14 +404,25 @@ class CampaignStore:
     def facts(self) -> Mapping[str, JSONValue]:
         """Other facts of the campaign: ``created_at`` and those that `finish` added."""
         with translated(self._path):
-            rows = self._connection.execute("SELECT key, value FROM campaign ORDER BY key")
-            return MappingProxyType(
-                {
-                    key: self._from_json(value, f"fact {key}")
-                    for key, value in rows
-                    if key != _CONFIG
-                }
+            rows = self._connection.execute(
+                f"{_SELECT_FACTS.format(self.checksum_column)} ORDER BY key"
             )
+            return MappingProxyType(
+                {row[0]: self._to_fact(row, f"fact {row[0]}") for row in rows if row[0] != _CONFIG}
+            )
+
+    @property
+    def changes(self) -> tuple[PartChange, ...]:
+        """The changes of parts that were accepted when the campaign was resumed, in order."""
+        try:
+            return read_changes(self.facts.get(CHANGES))
+        except ValueError as error:
+            raise self._damaged(f"the fact {CHANGES}: {error}") from None
+
+    @property
+    def parts(self) -> Mapping[str, JSONValue]:
+        """The configuration with the parts that the campaign was resumed with last."""
+        return MappingProxyType(present_parts(self.config, self.changes))
 
     def asked(self, candidate: Candidate) -> None:
         """Record `candidate`, to be written together with the next result (or on closing).
@@ -402,7 +436,7 @@ class CampaignStore:
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a "
                 f"higher id, not {candidate.id}"
             )
-        self._held_candidates.append(row_of_candidate(candidate, self._told))
+        self._held_candidates.append(with_checksum(row_of_candidate(candidate, self._told)))
         self._last_asked = candidate.id
 
     def told(
@@ -418,13 +452,13 @@ class CampaignStore:
         is not finite.
         """
         self._require_writer()
-        row = row_of_test(record, _now())
+        row = with_checksum(row_of_test(record, _now()))
         data = trajectory
         if data is None and record.trajectory is not None:
             data = encode(record.trajectory)
         self._held_tests.append(row)
         if data is not None:
-            self._held_trajectories.append((record.candidate.id, data))
+            self._held_trajectories.append(with_checksum((int(record.candidate.id), data)))
         self._told += 1
         if hold:
             return
@@ -472,11 +506,11 @@ class CampaignStore:
             )
             connection.executemany(_REPLACE_FACT, rows)
 
-    def _fact_rows(self, facts: Mapping[str, JSONValue]) -> list[tuple[str, str]]:
+    def _fact_rows(self, facts: Mapping[str, JSONValue]) -> list[tuple[object, ...]]:
         self._require_writer()
         if fixed := {_CONFIG, _CREATED_AT} & facts.keys():
             raise ValueError(f"{', '.join(sorted(fixed))} cannot be changed: choose another name")
-        return [(key, _to_json(value)) for key, value in facts.items()]
+        return [with_checksum((key, _to_json(value))) for key, value in facts.items()]
 
     def tests(
         self,
@@ -522,7 +556,7 @@ class CampaignStore:
         """
         self.write()
         with translated(self._path):
-            row = self._fetch(_SELECT_CANDIDATE, id)
+            row = self._fetch(f"{_SELECT_CANDIDATE.format(self.checksum_column)} WHERE id = ?", id)
             if row is None:
                 raise self._unknown("candidate", id, "SELECT min(id), max(id) FROM candidate")
         return self._to_candidate(row)[0]
@@ -675,34 +709,63 @@ class CampaignStore:
 
     def _read_test(self, candidate_id: int, with_trajectory: bool) -> TestRecord:
         with translated(self._path):
-            row = self._fetch(_SELECT_TEST, candidate_id)
+            row = self._fetch(self._select_test, candidate_id)
             if row is None:
                 raise self._unknown(
                     "test of candidate",
                     candidate_id,
                     "SELECT min(candidate_id), max(candidate_id) FROM test",
                 )
-            data = self._fetch(_SELECT_TRAJECTORY, candidate_id) if with_trajectory else None
+            select = f"{_SELECT_TRAJECTORY.format(self.checksum_column)} WHERE candidate_id = ?"
+            data = self._fetch(select, candidate_id) if with_trajectory else None
         name = f"of test {candidate_id}"
-        of_test, of_candidate = row[: len(RECORD_COLUMNS)], row[len(RECORD_COLUMNS) :]
+        of_test, of_candidate = row[: len(TEST_COLUMNS) + 1], row[len(TEST_COLUMNS) + 1 :]
         if of_candidate[0] is None:
             raise self._damaged(f"candidate {candidate_id} is missing")
         candidate, _ = self._to_candidate(of_candidate)
-        trajectory = None if data is None else self._to_trajectory(data[0], name)
+        trajectory = None if data is None else self._to_trajectory(data, name)
         with self._naming(name):
-            return read_test(of_test, candidate, trajectory, self._setting)
+            record = read_test(of_test[:-1], candidate, trajectory, self._setting)
+        self._require_checksum(of_test, f"test {candidate_id}")
+        return record
 
-    def _to_trajectory(self, data: object, name: str) -> Trajectory:
+    def _require_checksum(self, row: tuple[Any, ...], name: str) -> None:
+        if fault := checksum_fault(row):
+            raise self._damaged(f"{name} {fault}")
+
+    def require_checksums(self, after: int, until: int, *, trajectories: bool = False) -> None:
+        """Raise a `CampaignError` if a test, its road or, if asked, its trajectory was changed.
+
+        It looks at the results told as numbers ``after + 1`` to ``until``.
+        """
+        told = "SELECT candidate_id FROM test WHERE told > ? AND told <= ?"
+        wanted = [
+            (_SELECT_RESULT, "candidate_id", "test"),
+            (_SELECT_CANDIDATE, "id", "candidate"),
+            *([(_SELECT_TRAJECTORY, "candidate_id", "the trajectory of test")] * trajectories),
+        ]
+        with translated(self._path):
+            for select, column, name in wanted:
+                rows = f"{select.format(self.checksum_column)} WHERE {column} IN ({told})"
+                for row in self._connection.execute(rows, (after, until)):
+                    self._require_checksum(row, f"{name} {row[0]}")
+
+    def _to_trajectory(self, row: tuple[Any, ...], name: str) -> Trajectory:
+        data = row[1]
         if not isinstance(data, bytes):
             raise self._damaged(f"the trajectory {name} has the wrong type")
         try:
-            return decode(data)
+            trajectory = decode(data)
         except CampaignError as error:
             raise CampaignError(f"{self._path}: the trajectory {name}: {error}") from error
+        self._require_checksum(row, f"the trajectory {name}")
+        return trajectory
 
     def _to_candidate(self, row: tuple[Any, ...]) -> tuple[Candidate, int]:
         with self._naming(f"of candidate {row[0]}"):
-            return read_candidate(row)
+            candidate = read_candidate(row[:-1])
+        self._require_checksum(row, f"candidate {row[0]}")
+        return candidate
 
     @contextmanager
     def _naming(self, name: str) -> Iterator[None]:
@@ -720,6 +783,11 @@ class CampaignStore:
         except ValueError as error:
             raise self._damaged(f"the {column} of a test {error}") from None
 
+    def _to_fact(self, row: tuple[Any, ...], name: str) -> JSONValue:
+        value = self._from_json(row[1], name)
+        self._require_checksum(row, f"the {name}")
+        return value
+
     def _from_json(self, text: object, name: str) -> JSONValue:
         try:
             value: JSONValue = json.loads(text) if isinstance(text, str) else None
@@ -731,9 +799,9 @@ class CampaignStore:
 
     def _read_config(self) -> Mapping[str, JSONValue]:
         row = self._connection.execute(
-            "SELECT value FROM campaign WHERE key = ?", (_CONFIG,)
+            f"{_SELECT_FACTS.format(self.checksum_column)} WHERE key = ?", (_CONFIG,)
         ).fetchone()
-        config = self._from_json(row and row[0], _CONFIG)
+        config = self._to_fact(row or (_CONFIG, None, None), _CONFIG)
         if not isinstance(config, dict):
             raise self._damaged("the config is no JSON object")
         return MappingProxyType(config)
@@ -895,7 +963,7 @@ def _make_database(path: Path, facts: Mapping[str, str]) -> None:
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         _migrate(connection, 0)
         connection.execute("BEGIN")
-        connection.executemany("INSERT INTO campaign VALUES (?, ?)", facts.items())
+        connection.executemany(_REPLACE_FACT, map(with_checksum, facts.items()))
         connection.execute("COMMIT")
     finally:
         connection.close()

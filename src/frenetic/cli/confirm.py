@@ -51,6 +51,7 @@ def confirm(
     from frenetic.analysis.failures import LISTED
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
+    from frenetic.fingerprint import differences
     from frenetic.redrive.confirm import confirm as confirm_failures
     from frenetic.redrive.confirm import confirmation_document
     from frenetic.spec import describe
@@ -63,13 +64,14 @@ def confirm(
     with CampaignStore.open(campaign) as store:
         chosen = chosen_tests(store, test_ids, top if test_ids else top or LISTED)
         spec = recorded_spec(store, given)
-        recorded = store.config.get("simulator"), store.config.get("driver")
+        recorded = store.parts
     if not chosen:
         click.echo("[]" if as_json else f"{campaign} holds no failure")
         return
     driver, simulator = spec.make_driver(), spec.make_simulator()
     log = Log()
-    if recorded == (describe(simulator), describe(driver)):
+    ours = {"simulator": describe(simulator), "driver": describe(driver)}
+    if not any(differences(kind, recorded.get(kind), one).changed for kind, one in ours.items()):
         log.print("These are the campaign's own simulator and driver: what fails is to fail again.")
     with shown_driving(log, "Driving") as hooks:
         confirmation = confirm_failures(

@@ -137,7 +137,8 @@ def minimise(
     road found so far.
     """
     from frenetic._support.interrupt import catch_interrupt
-    from frenetic.campaign import RoadTester
+    from frenetic.campaign import CampaignStore, RoadTester
+    from frenetic.redrive.loop import warn_of_versions
     from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
     from frenetic.spec import describe
 
@@ -150,6 +151,9 @@ def minimise(
     simulator, driver = spec.make_simulator(), spec.make_driver()
     with as_usage_error():
         tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
+    if source.is_dir():
+        with CampaignStore.open(source) as store:
+            warn_of_versions(store, simulator, driver)
     works[0].files.make_folder()  # before hours are spent on what cannot be written
 
     done: list[Done] = []

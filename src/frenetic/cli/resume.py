@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,12 @@ from frenetic.spec import Budget, Spec
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
 @worker_options
+@click.option(
+    "--accept-changed",
+    is_flag=True,
+    help="Go on with parts that changed since, such as an edited driver, and mark from which result"
+    " on.",
+)
 @place_options
 @json_option
 def resume(
@@ -30,14 +37,16 @@ def resume(
     workers: int | None,
     cluster: str | None,
     drive_limit: float | None,
+    accept_changed: bool,
     as_json: bool,
 ) -> None:
     """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
 
     Its log is replayed to a fresh strategy, so an interrupted campaign ends as if it had never been
     interrupted: exactly so if it has one worker or is ordered and its budget counts simulations or
-    failures. A given budget is added to what is spent. If BeamNG.tech has moved, give its new
-    place, which holds for this time.
+    failures. A part that was changed since, such as a driver's source, a module that it imports or
+    a file that is its argument, is refused. A given budget is added to what is spent. If
+    BeamNG.tech has moved, give its new place, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
@@ -83,4 +92,5 @@ def resume(
         replace(spec, simulator=simulator), campaign, workers, cluster, drive_limit
     )
     text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
-    search(the_campaign, the_campaign.resume, text, as_json, spec.seed)
+    how = partial(the_campaign.resume, accept_changed=accept_changed)
+    search(the_campaign, how, text, as_json, spec.seed)

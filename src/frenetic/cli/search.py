@@ -102,6 +102,8 @@ def search(
         def started() -> None:
             compiled()
             log.print(f"{announcement}, results in {folder}", markup=False)
+            for note in campaign.notes:
+                log.print(f"Note: {note}", markup=False)
 
         try:
             summary = how(show, on_start=started, on_interrupt=log.stopping)

@@ -12,6 +12,7 @@ import click
 from frenetic.cli.console import facts_of_drive, print_facts, print_failures, shell
 from frenetic.cli.options import json_option
 from frenetic.errors import FreneticError
+from frenetic.fingerprint import short_version
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore
@@ -87,6 +88,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ),
             ("budget", spent),
             ("results", counts.in_words()),
+            *(("changed", str(change)) for change in store.changes if change.what),
         ]
     )
     if len(clusters):
@@ -107,6 +109,8 @@ def _part(described: object) -> str:
     text = str(described.get("class", "unknown")).rpartition(":")[2] + (
         f"({shown})" if shown else ""
     )
+    version = short_version(described)
+    text += f" [{version}]" if version else ""
     inner = described.get("driver")
     return text if inner is None else f"{text} over {_part(inner)}"
 

@@ -17,6 +17,8 @@ class BuiltIn:
     """A driver whose law is a compiled kernel; the subclasses are its parameters."""
 
     law: ClassVar[int]
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its controls change; campaigns record it, see `frenetic.fingerprint`."""
 
     def parameters(self) -> FloatArray:
         """The law's parameters in the order of `frenetic.drivers.laws`."""
@@ -98,6 +100,7 @@ class Planner(SpeedPlanner):
     """
 
     law: ClassVar[int] = laws.PLANNER
+    BEHAVIOUR: ClassVar[int] = 1
 
     lookahead_time: float = 0.3
     """Driving time to the point that is steered for, in s."""
@@ -116,6 +119,7 @@ class Stanley(SpeedPlanner):
     """Plans its speed like `Planner` and steers by Stanley's law (Hoffmann et al., ACC 2007)."""
 
     law: ClassVar[int] = laws.STANLEY
+    BEHAVIOUR: ClassVar[int] = 1
 
     lateral_acceleration: float = 6.0
     """Lateral acceleration in curves, in m/s^2 at aggression 1."""
@@ -151,6 +155,7 @@ class BeamngAi(Planner):
     """
 
     law: ClassVar[int] = laws.PLANNER
+    BEHAVIOUR: ClassVar[int] = 1
 
     lateral_acceleration: float = 6.44
     """Lateral acceleration in curves, in m/s^2 at aggression 1."""

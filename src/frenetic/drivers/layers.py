@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -67,6 +67,9 @@ class Noisy:
         correlation_time: s after which an error has faded to 1/e.
         seed: of the errors.
     """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its effect changes, as a driver's."""
 
     def __init__(
         self,
@@ -169,6 +172,9 @@ class Delayed:
         seconds: the delay, rounded to whole control periods.
     """
 
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its effect changes, as a driver's."""
+
     def __init__(self, driver: Driver, *, seconds: float = 0.1) -> None:
         self.driver = driver
         self.seconds = _amount(seconds, "seconds", "s are")
@@ -207,6 +213,9 @@ class LimitedView:
         driver: the driver underneath.
         distance: m of road; the view is cut to whole points 2 m apart, at least two.
     """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its effect changes, as a driver's."""
 
     def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
         self.driver = driver

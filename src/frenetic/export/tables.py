@@ -115,8 +115,10 @@ def batches_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) 
     last, done = _last_told(store), 0
     while rows := list(store.rows(select, (done, last, *wanted))):
         batch = _to_batch(store, rows)
+        told = int(batch.values["told"][-1])  # type: ignore[index, arg-type]
+        store.require_checksums(done, told)
         yield batch
-        done = int(batch.values["told"][-1])  # type: ignore[index, arg-type]
+        done = told
 
 
 def batches_of_trajectories(
@@ -157,6 +159,7 @@ def trajectories_of(
     select = _SELECT_TRAJECTORIES.format(", ".join("?" * len(wanted)))
     last, done = _last_told(store), 0
     while rows := list(store.rows(select, (done, last, *wanted))):
+        store.require_checksums(done, rows[-1][0], trajectories=True)
         for _, candidate_id, data in rows:
             if not isinstance(data, bytes):
                 raise _damaged(store, f"the trajectory of test {candidate_id} is {shown(data)}")

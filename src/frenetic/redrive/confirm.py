@@ -18,6 +18,7 @@ from frenetic.analysis.statistics import spearman
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
+from frenetic.fingerprint import comparable
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import campaign_tester, drive_again
 from frenetic.redrive.record import Agreement, Purpose, Redrive, Run, verdict_document
@@ -61,7 +62,7 @@ class Confirmation:
     @cached_property
     def key(self) -> str:
         """Eight digits for simulator, driver and rules, with their options."""
-        parts = [dict(self.simulator), dict(self.driver), asdict(self.rules)]
+        parts = [comparable(self.simulator), comparable(self.driver), asdict(self.rules)]
         text = json.dumps(parts, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:8]
 

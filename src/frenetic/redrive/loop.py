@@ -7,6 +7,7 @@ road.
 
 from __future__ import annotations
 
+import logging
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ from typing import Any, Final, TypeAlias
 
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.campaign.campaign import prepare
+from frenetic.campaign.changes import version_notes
 from frenetic.campaign.loop import MAX_ATTEMPTS
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore
@@ -34,6 +36,8 @@ from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
 from frenetic.spec import describe
+
+logger = logging.getLogger(__name__)
 
 OPERATOR: Final = "redrive"
 """Operator in the origin of roads that are driven again."""
@@ -89,13 +93,20 @@ class RedriveProgress:
 
 
 def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) -> RoadTester:
-    """Drives a campaign's roads, possibly with other parts.
+    """Drives a campaign's roads, possibly with other parts; warns of other versions of its own.
 
     Raises:
         CampaignError: the campaign's configuration is damaged.
     """
     setting = store.setting
+    warn_of_versions(store, simulator, driver)
     return RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
+
+
+def warn_of_versions(store: CampaignStore, simulator: Simulator, driver: Driver) -> None:
+    """Logs a warning for each part that is another version of the campaign's."""
+    for note in version_notes(store.parts, simulator=simulator, driver=driver):
+        logger.warning("%s", note)
 
 
 def new_run(purpose: Purpose, tester: RoadTester, planned: int, **drawn: Any) -> Run:

@@ -13,6 +13,7 @@ from frenetic._support.files import write_file
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
+from frenetic.fingerprint import comparable
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
 from frenetic.redrive.record import Change, Purpose, Redrive, Run
@@ -129,7 +130,7 @@ def read_replays(folder: Path | str) -> tuple[Replay, ...]:
     """
     last: dict[str, Replay] = {}
     for run in read_runs(folder, Purpose.REGRESSION):
-        key = repr((run.driver, run.simulator, run.rules))
+        key = repr((comparable(run.driver), comparable(run.simulator), run.rules))
         last.pop(key, None)
         last[key] = _of_run(Path(folder), run)
     return tuple(last.values())

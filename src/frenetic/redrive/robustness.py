@@ -24,6 +24,7 @@ from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval,
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
+from frenetic.fingerprint import comparable, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, conditions_document, draw_conditions
 from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
@@ -145,7 +146,7 @@ class Rerun:
     @property
     def _setting(self) -> tuple[object, ...]:
         """Key that a later rerun shares with one that it replaces."""
-        parts = json.dumps([self.driver, self.simulator], sort_keys=True)
+        parts = json.dumps([comparable(self.driver), comparable(self.simulator)], sort_keys=True)
         return self.test_id, parts, self.rules, frozenset(self.variations)
 
     @cached_property
@@ -290,7 +291,8 @@ def telling_reruns(
     own = [
         one
         for one in reruns
-        if (one.driver, one.simulator) == (driver, simulator)
+        if not differences("driver", one.driver, driver).changed
+        and not differences("simulator", one.simulator, simulator).changed
         and (one.rules == rules or None in (one.rules, rules))
     ]
     own.sort(key=lambda one: bool(one.variations))  # stable: the last of each counts

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import logging
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -26,7 +26,9 @@ from frenetic.campaign.record import (
     Kind,
     RowError,
     TestRecord,
+    checksum_fault,
     read_row,
+    with_checksum,
 )
 from frenetic.campaign.store import (
     DATABASE,
@@ -38,6 +40,7 @@ from frenetic.campaign.store import (
 )
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
+from frenetic.fingerprint import comparable
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import (
     Variation,
@@ -78,29 +81,30 @@ _COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
         **_VERDICT,
     }
 )
-_SELECT_RUNS: Final = """
-    SELECT id, driver, simulator, rules, car, planned, seed, variations FROM redrive_run
-    WHERE purpose = ? ORDER BY id
-"""
+_RUN: Final = "purpose, driver, simulator, rules, car, planned, seed, variations, source, made_at"
+# {} is the column of checksums, NULL in older schemas.
+_SELECT_RUNS: Final = f"""
+    SELECT id, {_RUN}, {{}} FROM redrive_run WHERE purpose = ? ORDER BY id
+"""  # noqa: S608
 _SELECT_DRIVES: Final = f"""
-    SELECT trajectory, {", ".join(_COLUMNS)} FROM redrive
+    SELECT {", ".join(_COLUMNS)}, trajectory, {{}} FROM redrive
     WHERE run IN (SELECT id FROM redrive_run WHERE purpose = ?) ORDER BY run, number
 """  # noqa: S608
-_INSERT_RUN: Final = """
-    INSERT INTO redrive_run
-        (purpose, driver, simulator, rules, car, planned, seed, variations, source, made_at)
-    VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
-"""
+_INSERT_RUN: Final = f"""
+    INSERT INTO redrive_run ({_RUN}, checksum)
+    VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+"""  # noqa: S608
 _INSERT_DRIVE: Final = f"""
-    INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory)
-    VALUES ({", ".join("?" * (len(_COLUMNS) + 1))})
+    INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory, checksum)
+    VALUES ({", ".join("?" * (len(_COLUMNS) + 2))})
 """  # noqa: S608
 # An ended run replaces the drives of older runs for the same purpose with the same parts and
 # ranges; for robustness, only those of its judged tests.
 _REPLACED: Final = """
-    SELECT older.id FROM redrive_run AS older JOIN redrive_run AS this USING
-        (purpose, driver, simulator, variations)
-    WHERE this.id = :run AND older.id < this.id AND older.ended_at IS NOT NULL
+    SELECT older.id FROM redrive_run AS older JOIN redrive_run AS this USING (purpose, variations)
+    WHERE comparable(older.driver) = comparable(this.driver)
+        AND comparable(older.simulator) = comparable(this.simulator)
+        AND this.id = :run AND older.id < this.id AND older.ended_at IS NOT NULL
         AND (older.rules IS this.rules OR older.rules IS NULL)
 """
 _DELETE_DRIVES: Final = f"""
@@ -144,14 +148,17 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
 def _read_runs(store: CampaignStore, purpose: Purpose) -> list[Run]:
     path = store.folder / DATABASE
     runs: dict[int, Run] = {}
-    for number, *parts in store.rows(_SELECT_RUNS, (purpose,)):
+    for number, *parts in store.rows(_SELECT_RUNS.format(store.checksum_column), (purpose,)):
         with _damaged(path, f"run {number} of what was driven again"):
-            runs[number] = _to_run(purpose, *parts)
+            runs[number] = _to_run(purpose, *parts[1:8])
+            _require_checksum(parts)
     drives: dict[int, list[Redrive]] = {number: [] for number in runs}
     records: dict[int, TestRecord] = {}
-    for data, *row in store.rows(_SELECT_DRIVES, (purpose,)):
+    for row in store.rows(_SELECT_DRIVES.format(store.checksum_column), (purpose,)):
+        data = row[-2]
         with _damaged(path, f"drive {row[1]} of run {row[0]} of what was driven again"):
-            values = read_row(_COLUMNS, row)
+            values = read_row(_COLUMNS, row[:-2])
+            _require_checksum(row)
             run, test = values.pop("run"), values.pop("test")
             if test not in records:
                 records[test] = store.test(test, with_trajectory=False)
@@ -161,6 +168,11 @@ def _read_runs(store: CampaignStore, purpose: Purpose) -> list[Run]:
             values["trajectory"] = None if data is None else decode(data)
             drives[run].append(Redrive(records[test], **values))
     return [replace(run, drives=tuple(drives[number])) for number, run in runs.items()]
+
+
+def _require_checksum(row: Sequence[object]) -> None:
+    if fault := checksum_fault(row):
+        raise ValueError(f"it {fault}")
 
 
 def _to_run(purpose: Purpose, *values: Any) -> Run:
@@ -186,6 +198,14 @@ def _damaged(path: Path, what: str) -> Iterator[None]:
         raise CampaignError(
             f"{path} is damaged: {what}: {error}; restore it from a copy, or drive again"
         ) from None
+
+
+def _comparable(described: object) -> str | None:
+    """A described part for SQL; None if it is damaged."""
+    try:
+        return json.dumps(comparable(json.loads(str(described))), sort_keys=True)
+    except (ValueError, RecursionError):
+        return None
 
 
 class RunWriter:
@@ -217,6 +237,7 @@ class RunWriter:
         with self._trying(), translated(self._path):
             self._connection = connect_to_write(self._path)
             self._owner = Owner(self._connection)
+            self._connection.create_function("comparable", 1, _comparable, deterministic=True)
 
     def add(self, number: int, drive: Redrive) -> None:
         """Stores drive ``number`` of the run, durably.
@@ -329,7 +350,7 @@ def _insert_run(connection: sqlite3.Connection, run: Run, source: str | None = N
         source,
         _now(),
     )
-    number = connection.execute(_INSERT_RUN, values).lastrowid
+    number = connection.execute(_INSERT_RUN, with_checksum(values)).lastrowid
     assert number is not None
     if source is not None:
         connection.execute("UPDATE redrive_run SET ended_at = made_at WHERE id = ?", (number,))
@@ -349,7 +370,7 @@ def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: 
         *(float(value) if _is_real(value) else value for value in verdict),
         None if drive.trajectory is None else encode(drive.trajectory),
     )
-    connection.execute(_INSERT_DRIVE, values)
+    connection.execute(_INSERT_DRIVE, with_checksum(values))
 
 
 def _is_real(value: object) -> bool:

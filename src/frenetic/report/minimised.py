@@ -11,6 +11,7 @@ from typing import Any, Final
 from frenetic._support.files import write_file
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
+from frenetic.fingerprint import differences
 from frenetic.redrive.minimise import OPERATOR, Minimised
 
 MINIMISED: Final = "minimised"
@@ -109,7 +110,10 @@ def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
     try:
         there = json.loads(path.read_text(encoding="utf-8"))
         length = _length(there)
-        is_like = all(there[key] == document[key] for key in ("driver", "simulator", "rules"))
+        is_like = there["rules"] == document["rules"] and not any(
+            differences(kind, there[kind], document[kind]).changed
+            for kind in ("driver", "simulator")
+        )
         how, ours = there["minimised"], document["minimised"]
         is_like = is_like and how["reason"] == ours["reason"] and how["guard"] >= ours["guard"]
     except (OSError, ValueError, LookupError, TypeError, RecursionError):

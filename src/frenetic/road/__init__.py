@@ -2,10 +2,11 @@
 
 from frenetic.road.fitting import MARGIN, RigidMotion, fit_to_map
 from frenetic.road.geometry import integrate
-from frenetic.road.road import Lane, Pose, Road
+from frenetic.road.road import BEHAVIOUR, Lane, Pose, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 __all__ = [
+    "BEHAVIOUR",
     "MAP_SIZE",
     "MARGIN",
     "Lane",

@@ -19,6 +19,8 @@ from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 if TYPE_CHECKING:
     import numpy.typing as npt
 
+BEHAVIOUR = 1
+"""Raised when a road gets another shape, place or validity; campaigns record it."""
 MAX_SAMPLES = 10_000
 """Most curvature samples of a road."""
 MAX_LENGTH = 50_000.0

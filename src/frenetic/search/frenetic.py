@@ -8,7 +8,7 @@ import heapq
 import math
 from collections.abc import Iterator
 from functools import partial
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -123,6 +123,9 @@ class Frenetic:
         ValueError: An option is out of range; the message says which and what is allowed.
 
     """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its proposals change; campaigns record it."""
 
     def __init__(
         self,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 import numpy as np
 
@@ -152,6 +152,9 @@ class RandomSearch:
         ValueError: An option is out of range; the message says which and what is allowed.
 
     """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its proposals change; campaigns record it."""
 
     def __init__(
         self,

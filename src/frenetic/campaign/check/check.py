@@ -17,7 +17,7 @@ from frenetic.campaign.check.database import (
     check_schema,
 )
 from frenetic.campaign.check.report import CheckReport, FindingCollector, Holdings, State
-from frenetic.campaign.check.rows import check_candidates, check_results
+from frenetic.campaign.check.rows import check_candidates, check_redrives, check_results
 from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.lock import find_holder
 from frenetic.campaign.store import (
@@ -84,7 +84,7 @@ def _check(
         tables = check_schema(connection, version, findings)
     if tables.has("campaign"):
         with findings.reading("the configuration"):
-            facts = check_facts(connection, findings)
+            facts = check_facts(connection, tables.columns["campaign"], findings)
     asked, told = _last_numbers(connection, tables, findings)
     holdings = _holdings(folder, connection, version, tables, facts, findings)
     if tables.has("candidate"):
@@ -103,6 +103,8 @@ def _check(
             if len(series.ids) == told and None not in series.outcomes:
                 ended = holdings.state in (State.FINISHED, State.INTERRUPTED)
                 check_budget(series, facts, ended, findings)
+    with findings.reading("what was driven again"):
+        check_redrives(connection, tables, findings)
     return CheckReport(folder, holdings, findings.all())
 
 

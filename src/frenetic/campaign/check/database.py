@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Any
 
+from frenetic.campaign.changes import CHANGES, read_changes
 from frenetic.campaign.check.report import FindingCollector, Severity, Subject
-from frenetic.campaign.record import Setting, is_moment
+from frenetic.campaign.record import CHECKSUM, Setting, checksum_fault, is_moment
 from frenetic.campaign.store import MIGRATIONS
 from frenetic.spec import Budget, Decoded, decode_budget, decode_config, is_number, shown
 
@@ -92,10 +93,17 @@ class Facts:
     versions: Mapping[str, str] = field(default_factory=dict)
 
 
-def check_facts(connection: sqlite3.Connection, findings: FindingCollector) -> Facts:
-    """Checks the configuration and the other facts."""
+def check_facts(
+    connection: sqlite3.Connection, columns: Collection[str], findings: FindingCollector
+) -> Facts:
+    """Checks the configuration and the other facts, in a table with these columns."""
     facts: dict[str, Any] = {}
-    for key, text in connection.execute("SELECT key, value FROM campaign ORDER BY key"):
+    column = CHECKSUM if CHECKSUM in columns else "NULL"
+    select = f"SELECT key, value, {column} FROM campaign ORDER BY key"  # noqa: S608
+    for row in connection.execute(select):
+        key, text, _ = row
+        if fault := checksum_fault(row):
+            findings.add(Subject.CONFIGURATION, f"the fact {key} {fault}")
         try:
             facts[key] = json.loads(text)
         except (TypeError, ValueError, RecursionError):
@@ -118,6 +126,7 @@ def check_facts(connection: sqlite3.Connection, findings: FindingCollector) -> F
         ("interrupted", lambda value: isinstance(value, bool), "true or false"),
         ("seconds", lambda value: is_number(value) and value >= 0.0, "a number of at least 0"),
         ("budget", lambda value: _budget(value) is not None, "a budget"),
+        (CHANGES, _are_changes, "a list of changes"),
     ):
         if name in facts and not is_fine(facts[name]):
             text = f"the fact {name} is {shown(facts[name])}: {needed} is needed"
@@ -135,6 +144,14 @@ def check_facts(connection: sqlite3.Connection, findings: FindingCollector) -> F
         setting=_setting(known),
         versions=MappingProxyType(known.values.get("versions", {})),
     )
+
+
+def _are_changes(value: object) -> bool:
+    try:
+        read_changes(value)
+    except ValueError:
+        return False
+    return True
 
 
 def _budget(value: object) -> Budget | None:

@@ -45,6 +45,8 @@ class Subject(StrEnum):
     """A result."""
     TRAJECTORY = "trajectory"
     """A trajectory."""
+    REDRIVE = "redrive"
+    """A drive of a road that was driven again, or the run of several."""
     VERDICT = "verdict"
     """A drive or a road whose verdict differs now."""
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -19,11 +19,12 @@ from frenetic.campaign.check.report import FindingCollector, Severity, Subject
 from frenetic.campaign.check.verdicts import judged_otherwise, refused_otherwise
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
+    CHECKSUM,
     POSE,
     TEST_COLUMNS,
-    Column,
     RowError,
     Setting,
+    checksum_fault,
     read_candidate,
     read_values,
     record_of,
@@ -56,13 +57,31 @@ _FORBIDDEN: Final[Mapping[Outcome, tuple[str, ...]]] = {
 }
 
 
-def _selected(tables: Tables, table: str, columns: Mapping[str, Column]) -> str:
-    """Columns of a table for a SELECT, whatever version it is of."""
+def _selected(tables: Tables, table: str, columns: Iterable[str]) -> str:
+    """Columns of a table for a SELECT, with its checksum, whatever version it is of."""
     here = tables.columns[table]
     return ", ".join(
         f"{table}.{name}" if name in here else f"{_OLD.get(name, 'NULL')} AS {name}"
-        for name in columns
+        for name in (*columns, CHECKSUM)
     )
+
+
+class _Checksums:
+    """Compares the rows of a table with their checksums.
+
+    Rows of before there were checksums have none; a row without one after one that has it has lost
+    it.
+    """
+
+    def __init__(self) -> None:
+        self._begun = False
+
+    def fault(self, row: Sequence[Any]) -> str:
+        """What is wrong with a row that ends with its checksum; empty if nothing is."""
+        if row[-1] is None and self._begun:
+            return "has lost its checksum"
+        self._begun = row[-1] is not None
+        return checksum_fault(row)
 
 
 def _rows(
@@ -95,6 +114,7 @@ def check_candidates(
         WHERE id > ? AND id <= ? ORDER BY id
     """  # noqa: S608  # names of columns
     generations: dict[int, int] = {}
+    checksums = _Checksums()
     before = asked_after = 0
     for row in _rows(connection, select, last, 0):
         number = row[0]
@@ -102,9 +122,11 @@ def check_candidates(
         if number != before + 1:
             findings.add(Subject.ORDER, f"{_span(before + 1, number - 1)} missing")
         before = number
-        values, faults = read_values(CANDIDATE_COLUMNS, row)
+        values, faults = read_values(CANDIDATE_COLUMNS, row[:-1])
         for fault in faults:
             findings.add(Subject.CANDIDATE, f"{name}: the {fault.column} {fault.text}")
+        if text := checksums.fault(row):
+            findings.add(Subject.CANDIDATE, f"{name} {text}")
         if "parents" in values and "generation" in values:
             parents, generation = values["parents"], values["generation"]
             if unknown := [str(parent) for parent in parents if not 1 <= parent < number]:
@@ -168,10 +190,12 @@ def check_results(
         quick: whether nothing is judged again.
         on_test: called after each result with their number so far.
     """
-    of_test, of_candidate = len(TEST_COLUMNS), len(CANDIDATE_COLUMNS)
+    # Each with its checksum.
+    of_test, of_candidate = len(TEST_COLUMNS) + 1, len(CANDIDATE_COLUMNS) + 1
     select = f"""
         SELECT {_selected(tables, "test", TEST_COLUMNS)},
-            {_selected(tables, "candidate", CANDIDATE_COLUMNS)}, data
+            {_selected(tables, "candidate", CANDIDATE_COLUMNS)},
+            {_selected(tables, "trajectory", ("candidate_id", "data"))}
         FROM test
             LEFT JOIN candidate ON candidate.id = test.candidate_id
             LEFT JOIN trajectory ON trajectory.candidate_id = test.candidate_id
@@ -180,9 +204,10 @@ def check_results(
     series = Series()
     told, elapsed = 0, 0.0
     asked_after = of_test + list(CANDIDATE_COLUMNS).index("asked_after")
+    checksums, of_trajectories = _Checksums(), _Checksums()
     for row in _rows(connection, select, last, list(TEST_COLUMNS).index("told")):
-        candidate, data = row[of_test : of_test + of_candidate], row[-1]
-        values, faults = read_values(TEST_COLUMNS, row[:of_test])
+        candidate, data = row[of_test : of_test + of_candidate - 1], row[-2]
+        values, faults = read_values(TEST_COLUMNS, row[: of_test - 1])
         number, now = row[:2]
         name = f"test {number}"
         if now != told + 1:
@@ -202,7 +227,11 @@ def check_results(
         texts += _contradictions(values | {"trajectory": data}, facts.setting)
         for text in texts:
             findings.add(Subject.TEST, f"{name}: {text}")
+        if text := checksums.fault(row[:of_test]):
+            findings.add(Subject.TEST, f"{name} {text}")
         trajectory = _trajectory(number, data, findings)
+        if data is not None and (text := of_trajectories.fault(row[-3:])):
+            findings.add(Subject.TRAJECTORY, f"the trajectory of {name} {text}")
         if not texts and not quick:
             _judge_again(values, candidate, trajectory, facts, findings)
         series.ids.append(number)
@@ -211,6 +240,26 @@ def check_results(
         series.elapsed.append(elapsed if values.get("elapsed") is not None else math.nan)
         on_test(len(series.ids))
     return series
+
+
+def check_redrives(
+    connection: sqlite3.Connection, tables: Tables, findings: FindingCollector
+) -> None:
+    """Compares the rows about roads that were driven again with their checksums."""
+    for table, changing, name in (
+        ("redrive_run", ("id", "ended_at"), "run {id}"),
+        ("redrive", (), "drive {number} of run {run}, of test {test}"),
+    ):
+        if CHECKSUM not in tables.columns.get(table, ()):
+            continue
+        cursor = connection.execute(f"SELECT * FROM {table} ORDER BY rowid")  # noqa: S608
+        names = [column[0] for column in cursor.description]
+        for row in cursor:
+            values = dict(zip(names, row, strict=True))
+            stored = values.pop(CHECKSUM)
+            checked = [value for one, value in values.items() if one not in changing]
+            if text := checksum_fault([*checked, stored]):
+                findings.add(Subject.REDRIVE, f"{name.format(**values)} {text}")
 
 
 def _contradictions(values: Mapping[str, Any], setting: Setting | None) -> Iterator[str]:

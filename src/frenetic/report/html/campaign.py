@@ -105,7 +105,7 @@ def campaign_report(
         clusters,
         folder=str(store.folder),
         elapsed=store.elapsed(),
-        trouble=trouble,
+        trouble=" ".join([*(f"Changed {one}." for one in store.changes if one.what), trouble]),
     )
     return Report(
         title=top.title,
@@ -179,7 +179,7 @@ def _to_show(
 
 def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
     """Repeats of its tests with the campaign's own parts, and trouble with them."""
-    driver, simulator = store.config.get("driver"), store.config.get("simulator")
+    driver, simulator = store.parts.get("driver"), store.parts.get("simulator")
     try:
         reruns, rules = read_reruns(store.folder), store.setting.rules
     except CampaignError as error:

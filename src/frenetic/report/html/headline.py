@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, ClassVar
@@ -13,6 +13,7 @@ from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers.loading import LAYERS
+from frenetic.fingerprint import innermost, short_version
 from frenetic.report.html.blocks import Fact, Role, percent
 
 
@@ -104,6 +105,7 @@ def headline(
             Fact("campaign", folder),
             Fact("budget", _budget(config, facts) or "–"),
             Fact("results", counts.in_words()),
+            *(Fact("driver", f"{driver}, {version}") for version in _version(config)),
             Fact("begun", _when(facts.get("created_at"))),
             Fact("finished", _when(facts.get("finished_at"))),
             Fact("versions", _versions(config)),
@@ -141,6 +143,12 @@ def _named(config: Mapping[str, JSONValue], part: str) -> str:
         return f"an unknown {part}"
     name = str(described.get("class", f"an unknown {part}")).rpartition(":")[2]
     return f"{name} over {_named(described, 'driver')}" if "driver" in described else name
+
+
+def _version(config: Mapping[str, JSONValue]) -> Iterator[str]:
+    """The version of the driver under its layers, if it is recorded."""
+    if version := short_version(innermost(config.get("driver"))):
+        yield version
 
 
 def _rate(tests: int, seconds: float) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from importlib.metadata import version
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
@@ -98,6 +98,9 @@ class BeamngSimulator:
     usual_wall_limit: Final = WALL_LIMIT
     usual_workers: Final = 1
     """One worker by default: a BeamNG.tech takes a whole graphics card."""
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its drives change; campaigns record it."""
 
     def __init__(
         self,

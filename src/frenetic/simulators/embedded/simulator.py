@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import cache
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
@@ -66,6 +66,9 @@ class EmbeddedSimulator(StartingPlace):
     Raises:
         ValueError: an option is out of range.
     """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its drives change; campaigns record it."""
 
     def __init__(
         self,

@@ -24,6 +24,10 @@ class MetaDriveDriver:
 
     name: ClassVar[str]
     """Name in the registry."""
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its controls change; campaigns record it."""
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
+    """Distributions whose versions belong to it."""
 
     def check_simulator(self, simulator: Simulator) -> None:
         """Refuses simulators that do not know MetaDrive's drivers.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 from importlib.metadata import PackageNotFoundError, version
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
@@ -61,6 +61,11 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
     needs: Final = ("metadrive",)
     """Modules that the extra brings."""
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its drives change; campaigns record it."""
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
+    """Distributions whose versions belong to it."""
 
     def __init__(
         self,

@@ -1,0 +1,177 @@
+"""Built-in parts behave as their declared version did when it was recorded in `behaviour.json`.
+
+Where a change is meant, raise the part's ``BEHAVIOUR`` and record the new version beside the old
+ones, which are never recorded anew:
+
+    python tests/test_behaviour.py
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+from frenetic import oracle, road
+from frenetic.drivers import Planner
+from frenetic.drivers.loading import LAYERS
+from frenetic.fingerprint import fingerprint_of
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
+from frenetic.road import Road
+from frenetic.search import Candidate, Strategy
+from frenetic.simulators import EmbeddedSimulator, Rules
+from frenetic.simulators.simulator import Simulator
+from frenetic.testing import DummyDriver, DummySimulator, converse
+
+RECORDED: Final = Path(__file__).with_name("behaviour.json")
+NOT_RECORDED: Final = {"simulator beamng"}
+"""What needs a licensed program to behave at all; its layer above is tested with a stand-in."""
+CURVATURES: Final = (
+    [0.0, 0.0, 0.01, 0.02, 0.02, 0.0, -0.02, -0.03, -0.01, 0.0, 0.0],
+    [0.0, 0.03, 0.06, 0.06, 0.03, 0.0, 0.0, 0.0, -0.05, -0.06, -0.02, 0.0, 0.0],
+    [0.0] * 12,
+)
+
+
+def roads() -> list[Road]:
+    return [
+        Road(np.array(values), 10.0).placed()[0] or Road(np.array(values), 10.0)
+        for values in CURVATURES
+    ]
+
+
+def of_drives(simulator: Simulator, driver: Any, among: list[Road]) -> list[float]:
+    numbers: list[float] = []
+    with simulator:
+        for one in among:
+            drive = simulator.drive(one, driver)
+            last = drive.trajectory.to_rows()[-1]
+            numbers += [len(drive.trajectory), *last[:4].tolist()]
+    return numbers
+
+
+def of_strategy(strategy: Strategy) -> list[float]:
+    def verdict(candidate: Candidate) -> tuple[Outcome, float]:
+        moobd = 1.2 - 30.0 * float(np.abs(np.diff(candidate.curvatures)).max(initial=0.0))
+        return (Outcome.FAIL if moobd < 0.0 else Outcome.PASS), moobd
+
+    told = [one.candidate for one in converse(strategy, verdict, 80)]
+    return [
+        number
+        for one in told
+        for number in (len(one.curvatures), float(one.curvatures @ np.arange(len(one.curvatures))))
+    ]
+
+
+def of_rules() -> list[float]:
+    numbers = []
+    for offset in (0.0, 0.9, -1.4, 2.5, -4.0):
+        simulator = DummySimulator(lambda _, offset=offset: offset, rules=Rules(timeout_base=20.0))  # type: ignore[misc]
+        for one in roads():
+            result = judge(one, simulator.drive(one, DummyDriver()))
+            place = result.departure
+            numbers += [
+                float(result.outcome is Outcome.FAIL),
+                result.moobd or 0.0,
+                result.max_oob_share or 0.0,
+                0.0 if place is None else place.distance,
+            ]
+    return numbers
+
+
+def of_map() -> list[float]:
+    rng = np.random.default_rng(5)
+    numbers = []
+    for size in (200.0, 120.0):
+        for _ in range(25):
+            values = np.clip(np.cumsum(rng.uniform(-0.03, 0.03, 18)), -0.08, 0.08)
+            fitted, verdict = Road(values, 10.0).placed(size)
+            numbers += [float(verdict.valid), *((0.0,) * 3 if fitted is None else fitted.pose)]
+    return numbers
+
+
+def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
+    """Name of a built-in part -> its version, and what it does."""
+    known: dict[str, tuple[str, Callable[[], list[float]]]] = {
+        "rules": (f"version {oracle.BEHAVIOUR}", of_rules),
+        "map": (f"version {road.BEHAVIOUR}", of_map),
+    }
+    for name in STRATEGIES.built_in:
+        strategy = STRATEGIES.make(name, seed=7)
+        known[f"strategy {name}"] = version(strategy), lambda s=strategy: of_strategy(s)  # type: ignore[misc]
+    for name in DRIVERS.built_in:
+        driver = DRIVERS.make(name)
+        where = "metadrive" if name.startswith("metadrive") else "embedded"
+        known[f"driver {name}"] = version(driver), drives(where, driver)
+    for layer in LAYERS:
+        amount = 15.0 if math.isinf(layer.nothing) else 0.2
+        driver = layer.over(Planner(), amount)
+        known[f"layer {layer.name}"] = version(driver), drives("embedded", driver)
+    for name in SIMULATORS.built_in:
+        if f"simulator {name}" not in NOT_RECORDED:
+            simulator = SIMULATORS.make(name)
+            known[f"simulator {name}"] = version(simulator), drives(name, Planner())
+    return known
+
+
+def version(part: object) -> str:
+    return fingerprint_of(part).version
+
+
+def drives(simulator: str, driver: Any) -> Callable[[], list[float]]:
+    def drive() -> list[float]:
+        if simulator == "metadrive":
+            return of_drives(SIMULATORS.make(simulator), driver, roads()[:1])
+        other = EmbeddedSimulator(vehicle="metadrive", friction=0.8)
+        return of_drives(EmbeddedSimulator(), driver, roads()) + of_drives(other, driver, roads())
+
+    return drive
+
+
+PROBES: Final = probes()
+
+
+@pytest.mark.parametrize("name", PROBES)
+def test_a_part_behaves_as_its_version_did(name: str) -> None:
+    recorded = json.loads(RECORDED.read_text(encoding="utf-8"))[name]
+    known, probe = PROBES[name]
+    if known not in recorded and "," in known:
+        return  # with another version of the packages that belong to it, which is told apart
+    assert known in recorded, f"record {known} of {name}: python {__file__}"
+    assert probe() == pytest.approx(recorded[known], abs=2e-3), (
+        f"{name} no longer behaves as {known} did: raise its BEHAVIOUR"
+    )
+
+
+def test_every_built_in_part_declares_a_version() -> None:
+    for target in targets():
+        module, _, name = target.partition(":")
+        assert isinstance(getattr(importlib.import_module(module), name).BEHAVIOUR, int), target
+
+
+def targets() -> Iterator[str]:
+    for registry in (STRATEGIES, DRIVERS, SIMULATORS):
+        yield from (target for target, _ in registry.built_in.values())
+    yield from (layer.target for layer in LAYERS)
+
+
+def record() -> None:
+    """Adds the versions that are not recorded yet."""
+    there = json.loads(RECORDED.read_text(encoding="utf-8")) if RECORDED.exists() else {}
+    for name, (known, probe) in PROBES.items():
+        if known not in there.setdefault(name, {}):
+            there[name][known] = [round(number, 6) for number in probe()]
+    lines = (f"{json.dumps(name)}: {json.dumps(versions)}" for name, versions in there.items())
+    RECORDED.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    record()
