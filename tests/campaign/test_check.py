@@ -349,7 +349,7 @@ def test_all_damage_to_the_file_is_found_but_where_it_is_free(folder: Path) -> N
 
 def test_rows_that_belong_to_nothing(folder: Path) -> None:
     data = encode(Trajectory.empty())
-    execute(folder, "INSERT INTO trajectory VALUES (99999, ?)", data)
+    execute(folder, "INSERT INTO trajectory VALUES (99999, ?, NULL)", data)
     expect(check_campaign(folder), Subject.DATABASE, "of trajectory belongs to no row of test")
 
 
@@ -806,20 +806,23 @@ def test_one_changed_bit_is_found_in_each_stored_value(folder: Path) -> None:
     with closing(sqlite3.connect(folder / DATABASE, isolation_level=None)) as connection:
         connection.execute("PRAGMA ignore_check_constraints = ON")
         for table, row in rows_to_flip(connection, failure):
-            columns = [c for _, c, *_ in connection.execute(f"PRAGMA table_info({table})")]
-            for column in columns:
+            for _, column, *_, is_key in connection.execute(f"PRAGMA table_info({table})"):
+                if is_key:  # what belongs to the row would belong to nothing
+                    continue
                 of_row = f"FROM {table} WHERE rowid = {row}"
                 (stored,) = connection.execute(f"SELECT {column} {of_row}").fetchone()
                 if stored is None or (table, column) in (("redrive_run", "ended_at"),):
                     continue
                 change = f"UPDATE {table} SET {column} = ? WHERE rowid = {row}"
-                connection.execute(change, (flipped(stored),))
+                try:
+                    connection.execute(change, (flipped(stored),))
+                except sqlite3.IntegrityError:  # a number that another row has, which SQLite finds
+                    continue
                 cases += 1
                 if check_campaign(folder, quick=True).is_sound:
                     unnoticed.append((table, column))
                 connection.execute(change, (stored,))
     assert cases > 60
-    # The number of a run is found by the drives that lose it.
     assert unnoticed == []
     assert check_campaign(folder, quick=True).is_sound
 

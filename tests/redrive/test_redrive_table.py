@@ -65,6 +65,8 @@ def make_old(folder: Path) -> None:
     with closing(sqlite3.connect(folder / DATABASE)) as connection, connection:
         connection.execute("DROP TABLE redrive")
         connection.execute("DROP TABLE redrive_run")
+        for table in ("campaign", "candidate", "test", "trajectory"):
+            connection.execute(f"ALTER TABLE {table} DROP COLUMN checksum")
         connection.execute("PRAGMA user_version = 3")
 
 
