@@ -915,5 +915,5 @@ def test_sections_of_ones_own_are_drawn(
     expect(ours.locator(".series .line.dashed")).to_have_count(1)
     expect(ours.locator(".series .band")).to_have_count(1)
     expect(ours.locator(".bar-fill")).to_have_count(1)
-    expect(ours.locator(".bar-value")).to_have_text(["1.0", "–"])
+    expect(ours.locator(".bar-value")).to_have_text(["1.00", "–"])
     expect(page.locator("nav a").last).to_have_text("The bench")

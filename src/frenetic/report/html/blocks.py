@@ -90,6 +90,7 @@ class Series:
 
     name: str
     x: tuple[float, ...]
+    """Ascending."""
     y: tuple[float, ...]
     low: tuple[float, ...] = ()
     """Lower edge of the band, as many as points, or none."""

@@ -20,6 +20,17 @@ function roundTicks(low, high, number = 4, whole = false) {
   return ticks;
 }
 
+/** The least and the most of numbers, of which some may be missing. */
+function extent(numbers) {
+  let [least, most] = [Infinity, -Infinity];
+  for (const number of numbers) {
+    if (number === null) continue;
+    least = Math.min(least, number);
+    most = Math.max(most, number);
+  }
+  return [least, most];
+}
+
 /** A number for an axis, without needless digits. */
 function tickText(value) {
   return String(Number(value.toPrecision(6))).replace("-", "−");
@@ -106,15 +117,14 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
   }
 
   function scales(found, lines, width, tall) {
-    const xs = found.lines.flatMap((line) => [line.x[0], line.x.at(-1)]).filter((x) => x !== undefined);
-    const [first, last] = range ?? [found.fromZero ? 0 : Math.min(...xs), Math.max(...xs, found.fromZero ? 1e-9 : -Infinity)];
+    const xs = extent(found.lines.flatMap((line) => line.x));
+    const [first, last] = range ?? [found.fromZero ? 0 : xs[0], found.fromZero ? Math.max(xs[1], 1e-9) : xs[1]];
     const values = lines.flatMap((line) => {
-      const from = Math.max(0, lastUpTo(line.x, first));
-      const to = lastUpTo(line.x, last) + 2;
-      return [line.y, line.low, line.high, ...(line.thin ?? [])].flatMap((ys) => ys.slice(from, to)).filter((y) => y !== null);
+      const [from, to] = range === null ? [0, line.x.length] : [Math.max(0, lastUpTo(line.x, first)), lastUpTo(line.x, last) + 2];
+      return [line.y, line.low, line.high, ...(line.thin ?? [])].flatMap((ys) => ys.slice(from, to));
     });
-    let low = found.fromZero ? 0 : Math.min(...values);
-    let high = Math.max(...values, found.fromZero ? (found.wholeY ? 1 : 1e-9) : -Infinity);
+    let [low, high] = extent(values);
+    if (found.fromZero) [low, high] = [0, Math.max(high, found.wholeY ? 1 : 1e-9)];
     if (!Number.isFinite(low)) [low, high] = [0, 1];
     if (low === high) [low, high] = [low - 1, high + 1];
     const room = 0.05 * (high - low);
@@ -280,14 +290,16 @@ function drawChart(element, block) {
 
 /** A bar for each name on a common scale, with its interval and its value. */
 function drawBars(element, block) {
-  const numbers = [...block.values, ...block.high].filter((value) => value !== null);
-  const most = Math.max(...numbers, 1e-9);
-  const ticks = roundTicks(0, most, 5);
-  const end = Math.max(most, ticks.at(-1));
-  const placed = (style, from, to) => {
+  const [least, most] = extent([0, 1e-9, ...block.values, ...block.low, ...block.high]);
+  const ticks = roundTicks(least, most, 5);
+  const [start, end] = [Math.min(least, ticks[0]), Math.max(most, ticks.at(-1))];
+  const at = (value) => (100 * (value - start)) / (end - start);
+  const digits = Math.max(1, 2 - Math.floor(Math.log10(Math.max(most, -least))));
+  const placed = (style, ...ends) => {
     const mark = el("i", { class: style });
-    mark.style.left = `${(100 * from) / end}%`;
-    if (to !== undefined) mark.style.width = `${(100 * (to - from)) / end}%`;
+    const [from, to] = ends.sort((a, b) => a - b).map(at);
+    mark.style.left = `${from}%`;
+    mark.style.width = `${to - from}%`;
     return mark;
   };
   const rows = block.names.map((name, i) => {
@@ -295,8 +307,8 @@ function drawBars(element, block) {
     const track = inColour(block.role, el("div", { class: "bar-track" }));
     if (value !== null) track.append(placed("bar-fill", 0, value));
     if (low !== null && high !== null) track.append(placed("interval", low, high));
-    const text = value === null ? "–" : fixed(value, 1);
-    const between = low === null || high === null ? "" : `, interval ${fixed(low, 1)} to ${fixed(high, 1)}`;
+    const text = fixed(value, digits);
+    const between = low === null || high === null ? "" : `, interval ${fixed(low, digits)} to ${fixed(high, digits)}`;
     return el(
       "div",
       { class: block.faint[i] ? "bar-row faint" : "bar-row", title: `${name}: ${text}${between}` },
@@ -307,7 +319,7 @@ function drawBars(element, block) {
   });
   const marks = ticks.map((value) => {
     const mark = el("span", {}, tickText(value));
-    mark.style.left = `${(100 * value) / end}%`;
+    mark.style.left = `${at(value)}%`;
     return mark;
   });
   const axis = el("div", { class: "bar-row bar-axis" }, el("span", {}), el("div", { class: "bar-track" }, marks), el("span", {}));

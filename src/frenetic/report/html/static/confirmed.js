@@ -15,26 +15,30 @@ function asOther(i, element) {
 
 function drawConfirmed(element, block) {
   const there = block.drives.filter(({ test }) => drives.has(test));
+  if (!there.length) return;
+  for (const other of there) othersById.set(other.test, [...othersOf(other.test), { ...other, name: block.there }]);
   const order = there.map(({ test }) => test);
-  const cards = there.map((other) => {
-    othersById.set(other.test, [...othersOf(other.test), { ...other, name: block.there }]);
+  const item = (other) => {
     const { test: id, agreement, moobd } = other;
     const [here, beyond] = [fixed(tests.get(id).moobd, 2, "m"), fixed(moobd, 2, "m")];
-    return el(
+    const card = el(
       "button",
       { type: "button", class: "card", "data-test": id, "aria-label": `Test ${id}, ${agreement}, MOOBD ${here} here, ${beyond} there`, on: { click: () => player.open(id, order) } },
       roadPicture(drives.get(id), "", { others: [other] }),
       el("span", { class: "card-line" }, el("b", {}, `Test ${id}`), el("span", { class: agreement === "confirmed" ? "verdict outcome-fail" : "verdict" }, agreement)),
       el("span", { class: "card-text" }, `MOOBD ${here} here, ${beyond} there`),
     );
-  });
-  if (!cards.length) return;
-  const grid = el("div", { class: "gallery" }, cards.map((one) => el("article", { class: "cluster" }, one)));
+    return el("article", { class: "cluster" }, card);
+  };
+  const grid = el("div", { class: "gallery" });
+  const more = el("button", { type: "button", class: "more", on: { click: () => fillGrid(grid, more, there, Infinity, item) } });
+  fillGrid(grid, more, there, PAGE, item);
   arrowKeys(grid, () => [...grid.querySelectorAll(".card")]);
-  setRoving(grid);
   element.append(
     grid,
-    asOther(0, el("p", { class: "caption" }, "Solid: ", el("b", {}, block.here), ". ", el("i", { class: "stroke other" }), " Dashed: ", el("b", {}, block.there), ". A picture opens the test with both drives. ", oobKey())),
+    more,
+    asOther(0, el("p", { class: "caption" }, "Solid: ", el("b", {}, block.here), ". ", el("i", { class: "stroke other" }), " Dashed: ", el("b", {}, block.there), ". A picture opens the test with both drives.")),
+    el("p", { class: "caption" }, oobKey()),
   );
   if (block.drives.length > there.length) element.append(el("p", { class: "caption" }, `${count(block.drives.length - there.length, "drive")} more in the table only.`));
 }

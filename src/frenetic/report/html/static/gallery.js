@@ -93,13 +93,10 @@ function drawGallery(element, block) {
       .filter(({ head }) => head !== undefined)
       .sort(({ cluster: a }, { cluster: b }) => (sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : 0) || a.moobd - b.moobd);
     const order = () => chosen.map(({ head }) => head);
-    grid.replaceChildren(...chosen.slice(0, shown).map(({ cluster, head }) => clusterItem(cluster, head, order)));
+    fillGrid(grid, more, chosen, shown, ({ cluster, head }) => clusterItem(cluster, head, order));
     if (!chosen.length) grid.append(el("p", { class: "quiet" }, "None of these."));
-    more.hidden = chosen.length <= shown;
-    more.textContent = `Show ${chosen.length - shown} more`;
     found.textContent = isFiltered ? `${chosen.length} of ${openable.length}` : "";
     clear.hidden = !isFiltered;
-    setRoving(grid);
   };
   more.addEventListener("click", () => {
     shown = Infinity;
@@ -126,13 +123,18 @@ function drawGallery(element, block) {
     ),
     grid,
     more,
-    el("p", { class: "caption" }, oobKey(), ". Each road is laid flat and driven to the right; ● is its start, ○ where the car left its lane."),
+    el("p", { class: "caption" }, oobKey()),
+    el("p", { class: "caption" }, "Each road is laid flat and driven to the right; ● is its start, ○ where the car left its lane."),
   );
   arrowKeys(grid, () => [...grid.querySelectorAll(".card")]);
   show();
 }
 
-function setRoving(grid) {
+/** Fills a grid with so many of its items, and says on a button how many more there are. */
+function fillGrid(grid, more, items, shown, make) {
+  grid.replaceChildren(...items.slice(0, shown).map(make));
+  more.hidden = items.length <= shown;
+  more.textContent = `Show ${items.length - shown} more`;
   grid.querySelectorAll(".card").forEach((item, i) => (item.tabIndex = i === 0 ? 0 : -1));
 }
 
