@@ -29,6 +29,15 @@ def circle(radius: float, degrees: float) -> FloatArray:
     return radius * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
 
 
+@pytest.mark.parametrize(
+    ("x", "side"), [(-2.1, "right"), (-1.9, "left"), (1.9, "left"), (2.1, "right"), (5.0, "right")]
+)
+def test_left_is_near_the_centre_line(x: float, side: str) -> None:
+    cut = competition_segment(NORTH, (x, 50.2))
+    assert cut is not None
+    assert cut.side == side
+
+
 def test_segment_of_a_straight_worked_out_by_hand() -> None:
     # The place is 50.7 m; the node near it is 51 m. Backwards, 21 m is 29.7 m away, 20 m too far;
     # forwards from 51 m, 80 m is 29 m away, and 81 m, which is 30 m away, too far.

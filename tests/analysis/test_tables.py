@@ -74,6 +74,11 @@ def test_csv_keeps_any_name() -> None:
     assert next(iter(read))["group"] == name
 
 
+def test_no_name_is_a_formula() -> None:
+    comparison = compare_measured({"=1+1\x1b": (campaign(1),), "d": (campaign(0),)})
+    assert rows_of(comparison)[0]["group"] == "'=1+1\\x1b"
+
+
 def test_markdown_has_medians_with_quartiles() -> None:
     lines = comparison_table_markdown(groups_of(low=LOW, high=HIGH)).splitlines()
     cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
@@ -84,9 +89,9 @@ def test_markdown_has_medians_with_quartiles() -> None:
 
 
 def test_markdown_lets_no_name_end_a_cell() -> None:
-    comparison = compare_measured({"a|b\n<i>": (campaign(2),), "c": (campaign(1),)})
+    comparison = compare_measured({"a|b\n<i>\x1b": (campaign(2),), "c": (campaign(1),)})
     text = comparison_table_markdown(comparison)
-    assert "| a\\|b \\<i\\> | 1 |" in text
+    assert "| a\\|b \\<i\\>\\\\x1b | 1 |" in text
     assert len(text.splitlines()) == 4
 
 

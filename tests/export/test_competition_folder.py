@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shapely import LineString, Point
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.export import competition_folder, data_frame, export_campaign
@@ -116,6 +117,29 @@ def test_tables_count_all_tests(campaign: Path, exported: Path) -> None:
         "module_name": "frenetic.search.frenetic",
         "class_name": "Frenetic",
     }
+
+
+def test_sides_by_the_official_rule_are_distances_from_the_centre_line(
+    exported: Path, damaged: Callable[[str], Path], tmp_path: Path
+) -> None:
+    folder = damaged(
+        "UPDATE test SET departure_side = 'left' WHERE candidate_id ="
+        " (SELECT min(candidate_id) FROM test WHERE departure_side = 'right')"
+    )
+    out = export_campaign(folder, "competition", tmp_path / "out", sides="competition")
+    left = right = 0
+    for document in documents_in(exported).values():
+        data = [dict(zip(FIELDS, values, strict=True)) for values in document["execution_data"]]
+        place = next((r["pos"] for r in data if r["is_oob"]), None)
+        if place is not None:
+            line = LineString([point[:2] for point in document["interpolated_points"]])
+            is_left = line.distance(Point(place[:2])) < 2.0
+            left, right = left + is_left, right + (not is_left)
+    theirs, ours = row(out / "oob_stats.csv"), row(exported / "oob_stats.csv")
+    assert (theirs.pop("left_oob"), theirs.pop("right_oob")) == (str(left), str(right))
+    assert theirs == {name: ours[name] for name in theirs}
+    by_place = row(export_campaign(folder, "competition", tmp_path / "ours") / "oob_stats.csv")
+    assert int(by_place["left_oob"]) == int(ours["left_oob"]) + 1
 
 
 def test_some_outcomes_only_change_the_files(

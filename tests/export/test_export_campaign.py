@@ -16,11 +16,12 @@ import pytest
 
 from frenetic.campaign import CampaignStore
 from frenetic.cli import main
-from frenetic.cli.export import FORMATS
+from frenetic.cli.export import FORMATS, SIDES
 from frenetic.cli.export import TRAJECTORIES as OFFERED
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.export import campaigns, data_frame, export_campaign
 from frenetic.export.columns import TABLES, TESTS, TRAJECTORIES
+from frenetic.export.competition_folder import Sides
 from frenetic.export.tables import Which
 
 pytest_plugins = ["made_campaign"]
@@ -233,6 +234,10 @@ def test_what_there_is_not(campaign: Path, tmp_path: Path) -> None:
         export_campaign(campaign, "excel", tmp_path / "out")  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="one of all, failures, none"):
         export_campaign(campaign, "csv", tmp_path / "out", trajectories="some")  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="one of geometry, competition"):
+        export_campaign(campaign, "competition", tmp_path / "out", sides="both")  # type: ignore[arg-type]
+    with pytest.raises(FreneticError, match="the format json counts no sides"):
+        export_campaign(campaign, "json", tmp_path / "out", sides="competition")
     with pytest.raises(ValueError, match="GREAT"):
         export_campaign(campaign, "csv", tmp_path / "out", outcomes=["GREAT"])
 
@@ -246,6 +251,42 @@ def test_only_parquet_needs_pyarrow(
         export_campaign(campaign, "parquet", tmp_path / "out")
     for name in ("csv", "json", "competition"):
         export_campaign(campaign, name, tmp_path / name)  # type: ignore[arg-type]
+
+
+NASTY = {
+    "=HYPERLINK(1)": "'=HYPERLINK(1)",
+    "+1": "'+1",
+    "-1+1": "'-1+1",
+    "@SUM(1)": "'@SUM(1)",
+    "\t=1": "\\t=1",
+    "\r=1": "\\r=1",
+    "\n=1": "'\n=1",
+    "a\x1b[31m\x9b\x7f": "a\\x1b[31m\\x9b\\x7f",
+    "a=1, -2": "a=1, -2",
+}
+"""Text of a test -> its cell."""
+
+
+@pytest.mark.parametrize("text", NASTY)
+def test_no_text_is_a_formula_or_controls_a_terminal(
+    damaged: Callable[[str], Path], tmp_path: Path, text: str
+) -> None:
+    folder = damaged(
+        f"UPDATE test SET reason = CAST(X'{text.encode().hex()}' AS TEXT) WHERE told = 5"
+    )
+    path = export_campaign(folder, "csv", tmp_path / "csv", trajectories="none") / "tests.csv"
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[4]["reason"] == NASTY[text]
+    assert min(float(row["moobd"]) for row in rows if row["moobd"]) < 0.0  # numbers stay numbers
+    assert data_frame(folder)["reason"][4] == text
+
+
+def test_nul_is_no_byte_of_a_table(damaged: Callable[[str], Path], tmp_path: Path) -> None:
+    folder = damaged("UPDATE test SET reason = 'a' || char(0) || 'b' WHERE told = 5")
+    path = export_campaign(folder, "csv", tmp_path / "csv", trajectories="none") / "tests.csv"
+    assert b"\0" not in path.read_bytes()
+    assert pd.read_csv(path)["reason"][4] == "a\\x00b"
 
 
 # On the command line
@@ -282,12 +323,21 @@ def test_command_writes_into_the_campaigns_folder_by_default(
 
 
 @pytest.mark.parametrize(
-    "option", [("--format", "excel"), ("--format", "csv", "--outcome", "x"), ()]
+    "option",
+    [
+        ("--format", "excel"),
+        ("--format", "csv", "--outcome", "x"),
+        ("--format", "csv", "--sides", "competition"),
+        ("--format", "competition", "--sides", "x"),
+        (),
+    ],
 )
 def test_command_with_what_there_is_not(campaign: Path, option: tuple[str, ...]) -> None:
     assert run(str(campaign), *option) == 2
+    assert not (campaign / "exports").exists()
 
 
 def test_the_command_offers_what_the_library_does() -> None:
     assert get_args(campaigns.Format) == FORMATS
     assert get_args(Which) == OFFERED
+    assert get_args(Sides) == SIDES

@@ -14,12 +14,15 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import REACH, Segment
+from frenetic.oracle import Side
 from frenetic.road.validity import as_points, min_radius
 
 _DIRECTION_EDGES: Final = 26
 """Edges of the competition's bins of direction, from 0 to 360 degrees."""
 _NEAR: Final = 0.55
 """Distance from a place to the road's node for it, in m: half of 1 m, and a tolerance."""
+_LEFT: Final = 2.0
+"""Distance from the centre line up to which a departure counts as one to the left, in m."""
 _AT_NODE: Final = 0.01
 """Largest distance between two equal nodes, in m."""
 
@@ -56,6 +59,10 @@ class CompetitionSegment:
     The first node after the place may lie half a metre *before* it, where the line then turns back
     and forth; the competition's measures are computed on that.
     """
+    side: Side
+    """The side on which the car left its lane, as the competition's evaluation has it: the left
+    one within 2 m of the centre line, on either side of it, and the right one further away. A car
+    that goes far enough out to the left counts as right."""
 
 
 def competition_segment(
@@ -85,7 +92,8 @@ def competition_segment(
     i = int(near[-1])
     before = _within(np.vstack([line[:i], place])[::-1], reach)[::-1]
     after = _within(line[i:], reach)
-    return CompetitionSegment(line, np.vstack([before, after]))
+    away = float(np.hypot(*(np.array(position) - place)))
+    return CompetitionSegment(line, np.vstack([before, after]), "left" if away < _LEFT else "right")
 
 
 def competition_features(

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
+from frenetic._support.cells import printable, text_cell
 from frenetic._support.files import write_file
 from frenetic.analysis.comparison import Comparison
 from frenetic.errors import FreneticError
@@ -20,7 +21,8 @@ def comparison_table_csv(comparison: Comparison) -> str:
 
     Columns: ``group``, ``campaigns``, then for each measure its name (the median), the same with
     ``_low`` and ``_high`` (the quartiles) and with ``_mean_rank``, which is left out where neither
-    more nor less is better. A cell is empty for an event that never happened.
+    more nor less is better. A cell is empty for an event that never happened. Names of groups are
+    texts as `text_cell` makes them.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -31,7 +33,7 @@ def comparison_table_csv(comparison: Comparison) -> str:
         header += [f"{name}_mean_rank"] if by.mean_ranks else []
     writer.writerow(header)
     for group in comparison.headline.order:
-        row = [group, str(len(comparison.groups[group]))]
+        row = [text_cell(group), str(len(comparison.groups[group]))]
         for by in comparison.measures:
             found = by.quartiles(group)
             row += [_number(value) for value in (found.median, found.low, found.high)]
@@ -94,5 +96,5 @@ def _number(value: float) -> str:
 
 def _escaped(text: str) -> str:
     """A text escaped so that it cannot end a cell."""
-    plain = " ".join(text.split())
+    plain = printable(" ".join(text.split()))
     return "".join(f"\\{sign}" if sign in "\\|`*_[]<>" else sign for sign in plain)

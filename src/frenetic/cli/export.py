@@ -12,10 +12,10 @@ from frenetic.cli.console import Log, counted_progress
 from frenetic.cli.options import Folder, json_option
 from frenetic.outcome import Outcome
 
-# `frenetic.export.campaigns.Format` and `frenetic.export.tables.Which`, which take longer to import
-# than help may.
+# `Format`, `Which` and `Sides` of `frenetic.export`, which take longer to import than help may.
 FORMATS: Final = ("parquet", "csv", "json", "competition")
 TRAJECTORIES: Final = ("all", "failures", "none")
+SIDES: Final = ("geometry", "competition")
 
 
 @click.command()
@@ -47,6 +47,14 @@ TRAJECTORIES: Final = ("all", "failures", "none")
     show_default=True,
     help="Of which tests to write what was driven.",
 )
+@click.option(
+    "--sides",
+    type=click.Choice(SIDES),
+    default="geometry",
+    show_default=True,
+    help="How the competition's oob_stats.csv tells left from right: by where the car was, or by"
+    " the official script's rule.",
+)
 @json_option
 def export(
     campaign: Path,
@@ -54,6 +62,7 @@ def export(
     out: Path | None,
     outcomes: tuple[str, ...],
     trajectories: Any,
+    sides: Any,
     as_json: bool,
 ) -> None:
     """Write the tests of a CAMPAIGN and their trajectories, for pandas, DuckDB and others.
@@ -67,7 +76,13 @@ def export(
     with CampaignStore.open(campaign) as store, counted_progress(log, "Exporting") as show:
         counts = store.counts()
         folder = export_campaign(
-            store, name, out, outcomes=outcomes, trajectories=trajectories, on_progress=show
+            store,
+            name,
+            out,
+            outcomes=outcomes,
+            trajectories=trajectories,
+            sides=sides,
+            on_progress=show,
         )
     if as_json:
         document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}

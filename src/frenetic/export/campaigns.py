@@ -12,6 +12,7 @@ from typing import Final, Literal, TypeAlias, get_args
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.export.columns import TESTS, TRAJECTORIES
+from frenetic.export.competition_folder import Sides, write_competition_folder
 from frenetic.export.frames import write_parquet
 from frenetic.export.tables import (
     ALL,
@@ -38,6 +39,7 @@ def export_campaign(
     *,
     outcomes: Collection[Outcome | str] = (),
     trajectories: Which = "all",
+    sides: Sides = "geometry",
     on_progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Writes a campaign's tests and trajectories into a folder, completely or not at all.
@@ -58,6 +60,9 @@ def export_campaign(
         out: an empty or new folder; by default ``exports/FORMAT`` in the campaign's.
         outcomes: only tests of these, such as ``["FAIL"]``; all without any.
         trajectories: which of their trajectories are written.
+        sides: the competition's ``oob_stats.csv`` counts departures by the side on which the car
+            was (geometry), or by the rule of the official script (competition), which takes 2 m to
+            the left of the road's centre line for right; other formats have no such count.
         on_progress: called now and then with the work done, and the whole work.
 
     Returns:
@@ -65,15 +70,22 @@ def export_campaign(
 
     Raises:
         FreneticError: the folder is not empty or cannot be written, the campaign is damaged, or
-            Parquet is asked for and pyarrow is not installed.
-        ValueError: there is no such format, outcome or choice of trajectories.
+            Parquet is asked for and pyarrow is not installed; or another format than the
+            competition's is to have its sides.
+        ValueError: there is no such format, outcome, choice of trajectories or of sides.
     """
     for name, value, allowed in (
         ("format", format, get_args(Format)),
         ("trajectories", trajectories, get_args(Which)),
+        ("sides", sides, get_args(Sides)),
     ):
         if value not in allowed:
             raise ValueError(f"{name} is {value!r}: one of {', '.join(allowed)} is needed")
+    if format != "competition" and sides != "geometry":
+        raise FreneticError(
+            f"the format {format} counts no sides: leave the sides out, or choose the format"
+            " competition"
+        )
     wanted = tuple(Outcome(outcome) for outcome in outcomes) or ALL
     if not isinstance(campaign, CampaignStore):
         with CampaignStore.open(Path(campaign)) as store:
@@ -83,11 +95,13 @@ def export_campaign(
                 out,
                 outcomes=wanted,
                 trajectories=trajectories,
+                sides=sides,
                 on_progress=on_progress,
             )
     target = campaign.folder / EXPORTS / format if out is None else Path(out)
     with _whole_folder(target) as folder:
-        _write(folder, campaign, format, wanted, trajectories, on_progress or (lambda *_: None))
+        notify = on_progress or (lambda *_: None)
+        _write(folder, campaign, format, wanted, trajectories, sides, notify)
     return target
 
 
@@ -97,20 +111,19 @@ def _write(
     format: Format,  # noqa: A002
     outcomes: tuple[Outcome, ...],
     trajectories: Which,
+    sides: Sides,
     on_progress: Callable[[int, int], None],
 ) -> None:
     tests = number_of_tests(store, outcomes)
     driven = tuple(o for o in outcomes if trajectories == "all" or o is Outcome.FAIL)
     if format == "competition":
-        # Its measures need scipy, which takes its time.
-        from frenetic.export.competition_folder import write_competition_folder
-
         total = number_of_tests(store)
         write_competition_folder(
             folder,
             store,
             outcomes=outcomes,
             driven=() if trajectories == "none" else driven,
+            sides=sides,
             on_test=lambda done: on_progress(done, total),
         )
         return

@@ -7,9 +7,10 @@ import json
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.cells import text_cell
 from frenetic.analysis.competition import competition_segment
 from frenetic.analysis.sparseness import competition_sparseness
 from frenetic.campaign.record import TestRecord
@@ -17,6 +18,9 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.errors import RoadError
 from frenetic.export.competition import stored_test_document
 from frenetic.outcome import Outcome
+
+Sides: TypeAlias = Literal["geometry", "competition"]
+"""Rule for the side of a departure in ``oob_stats.csv``: where the car was, or the official one."""
 
 MOST_COMPARED: Final = 2000
 """Most failures for sparseness, whose time grows with their square."""
@@ -28,6 +32,7 @@ def write_competition_folder(
     *,
     outcomes: Collection[Outcome],
     driven: Collection[Outcome],
+    sides: Sides,
     on_test: Callable[[int], None],
 ) -> None:
     """Writes a file per road test, and three tables about the whole campaign.
@@ -42,6 +47,8 @@ def write_competition_folder(
         store: the campaign.
         outcomes: only tests of these get a file.
         driven: only files of tests of these hold execution data.
+        sides: whose ``left_oob`` and ``right_oob``. By geometry they add up to ``total_oob``. The
+            competition's side is that of `CompetitionSegment`, where its code makes a segment.
         on_test: called after each test with their number so far.
 
     Raises:
@@ -49,7 +56,7 @@ def write_competition_folder(
         OSError: a file cannot be written.
     """
     failures = store.counts().failed
-    statistics = _Statistics(with_sparseness=failures <= MOST_COMPARED)
+    statistics = _Statistics(sides, with_sparseness=failures <= MOST_COMPARED)
     for done, record in enumerate(store.tests(), start=1):
         outcome = record.outcome
         if outcome.is_test:
@@ -94,9 +101,11 @@ def _write_test(folder: Path, record: TestRecord) -> None:
 class _Statistics:
     """Totals of the tests for the competition's tables."""
 
-    def __init__(self, *, with_sparseness: bool) -> None:
+    def __init__(self, sides: Sides, *, with_sparseness: bool) -> None:
+        self._rule = sides
         self._with_sparseness = with_sparseness
         self._outcomes: Counter[Outcome] = Counter()
+        self._departures = 0
         self._sides: Counter[str] = Counter()
         self._segments: list[FloatArray] = []
         self._seconds = self._simulated = self._elapsed = 0.0
@@ -110,15 +119,22 @@ class _Statistics:
         self._elapsed = record.elapsed or self._elapsed + record.seconds
         departure = record.departure
         if record.outcome is Outcome.FAIL and departure is not None and _is_road(record):
-            self._sides[departure.side] += 1
+            self._departures += 1
+            by_geometry = self._rule == "geometry"
+            if by_geometry:
+                self._sides[departure.side] += 1
+            if by_geometry and not self._with_sparseness:
+                return
+            points = record.candidate.points
+            segment = competition_segment(
+                record.road.road_points if points is None else points, (departure.x, departure.y)
+            )
+            if segment is None:
+                return
+            if not by_geometry:
+                self._sides[segment.side] += 1
             if self._with_sparseness:
-                place = (departure.x, departure.y)
-                points = record.candidate.points
-                segment = competition_segment(
-                    record.road.road_points if points is None else points, place
-                )
-                if segment is not None:
-                    self._segments.append(segment.points)
+                self._segments.append(segment.points)
 
     def generation(self, alone: bool) -> dict[str, object]:
         """The row of generation_stats.csv; ``alone`` if one test was driven at a time."""
@@ -140,7 +156,7 @@ class _Statistics:
         """The row of oob_stats.csv."""
         sparseness = competition_sparseness(self._segments)
         return {
-            "total_oob": self._sides.total(),
+            "total_oob": self._departures,
             "left_oob": self._sides["left"],
             "right_oob": self._sides["right"],
             "avg_sparseness": _or_nothing(sparseness.mean),
@@ -179,4 +195,4 @@ def _write_row(path: Path, row: Mapping[str, object]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(row), lineterminator="\n")
         writer.writeheader()
-        writer.writerow(row)
+        writer.writerow({k: text_cell(v) if isinstance(v, str) else v for k, v in row.items()})

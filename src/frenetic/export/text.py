@@ -13,6 +13,7 @@ from typing import Any, Final, TextIO
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.cells import text_cell
 from frenetic.campaign.trajectory_codec import RESOLUTIONS
 from frenetic.errors import RoadError
 from frenetic.export.columns import TRAJECTORIES, Column, Kind
@@ -26,7 +27,7 @@ _LINES_AT_ONCE: Final = 10_000
 
 
 def write_csv(path: Path, columns: tuple[Column, ...], batches: Iterable[Batch]) -> None:
-    """Writes a table as CSV (UTF-8): missing values empty, lists as JSON.
+    """Writes a table as CSV (UTF-8): missing values empty, lists as JSON, texts as `text_cell`.
 
     Trajectories have the decimals to which they are stored.
 
@@ -97,6 +98,8 @@ def _cells(column: Column, values: Values) -> Iterable[object]:
     plain = _plain(column, values)
     if isinstance(values, Lists):
         return (json.dumps(value) for value in plain)
+    if column.kind is Kind.TEXT:
+        return (None if value is None else text_cell(value) for value in plain)
     return plain
 
 
