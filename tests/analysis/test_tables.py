@@ -143,13 +143,13 @@ def test_one_of_three_that_is_better_than_all() -> None:
 def test_one_of_three_that_is_level_with_another() -> None:
     near = [10, 12, 13, 14, 14]
     assert verdict(groups_of(a=LOW, b=HIGH, c=near)) == (
-        "b comes first in distinct failures per 100 simulations, shown to be better than a, not"
+        "b comes first in distinct failures per 100 simulations, shown to find more than a, not"
         " than c."
     )
 
 
 def test_nobody_is_best_where_the_first_place_is_shared() -> None:
-    assert verdict(groups_of(a=LOW, b=HIGH, c=HIGH)).startswith("No group is shown to be the best")
+    assert verdict(groups_of(a=LOW, b=HIGH, c=HIGH)).startswith("No group is shown to find the most")
 
 
 def test_groups_of_which_none_but_all_together_differ() -> None:
