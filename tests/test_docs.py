@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from frenetic import CampaignStore
+
 if TYPE_CHECKING:
     from interpreters import Interpreter
 
@@ -38,6 +40,24 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path) -> None:
                 run_command(line.split("  # ")[0].strip(), interpreter, folder)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
+
+
+def tutorial_keeps_its_promises(folder: Path) -> None:
+    """What the page says of the campaigns that it runs."""
+
+    def failed(name: str) -> int:
+        with CampaignStore.open(folder / name) as store:
+            return store.counts().failed
+
+    assert failed("first") > 0
+    assert failed("one") == 1
+    assert failed("mine") > 0
+    assert failed("farther") == 0
+    assert len(list((folder / "farther" / "failures").glob("near-miss-*.png"))) == 5
+
+
+PROMISES = {"tutorial.md": tutorial_keeps_its_promises}
+"""Name of a page -> the check of what it promises, in the folder in which it ran."""
 
 
 def run_python(text: str, interpreter: Interpreter, folder: Path) -> None:
@@ -74,6 +94,8 @@ def run_tests(name: str, folder: Path) -> None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_code_runs(page: Path, interpreter: Interpreter, tmp_path: Path) -> None:
     run_page(page, interpreter, tmp_path)
+    if page.name in PROMISES:
+        PROMISES[page.name](tmp_path)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from rich.console import Console
@@ -186,26 +186,44 @@ def two_digits(value: float | None) -> str | None:
 
 
 def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
-    """Prints a table of distinct failures.
+    """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
 
     Args:
-        clusters: the distinct failures, at least one.
+        clusters: the distinct failures or near misses, at least one.
         failures: number of all failures, possibly more than were compared.
         listed: number of clusters to print.
     """
-    title = counted(len(clusters), "distinct failure")
-    if failures > clusters.failures:
-        title += f" among the {clusters.failures} most severe of {failures}"
-    if listed < len(clusters):
-        title += f", the {listed} most severe"
+    heading = "what happens"
+    if not failures:
+        title = f"Nothing failed; the nearest {'miss' if len(clusters) == 1 else 'misses'}"
+        heading = "where the car came nearest to leaving its lane"
+    else:
+        title = counted(len(clusters), "distinct failure")
+        if clusters.failures < failures:
+            title += f" among the {clusters.failures} most severe of {failures}"
+        if listed < len(clusters):
+            title += f", the {listed} most severe"
     Results().print(title, style="bold", markup=False)
     print_table(
-        (">test", ">MOOBD (m)", ">alike", "what happens"),
+        (">test", ">MOOBD (m)", ">alike", heading),
         [
             (one.most_severe, two_digits(one.moobd), len(one), one.description)
             for one in clusters.clusters[:listed]
         ],
     )
+
+
+def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
+    """Distinct failures, or near misses, as JSON objects."""
+    return [
+        {
+            "most_severe": cluster.most_severe,
+            "moobd": cluster.moobd,
+            "description": cluster.description,
+            "tests": list(cluster.ids),
+        }
+        for cluster in clusters
+    ]
 
 
 def facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[tuple[str, str]]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec, TypeAlias, TypeVar
 
@@ -65,6 +67,44 @@ class Setting(click.ParamType):  # type: ignore[type-arg]
         if not equals or not name.strip():
             self.fail(f"{value!r} is not NAME=VALUE", param, ctx)
         return name.strip(), read_setting(text)
+
+
+@dataclass(frozen=True)
+class AskedRange:
+    """A quantity and its range, as given."""
+
+    name: str
+    limits: tuple[float, float] | None
+    """None if only the name was given."""
+
+
+class Range(click.ParamType):  # type: ignore[type-arg]
+    """NAME=LOW:HIGH, NAME=VALUE or NAME.
+
+    Args:
+        example: of a range, for the message about a mistake.
+    """
+
+    name = "name=low:high"
+
+    def __init__(self, example: str = "max_curvature=0.05:0.07") -> None:
+        self.example = example
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> AskedRange:
+        """The quantity and its range."""
+        name, equals, text = str(value).partition("=")
+        if not equals:
+            return AskedRange(name.strip(), None)
+        low, colon, high = text.partition(":")
+        try:
+            limits = float(low), float(high if colon else low)
+        except ValueError:
+            limits = math.nan, math.nan
+        if not all(map(math.isfinite, limits)):
+            self.fail(f"{value!r} is not NAME=LOW:HIGH, as in {self.example}", param, ctx)
+        return AskedRange(name.strip(), limits)
 
 
 class GroupedOption(click.Option):

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.options import GroupedCommand
+from frenetic.cli.options import AskedRange, GroupedCommand, Range
 from frenetic.cli.redrive import chosen_tests, recorded_spec, redriving_options, shown_driving
 
 if TYPE_CHECKING:
@@ -25,43 +23,13 @@ VARY: Final = "--vary"
 QUANTITIES: Final = ("friction", "speed", "noise", "delay", "start", "heading")
 
 
-@dataclass(frozen=True)
-class AskedVariation:
-    """A quantity to vary, as given."""
+def variation(asked: AskedRange, simulator: Simulator) -> Variation:
+    """The range of a quantity for the simulator; its usual one if none was given."""
+    from frenetic.redrive.conditions import Variation
 
-    quantity: str
-    limits: tuple[float, float] | None
-    """None for the default range."""
-
-    def variation(self, simulator: Simulator) -> Variation:
-        """The range for the simulator."""
-        from frenetic.redrive.conditions import Variation
-
-        if self.limits is None:
-            return Variation.usual(self.quantity, simulator)
-        return Variation(self.quantity, *self.limits)
-
-
-class Range(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
-    """NAME=LOW:HIGH, NAME=VALUE or NAME."""
-
-    name = "name=low:high"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> AskedVariation:
-        """The quantity and its range."""
-        name, equals, text = str(value).partition("=")
-        if not equals:
-            return AskedVariation(name, None)
-        low, colon, high = text.partition(":")
-        try:
-            limits = float(low), float(high if colon else low)
-        except ValueError:
-            limits = math.nan, math.nan
-        if not all(map(math.isfinite, limits)):
-            self.fail(f"{value!r} is not NAME=LOW:HIGH, as in friction=0.8:1.0", param, ctx)
-        return AskedVariation(name.strip(), limits)
+    if asked.limits is None:
+        return Variation.usual(asked.name, simulator)
+    return Variation(asked.name, *asked.limits)
 
 
 class VaryingCommand(GroupedCommand):
@@ -95,7 +63,7 @@ class VaryingCommand(GroupedCommand):
 @click.option(
     VARY,
     "asked",
-    type=Range(),
+    type=Range("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives: friction, speed (km/h), noise (m), delay (s), start (m),"
     " heading (rad), as in --vary friction=0.8:1.0 noise=0.2 speed; a name alone means its usual"
@@ -113,7 +81,7 @@ def robustness(
     campaign: Path,
     test_ids: tuple[int, ...],
     times: int,
-    asked: tuple[AskedVariation, ...],
+    asked: tuple[AskedRange, ...],
     seed: int,
     top: int | None,
     workers: int,
@@ -137,7 +105,7 @@ def robustness(
         chosen = chosen_tests(store, test_ids, top)
         spec = recorded_spec(store, given)
     driver, simulator = spec.make_driver(), spec.make_simulator()
-    variations = [one.variation(simulator) for one in asked]
+    variations = [variation(one, simulator) for one in asked]
     log = Log()
     left = interrupts = 0
 

@@ -14,6 +14,7 @@ from frenetic._support.words import counted
 from frenetic.cli.console import (
     Log,
     announced_compilation,
+    clusters_json,
     live_progress,
     print_failures,
     shell,
@@ -89,7 +90,11 @@ def search(
         as_json: whether to print the result as JSON.
         seed: of the strategy.
     """
-    from frenetic.analysis.failures import distinct_failures, representative_failures
+    from frenetic.analysis.failures import (
+        distinct_failures,
+        nearest_misses,
+        representative_failures,
+    )
     from frenetic.campaign import CampaignStore
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
 
@@ -113,20 +118,21 @@ def search(
                 raise
             trouble = error
     with CampaignStore.open(folder) as store:
-        clusters = distinct_failures(store)
-        listed = representative_failures(store, clusters=clusters)
-        counts = store.counts()
+        clusters, counts = distinct_failures(store), store.counts()
+        found = clusters if counts.failed else nearest_misses(store)
+        listed = representative_failures(store, clusters=found)
         if summary is not None and as_json:
-            more = {"distinct_failures": len(clusters), "seed": seed}
+            near = [] if counts.failed else clusters_json(found)
+            more = {"distinct_failures": len(clusters), "near_misses": near, "seed": seed}
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
             _print_summary(summary, _first_error(store))
         if listed and not as_json:
-            print_failures(clusters, counts.failed, len(listed))
+            print_failures(found, counts.failed, len(listed))
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:
-            with log.status("Drawing the most severe of them"):
+            with log.status("Drawing them"):
                 complete = write_failures(store, listed)
             if not as_json:
                 click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")

@@ -3,24 +3,65 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from frenetic.cli.console import facts_of_drive, print_facts, print_failures, shell
-from frenetic.cli.options import json_option
+from frenetic._support.words import counted
+from frenetic.cli.console import (
+    clusters_json,
+    facts_of_drive,
+    print_facts,
+    print_failures,
+    print_table,
+    shell,
+    two_digits,
+)
+from frenetic.cli.options import AskedRange, Range, as_usage_error, json_option
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import short_version
+from frenetic.outcome import Outcome
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore
+
+LISTED_TESTS: Final = 20
+"""Most tests of a list on the terminal."""
 
 
 @click.command()
 @click.argument("campaign", type=click.Path(path_type=Path))
 @click.argument("test_id", type=int, required=False, metavar="[ID]")
+@click.option(
+    "--outcome",
+    "outcomes",
+    type=click.Choice([str(outcome) for outcome in Outcome], case_sensitive=False),
+    multiple=True,
+    help="List the tests with this outcome; may be repeated.",
+)
+@click.option(
+    "--feature",
+    "features",
+    type=Range(),
+    multiple=True,
+    help="List the tests with a feature in a range, as in max_curvature=0.05:0.07, or show the"
+    " feature's values: max_curvature; may be repeated.",
+)
+@click.option(
+    "--sort",
+    metavar="ORDER",
+    help="List the tests by severity (lowest MOOBD first), told (in the order of telling),"
+    " duration or a feature (largest first). [default: severity]",
+)
+@click.option(
+    "--limit",
+    type=click.IntRange(1),
+    metavar="N",
+    help="List N tests at most. [default: 20; with --json all]",
+)
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),
@@ -28,38 +69,111 @@ if TYPE_CHECKING:
     help="Where to draw the test. [default: in the campaign's folder]",
 )
 @json_option
-def show(campaign: Path, test_id: int | None, plot: Path | None, as_json: bool) -> None:
-    """Say what a CAMPAIGN folder holds, or show one test in full, with its picture."""
+def show(
+    campaign: Path,
+    test_id: int | None,
+    outcomes: tuple[str, ...],
+    features: tuple[AskedRange, ...],
+    sort: str | None,
+    limit: int | None,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Say what a CAMPAIGN folder holds, list its tests, or show one in full, with its picture.
+
+    --outcome, --feature, --sort and --limit list tests. Features are those of the road and the
+    drive within 30 m of the place where the car left its lane, or else was nearest to it: length,
+    max_curvature, direction_coverage, bends, mean_speed, std_speed, std_steering, mean_offset,
+    extreme_offset.
+    """
     from frenetic.campaign import CampaignStore
 
+    is_list = bool(outcomes or features or sort is not None or limit is not None)
+    if is_list and test_id is not None:
+        raise click.UsageError(
+            "the ID of a test shows this one: leave it out to list tests with --outcome,"
+            " --feature, --sort or --limit"
+        )
+    if test_id is None and plot is not None:
+        raise click.UsageError("--plot needs the ID of a test, too")
     with CampaignStore.open(campaign) as store:
-        if test_id is None:
-            if plot is not None:
-                raise click.UsageError("--plot needs the ID of a test, too")
+        if is_list:
+            limit = limit if limit is not None or as_json else LISTED_TESTS
+            _list_tests(store, outcomes, features, sort or "severity", limit, as_json)
+        elif test_id is None:
             _show_campaign(store, as_json)
         else:
             _show_test(store, test_id, plot, as_json)
 
 
+def _list_tests(
+    store: CampaignStore,
+    outcomes: tuple[str, ...],
+    features: tuple[AskedRange, ...],
+    sort: str,
+    limit: int | None,
+    as_json: bool,
+) -> None:
+    from frenetic.analysis.features import FEATURES
+    from frenetic.analysis.listing import ORDERS, list_tests
+
+    within = {one.name: one.limits or (-math.inf, math.inf) for one in features}
+    with as_usage_error():
+        tests = list_tests(store, outcomes=outcomes, within=within, sort=sort)
+    listed = tests[:limit]
+    names = list(dict.fromkeys([*within, *([] if sort in ORDERS else [sort])]))
+    rows: list[dict[str, Any]] = [
+        {
+            "id": test.record.id,
+            "told": test.record.told,
+            "outcome": str(test.record.outcome),
+            "moobd": test.record.moobd,
+            "duration": test.record.duration,
+            "operator": test.record.candidate.origin.operator,
+            "reason": test.record.reason,
+            "features": {
+                name: None if test.features is None else FEATURES[name].of(test.features)
+                for name in names
+            },
+        }
+        for test in listed
+    ]
+    if as_json:
+        document = {"folder": str(store.folder), "matching": len(tests), "listed": rows}
+        click.echo(json.dumps(document))
+        return
+    headings = [f">{name}{f' ({unit})' if (unit := FEATURES[name].unit) else ''}" for name in names]
+    print_table(
+        (">test", "outcome", ">MOOBD (m)", ">time (s)", *headings, "why"),
+        [
+            (
+                row["id"],
+                row["outcome"],
+                two_digits(test.record.moobd),
+                two_digits(test.record.duration),
+                *(None if v is None else f"{v:.3g}" for v in row["features"].values()),
+                row["reason"],
+            )
+            for test, row in zip(listed, rows, strict=True)
+        ],
+    )
+    shown = f", the first {len(listed)}" if len(listed) < len(tests) else ""
+    click.echo(f"{counted(len(tests), 'test')} of {store.counts().told} results{shown}")
+
+
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
-    from frenetic.analysis.failures import LISTED, distinct_failures
+    from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
 
     counts = store.counts()
     config, facts = store.config, store.facts
     clusters = distinct_failures(store)
+    found = clusters if counts.failed else nearest_misses(store)
     if as_json:
         document = {
             "folder": str(store.folder),
             **counts.counts_json(),
-            "distinct_failures": [
-                {
-                    "most_severe": cluster.most_severe,
-                    "moobd": cluster.moobd,
-                    "description": cluster.description,
-                    "tests": list(cluster.ids),
-                }
-                for cluster in clusters
-            ],
+            "distinct_failures": clusters_json(clusters),
+            "near_misses": [] if counts.failed else clusters_json(found),
             "facts": dict(facts),
             "config": dict(config),
         }
@@ -91,9 +205,9 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *(("changed", str(change)) for change in store.changes if change.what),
         ]
     )
-    if len(clusters):
-        print_failures(clusters, counts.failed, min(LISTED, len(clusters)))
-        click.echo(f"One in full: frenetic show {shell(store.folder)} {clusters[0].most_severe}")
+    if len(found):
+        print_failures(found, counts.failed, min(LISTED, len(found)))
+        click.echo(f"One in full: frenetic show {shell(store.folder)} {found[0].most_severe}")
 
 
 def _part(described: object) -> str:
@@ -116,7 +230,6 @@ def _part(described: object) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: bool) -> None:
-    from frenetic.outcome import Outcome
     from frenetic.report.failures import (
         FAILURES,
         PICTURES,

@@ -22,6 +22,7 @@ GALLERY: Final = "gallery.png"
 """Picture in that folder of all listed failures at a glance."""
 MOST_FILES: Final = 1000
 """Most failing roads with their own file, the most severe first; the database holds all."""
+_NEAR_MISS: Final = "near-miss-"
 
 
 def file_stem(candidate_id: int) -> str:
@@ -63,9 +64,12 @@ def write_failures(
 ) -> bool:
     """Writes the failing roads as JSON files and pictures of the listed ones.
 
+    Pictures of near misses that stood in for failures are removed when there are failures.
+
     Args:
         store: the campaign.
-        listed: the failures with a picture each, and a place in the gallery.
+        listed: the failures with a picture each, and a place in the gallery; where nothing failed,
+            the near misses.
 
     Returns:
         Whether all pictures are drawn: Ctrl-C ends the drawing after the current one.
@@ -83,6 +87,8 @@ def write_failures(
             path = folder / f"{file_stem(record.candidate.id)}.json"
             with replacing(path) as partial:
                 partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
+        for old in folder.glob(f"{_NEAR_MISS}*.png"):
+            old.unlink()
     except OSError as error:
         raise CampaignError(
             f"{folder} cannot be written: {error.strerror or error}; all results are safe in"
@@ -93,11 +99,15 @@ def write_failures(
         for record in listed:
             test = store.test(record.candidate.id)
             if test.drive is not None:
-                path = folder / f"{file_stem(test.id)}.png"
+                is_near = test.outcome is Outcome.PASS
+                stem = f"{_NEAR_MISS}{test.id:05d}" if is_near else file_stem(test.id)
+                path = folder / f"{stem}.png"
                 draw_drive(test.road, test.drive, path, title=f"Test {test.id}: {record.outcome}")
                 drawn.append((f"Test {test.id}", test.road, test.drive))
             if interrupt.requested:
                 return False
         if drawn:
-            draw_gallery(drawn, folder / GALLERY, title="The most telling failures")
+            near = listed[0].outcome is Outcome.PASS
+            title = "Nothing failed: the nearest misses" if near else "The most telling failures"
+            draw_gallery(drawn, folder / GALLERY, title=title)
     return True

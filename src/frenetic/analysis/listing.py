@@ -1,0 +1,102 @@
+"""A campaign's tests in a list: chosen by outcome and features, in a useful order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from frenetic.analysis.features import FEATURES, Features, features_of
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import CampaignStore
+from frenetic.errors import UnknownNameError
+from frenetic.outcome import Outcome
+
+ORDERS: Final = ("severity", "told", "duration")
+"""Orders that need no features: lowest MOOBD first, first told first, longest first."""
+
+
+@dataclass(frozen=True, eq=False)
+class ListedTest:
+    """A test of a list."""
+
+    record: TestRecord
+    """Without its trajectory."""
+    features: Features | None
+    """Features of its segment; None if the list asks for none, or if nothing was driven."""
+
+
+def list_tests(
+    store: CampaignStore,
+    *,
+    outcomes: Collection[Outcome | str] = (),
+    within: Mapping[str, tuple[float, float]] | None = None,
+    sort: str = "severity",
+) -> list[ListedTest]:
+    """The tests of a campaign in a chosen order; equal ones stay in the order of telling.
+
+    A test without the value by which the list is sorted comes last. Features are those of the
+    segment around the place of departure, or else of the least oob distance; they take about a
+    millisecond a test.
+
+    Args:
+        store: the campaign.
+        outcomes: only tests of these; all without any.
+        within: only tests whose features lie in these ranges, both ends included.
+        sort: one of `ORDERS`, or a feature, of which the largest comes first.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+        UnknownNameError: there is no such order or feature.
+        ValueError: there is no such outcome, or a range ends below its start.
+    """
+    within = {} if within is None else within
+    wanted = {Outcome(outcome) for outcome in outcomes} or set(Outcome)
+    asked = [*within, *([] if sort in ORDERS else [sort])]
+    for name in asked:
+        if name not in FEATURES:
+            raise UnknownNameError(
+                f"no feature or order is called {name!r}: choose from"
+                f" {', '.join([*ORDERS, *FEATURES])}"
+            )
+    for name, (low, high) in within.items():
+        if low > high:
+            raise ValueError(f"{name} from {low:g} to {high:g}: the lower end comes first")
+    tests = [
+        ListedTest(record, _features(store, record) if asked else None)
+        for record in store.tests()
+        if record.outcome in wanted
+    ]
+    chosen = [
+        test
+        for test in tests
+        if all(low <= _value(test, name) <= high for name, (low, high) in within.items())
+    ]
+    return sorted(chosen, key=lambda test: _place(test, sort))
+
+
+def _features(store: CampaignStore, record: TestRecord) -> Features | None:
+    if not record.outcome.is_driven:
+        return None
+    test = store.test(record.id)
+    if test.drive is None or not len(test.drive.trajectory):
+        return None
+    return features_of(segment_of(test.road, test.drive, test.departure))
+
+
+def _value(test: ListedTest, name: str) -> float:
+    """A feature; NaN without it, which no range holds."""
+    return math.nan if test.features is None else FEATURES[name].of(test.features)
+
+
+def _place(test: ListedTest, sort: str) -> float:
+    """A number that is smaller for a test that comes earlier."""
+    record = test.record
+    if sort == "told":
+        return record.told
+    if sort == "severity":
+        return math.inf if record.moobd is None else record.moobd
+    value = record.duration if sort == "duration" else _value(test, sort)
+    return math.inf if value is None or math.isnan(value) else -value

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+SLOW = (
+    *("run", "--driver-option", "aggression=0.3", "--simulations", "40"),
+    *("--seed", "3", "--workers", "1", "--out", "slow"),
+)
+
+
+def test_nothing_failed_so_run_show_and_pictures_give_the_nearest_misses(
+    frenetic: Frenetic,
+) -> None:
+    answer = frenetic(*SLOW)
+    assert answer.code == 0
+    assert "Nothing failed; the nearest misses" in answer.out
+    shown = frenetic("show", "slow", "--json").json
+    near = shown["near_misses"]
+    assert (shown["failed"], shown["distinct_failures"], len(near)) == (0, [], 5)
+    assert [one["moobd"] for one in near] == sorted(one["moobd"] for one in near)
+    assert near[0]["moobd"] == shown["min_moobd"]
+    for one in near:
+        assert one["description"] in " ".join(frenetic("show", "slow").out.split())
+    pictures = sorted(path.name for path in Path("slow/failures").glob("near-miss-*.png"))
+    assert pictures == sorted(f"near-miss-{one['most_severe']:05d}.png" for one in near)
+    assert Path("slow/failures/gallery.png").is_file()
+    assert not list(Path("slow/failures").glob("*.json"))
+
+
+def test_pictures_of_near_misses_make_way_for_failures(frenetic: Frenetic, campaign: str) -> None:
+    Path(campaign, "failures").mkdir(exist_ok=True)
+    Path(campaign, "failures", "near-miss-00001.png").touch()
+    answer = frenetic("resume", campaign, "--simulations", "1", "--workers", "1", "--json")
+    assert answer.json["near_misses"] == []
+    assert not list(Path(campaign, "failures").glob("near-miss-*"))
+    assert list(Path(campaign, "failures").glob("test-*.png"))
+
+
+def test_show_lists_tests_by_outcome_severity_and_feature(
+    frenetic: Frenetic, campaign: str
+) -> None:
+    failed = frenetic("show", campaign, "--json").json["failed"]
+    document = frenetic("show", campaign, "--outcome", "fail", "--json").json
+    assert document["matching"] == failed == len(document["listed"])
+    assert {row["outcome"] for row in document["listed"]} == {"FAIL"}
+    moobds = [row["moobd"] for row in document["listed"]]
+    assert moobds == sorted(moobds)
+    bent = frenetic("show", campaign, "--feature", "max_curvature=0.06:0.07", "--json").json
+    assert bent["listed"]
+    assert all(0.06 <= row["features"]["max_curvature"] <= 0.07 for row in bent["listed"])
+    table = frenetic("show", campaign, "--sort", "bends", "--limit", "3").out.splitlines()
+    assert table[0].split()[-2:] == ["bends", "why"]
+    assert table[-1].endswith("results, the first 3")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--sort", "beauty"], ["'beauty'", "severity", "max_curvature"]),
+        (["--feature", "beauty=1:2"], ["'beauty'"]),
+        (["--feature", "bends=many"], ["'bends=many' is not NAME=LOW:HIGH"]),
+        (["--feature", "bends=3:1"], ["bends from 3 to 1"]),
+        (["--outcome", "gone"], ["'gone'", "dropped"]),
+        (["--limit", "0"], ["'--limit'"]),
+        (["1", "--limit", "3"], ["the ID of a test"]),
+    ],
+)
+def test_show_refuses_lists_that_make_no_sense(
+    frenetic: Frenetic, campaign: str, options: list[str], words: list[str]
+) -> None:
+    assert frenetic("show", campaign, *options).refuses(*words)
