@@ -9,11 +9,10 @@ the order of finding, once with the guard that is the default and once without. 
 the same figures on the same machine, but for the time.
 
 Every result is driven again by a simulator and driver of its own. The benchmark ends with an error
-if one of them does not fail for the reason for which the original does.
+if one of them does not have the failure of the original.
 
 length share    length of the minimised road by that of the original
-way             whether the road turns the same way as the original over the 30 m before the place
-                where the car left its lane
+difference      m, of the failure from the original's, as of distinct failures
 after N drives  median length share if no more drives had been allowed
 still fails     share of the roads that fail for the same reason when something changes: all
                 curvatures, the friction, the speed limit, the driver's noise (five seeds), or every
@@ -27,7 +26,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -35,6 +34,7 @@ import numpy as np
 
 from frenetic.campaign import RoadTester
 from frenetic.drivers import Driver, Noisy
+from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.redrive.minimise import (
     GUARD,
@@ -53,8 +53,6 @@ from frenetic.testing import converse
 
 MARKS: Final = (10, 20, 30, 50, 75, 100, 150, 200, 300, 500)
 """Numbers of drives after which the length share is told."""
-BEFORE: Final = 30.0
-"""Length of road before the departure whose turn is compared, in m."""
 
 Change = Callable[[Road], "FailureReason | None"]
 """Drives a road when something is different."""
@@ -93,8 +91,8 @@ class Figures:
     seconds: Spread
     minimal: float
     """Share of the roads of which no pass makes a smaller one."""
-    same_way: float
-    """Share."""
+    difference: Spread
+    """m."""
     different: int
     """Minimised roads that are not equal."""
     after_drives: dict[int, float]
@@ -117,20 +115,6 @@ def find_failures(seed: int, simulations: int, driver: Driver, number: int) -> l
     return [found[i * len(found) // count] for i in range(count)]
 
 
-def turn_before_departure(minimised: Minimised) -> tuple[float, float] | None:
-    """Turns of original and minimised road before the car leaves, in rad; None if it does not."""
-    turns = []
-    for failed in (minimised.original, minimised.smallest):
-        if failed.result.departure is None:
-            return None
-        place = failed.result.departure.distance
-        turns.append(
-            failed.road.pose_at(place).heading
-            - failed.road.pose_at(max(place - BEFORE, 0.0)).heading
-        )
-    return turns[0], turns[1]
-
-
 def measure(
     roads: Sequence[Road], driver: Driver, guard: float, max_drives: int
 ) -> tuple[Figures, list[Minimised]]:
@@ -143,11 +127,13 @@ def measure(
         seconds.append(time.perf_counter() - start)
         results.append(minimised)
         again = EmbeddedSimulator().drive(minimised.road, driver)
-        if failure_reason(minimised.road, again) is not minimised.original.reason:
-            sys.exit(f"{minimised.road.curvatures} does not fail for the same reason any more")
+        reason, result = failure_reason(minimised.road, again), judge(minimised.road, again)
+        if reason is None or not replace(
+            minimised.smallest, drive=again, result=result, reason=reason
+        ).is_like(minimised.original):
+            sys.exit(f"{minimised.road.curvatures} does not have the same failure any more")
     before = [result.original.shape for result in results]
     after = [result.smallest.shape for result in results]
-    turns = [turn for turn in map(turn_before_departure, results) if turn is not None]
 
     def share_after(result: Minimised, drives: int) -> float:
         lengths = [i.shape.length for i in result.improvements if i.trials <= drives]
@@ -164,7 +150,7 @@ def measure(
         drives=Spread.of([result.drives for result in results]),
         seconds=Spread.of(seconds),
         minimal=float(np.mean([result.ending is Ending.MINIMAL for result in results])),
-        same_way=float(np.mean([one * other > 0.0 for one, other in turns])),
+        difference=Spread.of([result.difference for result in results]),
         different=len(set(after)),
         after_drives={
             mark: float(np.median([share_after(result, mark) for result in results]))
@@ -251,16 +237,13 @@ def main() -> None:
         print(f"{'':16}{'least':>8}{'lower':>8}{'median':>8}{'upper':>8}{'most':>8}")
         for name in (
             "length_before", "length", "length_share", "curves_before", "curves", "drives",
-            "seconds",
+            "difference", "seconds",
         ):  # fmt: skip
             spread = getattr(figures, name)
-            digits = 2 if name in ("length_share", "seconds") else 0
+            digits = 2 if name in ("length_share", "difference", "seconds") else 0
             row = "".join(f"{value:8.{digits}f}" for value in asdict(spread).values())
             print(f"{name.replace('_', ' '):16}{row}")
-        print(
-            f"minimal {figures.minimal:.0%}, turn the same way {figures.same_way:.0%},"
-            f" different roads {figures.different}"
-        )
+        print(f"minimal {figures.minimal:.0%}, different roads {figures.different}")
         print("length share after drives:", end="")
         print("".join(f"  {mark}: {share:.2f}" for mark, share in figures.after_drives.items()))
         print()

@@ -142,6 +142,32 @@ def test_other_driver_than_the_campaigns(frenetic: Frenetic, campaign: None) -> 
     assert not Path("c", "minimised", f"test-{item['test']:05d}.json").exists()
 
 
+def test_a_failure_that_is_not_the_recorded_one_is_said_to_be_another(
+    frenetic: Frenetic, campaign: None
+) -> None:
+    (own,) = frenetic("minimise", "c", "--max-drives", "1", "--json").json
+    assert (own["match"], own["difference"]) == ("same failure", 0.0)
+    options = ("minimise", "c", "--simulator-option", "friction=0.7", "--max-drives", "1")
+    answer = frenetic(*options)
+    assert "is a different failure than recorded (" in answer.err
+    assert "not the one recorded: " in answer.out
+    (item,) = frenetic(*options, "--json").json
+    assert item["match"] in ("elsewhere", "other side", "other mechanism")
+    document = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
+    assert document["minimised"]["match"] == item["match"]
+
+
+def test_a_road_of_an_older_version_which_may_be_another_failure_is_replaced(
+    frenetic: Frenetic, campaign: None
+) -> None:
+    (item,) = frenetic("minimise", "c", "--json").json
+    document = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
+    assert document["minimised"].pop("difference") <= 2.0
+    Path(item["road"]).write_text(json.dumps(document), encoding="utf-8")
+    (worse,) = frenetic("minimise", "c", "--max-drives", "1", "--json").json
+    assert worse["written"]
+
+
 def test_a_shorter_road_that_is_there_stays(frenetic: Frenetic, campaign: None) -> None:
     (best,) = frenetic("minimise", "c", "--json").json
     assert best["written"]

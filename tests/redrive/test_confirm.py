@@ -11,9 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from redrives import forget_redrives
+from redrives import as_older, forget_redrives
 
+from frenetic.analysis.failures import Failure
+from frenetic.analysis.segments import segment_of
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.trajectory_codec import encode
@@ -69,6 +72,37 @@ def test_world_without_limits_confirms_none(campaign: Path) -> None:
     assert found.count(Agreement.NOT_CONFIRMED) == len(found.tests)
     assert found.alike == 0
     assert found.rules.speed_limit == 25.0
+
+
+def test_confirmed_is_the_same_failure_at_the_same_place(campaign: Path) -> None:
+    simulator = EmbeddedSimulator(friction=0.97)
+    found = confirm(campaign, simulator, Planner(), test_ids=failures(campaign))
+    with CampaignStore.open(campaign) as store:
+        for one in found.tests:
+            test, drive = store.test(one.test_id), found.drive(one)
+            assert drive is not None
+            assert test.drive is not None
+            assert test.departure is not None
+            result = judge(test.road, drive)
+            assert result.departure is not None
+            here, there = (
+                Failure.of(segment_of(test.road, driven, departure), id=1, moobd=0.0)
+                for driven, departure in ((test.drive, test.departure), (drive, result.departure))
+            )
+            is_same = (
+                abs(result.departure.distance - test.departure.distance) <= 30.0
+                and result.departure.side == test.departure.side
+                and float(np.linalg.norm(here.vector() - there.vector())) <= 2.0
+            )
+            assert (one.agreement is Agreement.CONFIRMED) is is_same
+            assert one.match is not None
+    assert found.count(Agreement.CONFIRMED) > 0
+    assert found.count(Agreement.FAILING_OTHERWISE) > 0
+    document: Any = confirmation_document(found)
+    assert document["confirmed"] == document["alike"] == document["matches"]["same failure"]
+    assert sum(document["matches"].values()) == len(found.tests)
+    (kept,) = read_confirmations(campaign)
+    assert str(kept) == str(found)
 
 
 def test_drives_are_judged_by_the_box_of_the_other_car(campaign: Path) -> None:
@@ -180,6 +214,7 @@ def test_damaged_values_are_named(
     campaign: Path, place: tuple[str | int, ...], value: object
 ) -> None:
     found = confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
+    found = replace(found, tests=as_older(found.tests))
     forget_redrives(campaign)
     document = {"version": 1, "confirmations": [side_file_item(found)]}
     (campaign / "confirmations.json").write_text(json.dumps(document))

@@ -8,6 +8,8 @@ from typing import Self
 import numpy as np
 import pytest
 
+from frenetic.analysis.failures import Failure
+from frenetic.analysis.segments import segment_of
 from frenetic.campaign import RoadTester
 from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
@@ -15,6 +17,7 @@ from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.redrive.minimise import (
     GUARD,
+    FailedDrive,
     FailureReason,
     MinimiseProgress,
     failure_reason,
@@ -94,7 +97,17 @@ def test_no_failure_no_reason() -> None:
 # What is promised
 
 
-def test_failures_of_a_search_become_half_as_long_and_fail_for_the_same_reason(
+def difference(one: FailedDrive, other: FailedDrive) -> float:
+    """The measure that clusters failures, from the drives."""
+    vectors = []
+    for failed in (one, other):
+        departure = judge(failed.road, failed.drive).departure
+        segment = segment_of(failed.road, failed.drive, departure)
+        vectors.append(Failure.of(segment, id=1, moobd=0.0).vector())
+    return float(np.linalg.norm(vectors[0] - vectors[1]))
+
+
+def test_failures_of_a_search_become_half_as_long_and_stay_the_same_failure(
     failures: list[Road],
 ) -> None:
     tester = make_tester()
@@ -108,6 +121,7 @@ def test_failures_of_a_search_become_half_as_long_and_fail_for_the_same_reason(
         ) is failure_reason(road, EmbeddedSimulator().drive(road, Planner()))
         assert smallest.road.check_validity().valid
         assert minimised.reason is original.reason is smallest.reason
+        assert minimised.difference == difference(original, smallest) <= 2.0
         assert smallest.shape.rank <= original.shape.rank
         assert smallest.shape.curves <= original.shape.curves
         assert minimised.drives <= 500

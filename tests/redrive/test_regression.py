@@ -221,7 +221,7 @@ def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
     assert cases["test 7"].time == 0.25
     ((failure,), (error,)) = cases["test 8"].result, cases["test 10"].result
     assert isinstance(failure, Failure)
-    assert failure.message == 'still failing: Car <left> & "gone"'
+    assert failure.message == 'still failing (same place): Car <left> & "gone"'
     assert isinstance(error, Error)
     assert error.message == "not judged: broke\\x00\\ud800"
     assert [type(one) for one in cases["test 11"].result] == [Error]

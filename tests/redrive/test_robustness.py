@@ -20,6 +20,7 @@ from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, P
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, draw_conditions
+from frenetic.redrive.record import Match
 from frenetic.redrive.robustness import (
     Rerun,
     RerunProgress,
@@ -80,7 +81,7 @@ def test_a_deterministic_failure_repeats_every_time(campaign: Path) -> None:
     assert (one.failed, one.judged, one.alike, one.share) == (20, 20, 20, 1.0)
     assert one.stability is Stability.ROBUST
     assert all(drive.moobd == one.recorded.moobd for drive in one.drives)
-    assert str(one) == "fails 20 of 20 (100 %, 95 % interval 84 to 100 %)"
+    assert str(one) == ("fails 20 of 20 (100 %, 95 % interval 84 to 100 %): 20 same failure")
 
 
 def test_a_failure_that_hangs_on_friction_repeats_in_its_share_of_the_range(
@@ -229,7 +230,9 @@ def test_what_matters_is_named_in_words_and_what_does_not_is_not() -> None:
     assert (first.quantity, first.matters) == ("friction", True)
     assert first.spearman > 0.8
     assert (second.quantity, second.matters) == ("delay", False)
-    assert str(one).startswith("fails 13 of 20 (65 %, 95 % interval 43 to 82 %); less friction is")
+    assert str(one).startswith(
+        "fails 13 of 20 (65 %, 95 % interval 43 to 82 %): 13 same place; less friction is"
+    )
     assert "delay" not in str(one)
 
 
@@ -288,15 +291,21 @@ def test_stability_needs_the_whole_interval_on_one_side(
     assert one.stability is stability
 
 
-def test_failing_elsewhere_is_failing_but_not_alike() -> None:
-    there = redriven(USUAL, Outcome.FAIL, -1.0, 100.0, "left")
-    assert there.fails_like(replace(there, departure_distance=129.0))
-    assert not there.fails_like(replace(there, departure_distance=131.0))
-    assert not there.fails_like(replace(there, departure_side="right"))
-    assert not there.fails_like(replace(there, outcome=Outcome.PASS))
-    stuck = redriven(USUAL, Outcome.FAIL, 1.0)
-    assert stuck.fails_like(stuck)
-    assert not stuck.fails_like(there)
+def test_kinds_of_failing_are_told_apart() -> None:
+    test = recorded(Outcome.FAIL, -1.0, 100.0, "left")
+    same = replace(redriven(USUAL, Outcome.FAIL, -1.0, 129.0, "left", test=test), difference=1.9)
+    assert same.match is Match.SAME
+    assert replace(same, difference=2.1).match is Match.OTHER_MECHANISM
+    assert replace(same, departure_side="right").match is Match.OTHER_SIDE
+    for place in (69.0, 131.0):
+        elsewhere = replace(same, departure_distance=place, departure_side="right")
+        assert elsewhere.match is Match.ELSEWHERE
+    assert replace(same, difference=None).match is Match.SAME_PLACE, "as of an older version"
+    assert replace(same, outcome=Outcome.PASS).match is None
+    stuck = replace(same, departure_distance=None, departure_side=None)
+    assert stuck.match is Match.OTHER_MECHANISM
+    assert replace(stuck, recorded=recorded(Outcome.FAIL, 1.0)).match is Match.SAME
+    assert replace(same, recorded=recorded(Outcome.PASS, 1.0)).match is None
 
 
 # Worlds
@@ -456,14 +465,29 @@ def test_a_test_that_passed_is_neither_robust_nor_fragile(campaign: Path) -> Non
     assert rerun_document(one)["stability"] is None
 
 
-def test_it_is_said_how_many_failed_at_the_same_place() -> None:
+def test_it_is_said_how_many_have_the_same_failure() -> None:
     test = recorded(Outcome.FAIL, -1.0, 50.0, "left")
-    here = redriven(USUAL, Outcome.FAIL, -1.0, 50.0, "left", test=test)
+    here = replace(redriven(USUAL, Outcome.FAIL, -1.0, 50.0, "left", test=test), difference=0.5)
     there = replace(here, departure_distance=90.0)
-    same = Rerun(test, (), 0, {}, {}, (here,) * 4)
-    assert str(same) == "fails 4 of 4 (100 %, 95 % interval 51 to 100 %)"
-    other = replace(same, drives=(here, *[there] * 3))
-    assert str(other) == f"{same}, 1 of them at the same place"
+    one = Rerun(test, (), 0, {}, {}, (here, there, there, replace(here, difference=9.0)))
+    assert str(one) == (
+        "fails 4 of 4 (100 %, 95 % interval 51 to 100 %): 1 same failure, 1 other mechanism,"
+        " 2 elsewhere"
+    )
+    document = rerun_document(one)
+    assert document["matches"] == {
+        "same failure": 1,
+        "other mechanism": 1,
+        "other side": 0,
+        "elsewhere": 2,
+        "same place": 0,
+    }
+    assert [drive["match"] for drive in document["drives"]] == [  # type: ignore[index,call-overload,union-attr]
+        "same failure",
+        "elsewhere",
+        "elsewhere",
+        "other mechanism",
+    ]
 
 
 def test_what_is_written_is_read_again(campaign: Path, tmp_path: Path) -> None:

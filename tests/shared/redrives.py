@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,3 +71,8 @@ def forget_redrives(folder: Path) -> None:
         connection.execute("DELETE FROM redrive_run")
     for file in folder.glob("*.json*"):
         file.unlink()
+
+
+def as_older(drives: tuple[Redrive, ...]) -> tuple[Redrive, ...]:
+    """Drives as older versions kept them, without differences from the recorded failures."""
+    return tuple(replace(drive, difference=None) for drive in drives)

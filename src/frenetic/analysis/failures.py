@@ -36,14 +36,17 @@ from frenetic.analysis.segments import (
     Bend,
     Segment,
     find_bends,
+    segment_of,
     segment_profile,
     segments_of,
 )
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import CampaignStore
-from frenetic.oracle import Side
+from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
+from frenetic.road import Road
 from frenetic.road.geometry import frame_at, sample_line
+from frenetic.simulators.drive import Drive
 
 IntArray = npt.NDArray[np.int64]
 
@@ -120,6 +123,32 @@ class Failure:
             is_near_miss,
         )
 
+    @classmethod
+    def of_drive(
+        cls,
+        road: Road,
+        drive: Drive,
+        result: Result | TestRecord,
+        *,
+        id: int = 0,  # noqa: A002
+    ) -> Failure | None:
+        """The failure of a drive that was judged FAIL; None if it has no records."""
+        if not len(drive.trajectory):
+            return None
+        segment = segment_of(road, drive, result.departure)
+        return cls.of(segment, id=id, moobd=result.moobd or 0.0)
+
+    @classmethod
+    def of_test(cls, record: TestRecord) -> Failure | None:
+        """The failure of a stored test; None unless it failed and was read with its trajectory."""
+        if record.outcome is not Outcome.FAIL or record.drive is None:
+            return None
+        return cls.of_drive(record.road, record.drive, record, id=record.id)
+
+    def difference(self, other: Failure) -> float:
+        """Difference of two failures in m, whatever their sides; see this module's text."""
+        return float(np.linalg.norm(self.vector() - other.vector()))
+
     def vector(self) -> FloatArray:
         """Vector of a failure, (64,) in m; the distance of two is the failures' difference."""
         parts = (self.road, self.offsets, self.speeds)
@@ -192,10 +221,8 @@ def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]
     Raises:
         CampaignError: the campaign is damaged.
     """
-    return [
-        Failure.of(segment, id=record.candidate.id, moobd=record.moobd or 0.0)
-        for record, segment in segments_of(store, Outcome.FAIL, order_by="moobd", limit=limit)
-    ]
+    records = store.tests(Outcome.FAIL, "moobd", limit, with_trajectory=True)
+    return [failure for failure in map(Failure.of_test, records) if failure is not None]
 
 
 def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:

@@ -181,11 +181,15 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         ) {_STRICT}
         """,
     ),
-    tuple(
+    (
         # CRC-32 of the other values, see `frenetic.campaign.record.checksum`; of a run without id
         # and ended_at
-        f"ALTER TABLE {table} ADD COLUMN checksum INTEGER"
-        for table in ("campaign", "candidate", "test", "trajectory", "redrive_run", "redrive")
+        *(
+            f"ALTER TABLE {table} ADD COLUMN checksum INTEGER"
+            for table in ("campaign", "candidate", "test", "trajectory", "redrive_run", "redrive")
+        ),
+        # m, between the recorded failure and this one; older drives have none
+        "ALTER TABLE redrive ADD COLUMN difference REAL CHECK (difference >= 0)",
     ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""

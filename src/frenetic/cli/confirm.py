@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import GroupedCommand
 from frenetic.cli.redrive import (
@@ -44,9 +45,10 @@ def confirm(
     """Drive failures of a CAMPAIGN in another simulator and say which it confirms.
 
     Each road is driven where it lay on the map, with the campaign's options unless others are
-    given. A failure is confirmed if the driver fails in the other simulator, too. Failures are
-    alike on the same side of the lane within 30 m along the road. The drives are kept in
-    the campaign's database, with pictures of both paths in confirmed/.
+    given. A failure is confirmed if the driver has the same failure in the other simulator: on the
+    same side within 30 m along the road, and with the same mechanism, which means that road,
+    offsets and speeds before it differ by at most 2 m, as within one distinct failure. The drives
+    are kept in the campaign's database, with pictures of both paths in confirmed/.
     """
     from frenetic.analysis.failures import LISTED
     from frenetic.campaign import CampaignStore
@@ -109,28 +111,22 @@ def _draw(log: Log, campaign: Path, confirmation: Confirmation) -> Path | None:
 
 
 def _print(confirmation: Confirmation) -> None:
-    from frenetic.redrive.record import Agreement
-
     if confirmation.tests:
         print_table(
-            (">test", ">MOOBD (m)", ">there (m)", "it is", "same place", "what happened there"),
+            (">test", ">MOOBD (m)", ">there (m)", "it is", "how", "what happened there"),
             [
                 (
                     test.test_id,
                     two_digits(test.recorded.moobd),
                     two_digits(test.other.moobd),
                     test.agreement,
-                    ("yes" if test.is_alike else "no") if test.other.outcome.is_driven else None,
+                    test.match,
                     test.reason,
                 )
                 for test in confirmation.tests
             ],
         )
-    counts = [(kind, confirmation.count(kind)) for kind in Agreement]
-    told = ", ".join(f"{number} {kind}" for kind, number in counts if number)
-    click.echo(
-        f"{len(confirmation.tests)} failures: {told}, {confirmation.alike} at the same place"
-    )
+    click.echo(f"{counted(len(confirmation.tests), 'failure')}: {confirmation}")
     correlation = confirmation.correlation
     if correlation is None:
         click.echo("rank correlation of MOOBD: too few roads to say")

@@ -32,7 +32,6 @@ from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from frenetic.campaign import RoadTester, TestRecord
-    from frenetic.oracle import Side
     from frenetic.redrive.minimise import Minimised, MinimiseProgress
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road import Road
@@ -54,8 +53,6 @@ class Work:
     campaign: Path | None = None
     """The campaign's folder and test, if it is one's."""
     record: TestRecord | None = None
-    side: Side | None = None
-    """Side on which the car left its lane, if recorded."""
 
     @property
     def test_id(self) -> int | None:
@@ -129,12 +126,13 @@ def minimise(
     as_json: bool,
     **how: Any,
 ) -> None:
-    """Reduce failing roads to the shortest and plainest ones that still fail for the same reason.
+    """Reduce failing roads to the shortest and plainest ones that still have the same failure.
 
     The tests of a CAMPAIGN are driven as it drove them unless options change that; a ROAD file is
     driven as by 'frenetic drive'. Each road becomes a file, beside a picture of its drive and one
-    of before and after, unless a shorter one that fails alike exists. Ctrl-C keeps the smallest
-    road found so far.
+    of before and after, unless a shorter one that fails alike exists. The failure is the same if
+    its reason is, and road, offsets and speeds before it differ by at most 2 m, as within one
+    distinct failure. Ctrl-C keeps the smallest road found so far.
     """
     from frenetic._support.interrupt import catch_interrupt
     from frenetic.campaign import CampaignStore, RoadTester
@@ -252,7 +250,6 @@ def _of_campaign(
                     ),
                     folder,
                     record,
-                    None if given else record.departure_side,
                 )
             )
     if not works:
@@ -292,11 +289,12 @@ def _minimise(
             minimised = minimise_test(work.campaign, work.record, tester, on_progress=show, **how)
         else:
             minimised = minimise(work.road, tester, on_progress=show, **how)
-    place = minimised.original.result.departure
-    if work.side is not None and (place is None or place.side != work.side):
+    if is_another(minimised):
+        recorded = "" if work.record is None else f", not: {work.record.reason}"
         log.print(
-            f"{work.name} {minimised.reason} this time, not to the {work.side} as recorded: does"
-            " the same road give the same drive?"
+            f"{work.name} is a different failure than recorded ({minimised.match}):"
+            f" {minimised.original.result.reason}{recorded}",
+            markup=False,
         )
     return minimised
 
@@ -321,6 +319,13 @@ def _live(log: Log, work: Work) -> Iterator[Callable[[MinimiseProgress], None]]:
                 log.print(text)
 
         yield show
+
+
+def is_another(minimised: Minimised) -> bool:
+    """Whether the original now has another failure than its campaign recorded."""
+    from frenetic.redrive.record import Match
+
+    return minimised.match not in (None, Match.SAME, Match.SAME_PLACE)
 
 
 def _print_one(done: Done) -> None:
@@ -356,6 +361,7 @@ def _print_one(done: Done) -> None:
     print_facts(
         [
             ("fails", after.result.reason),
+            ("failure", _failure(minimised)),
             ("curvatures", " ".join(f"{v:g}" for v in after.shape.values)),
             ("road", str(files.road)),
             ("picture", str(files.picture)),
@@ -363,6 +369,16 @@ def _print_one(done: Done) -> None:
             ("repeat", done.repeat),
         ]
     )
+
+
+def _failure(minimised: Minimised) -> str:
+    """How the failure of the smallest road is like that of the original, in words."""
+    from frenetic.analysis.failures import THRESHOLD
+
+    text = f"the original's, {minimised.difference:.1f} m different; {THRESHOLD:g} m are allowed"
+    if is_another(minimised):
+        text += f"; not the one recorded: {minimised.match}"
+    return text
 
 
 def _print_many(done: list[Done]) -> None:
@@ -377,10 +393,13 @@ def _print_many(done: list[Done]) -> None:
                 f"{before.curves} -> {after.curves}",
                 minimised.drives,
                 minimised.reason,
+                f"{minimised.difference:.1f}",
+                minimised.match,
                 "yes" if minimised.ending == "minimal" else f"no, {item.ending}",
             )
         )
-    print_table((">test", ">length (m)", ">curves", ">drives", "reason", "minimal"), rows)
+    numbers = (">test", ">length (m)", ">curves", ">drives", "reason", ">difference (m)")
+    print_table((*numbers, "recorded", "minimal"), rows)
     different = len({(item.minimised.reason, item.minimised.smallest.shape) for item in done})
     click.echo(f"{len(done)} failures come down to {different} different roads")
     if stay := [item.work.name for item in done if item.there is not None]:
@@ -404,6 +423,8 @@ def _as_json(done: Done) -> dict[str, Any]:
         "drives": minimised.drives,
         "ending": str(minimised.ending),
         "trouble": minimised.trouble,
+        "difference": minimised.difference,
+        "match": minimised.match,
         "step": after.shape.step,
         "curvatures": list(after.shape.values),
         "road": str(files.road),

@@ -87,7 +87,7 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
     listed = [test for test in replayed.tests if test.change is not Change.STILL_PASSING]
     if listed:
         print_table(
-            (">test", "before", "now", ">MOOBD before (m)", ">now (m)", "it is", "why"),
+            (">test", "before", "now", ">MOOBD before (m)", ">now (m)", "it is", "how", "why"),
             [
                 (
                     test.test_id,
@@ -96,18 +96,17 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
                     two_digits(test.moobd_before),
                     two_digits(test.moobd_after),
                     test.change,
+                    test.match,
                     "" if test.after is Outcome.PASS else test.reason,
                 )
                 for test in listed
             ],
         )
     what = "road" if everything else "failure"
-    counts = [(change, replayed.count(change)) for change in Change]
-    told = ", ".join(f"{number} {change}" for change, number in counts if number)
     total = len(replayed.tests)
     if not total:
         click.echo(f"no {what} to drive again")
         return
-    click.echo(f"{counted(total, what)} driven again: {told}")
+    click.echo(f"{counted(total, what)} driven again: {replayed}")
     if is_the_same_drive:
         click.echo(f"{replayed.same} of {total} ended exactly as before")

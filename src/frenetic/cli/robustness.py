@@ -152,6 +152,7 @@ def robustness(
 
 
 def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation]) -> None:
+    from frenetic.redrive.record import matches_text
     from frenetic.redrive.robustness import Stability
 
     how = ", ".join(str(one) for one in variations) or "the same each time"
@@ -172,13 +173,16 @@ def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation])
                 ", ".join(matters) or None,
             )
         )
-    numbers = (">test", ">MOOBD (m)", ">fails", ">same place", ">share", ">95 % interval")
+    numbers = (">test", ">MOOBD (m)", ">fails", ">same failure", ">share", ">95 % interval")
     print_table((*numbers, "it is", "what matters"), rows)
     counts = [(kind, sum(one.stability is kind for one in reruns)) for kind in Stability]
     if any(number for _, number in counts):
         click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
+    drives = [drive for one in reruns for drive in one.drives]
+    if told := matches_text(drives):
+        click.echo(f"Of all drives that fail: {told}")
     if fine := [str(one.test_id) for one in reruns if one.stability is None]:
         click.echo(f"No failure in the campaign, so neither robust nor fragile: {', '.join(fine)}")
-    troubles = [drive.trouble for one in reruns for drive in one.drives if drive.trouble]
+    troubles = [drive.trouble for drive in drives if drive.trouble]
     if troubles:
         click.echo(f"{len(troubles)} drives could not be judged, the first one: {troubles[0]}")

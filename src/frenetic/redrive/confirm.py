@@ -1,7 +1,9 @@
 """Confirmation: failures of one simulator, driven in another.
 
 A failure in two simulators is one of the driver; a failure in one may be a property of that
-simulator. The drives and verdicts are kept in the campaign's folder.
+simulator. It is confirmed if the driver has the same failure in the other one, see
+`frenetic.redrive.record.Match`; failing otherwise there is no confirmation. The drives and verdicts
+are kept in the campaign's folder.
 """
 
 from __future__ import annotations
@@ -21,7 +23,16 @@ from frenetic.errors import CampaignError
 from frenetic.fingerprint import comparable
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import campaign_tester, drive_again
-from frenetic.redrive.record import Agreement, Purpose, Redrive, Run, verdict_document
+from frenetic.redrive.record import (
+    Agreement,
+    Purpose,
+    Redrive,
+    Run,
+    matches_document,
+    matches_text,
+    redrive_document,
+    verdict_document,
+)
 from frenetic.redrive.table import read_runs
 from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
@@ -72,8 +83,14 @@ class Confirmation:
 
     @property
     def alike(self) -> int:
-        """Failures that are confirmed at the same place."""
-        return sum(test.is_alike for test in self.tests)
+        """The number of confirmed failures."""
+        return self.count(Agreement.CONFIRMED)
+
+    def __str__(self) -> str:
+        counts = [(kind, self.count(kind)) for kind in Agreement]
+        text = ", ".join(f"{number} {kind}" for kind, number in counts if number)
+        others = [test for test in self.tests if test.agreement is Agreement.FAILING_OTHERWISE]
+        return f"{text} ({matches_text(others)})" if others else text
 
     @cached_property
     def correlation(self) -> Correlation | None:
@@ -186,6 +203,7 @@ def confirmation_document(confirmation: Confirmation) -> dict[str, JSONValue]:
         "car": car,
         **{str(kind): confirmation.count(kind) for kind in Agreement},
         "alike": confirmation.alike,
+        "matches": matches_document(confirmation.tests),
         "correlation": None if correlation is None else asdict(correlation),
         "missing": confirmation.missing,
         "tests": [
@@ -195,7 +213,7 @@ def confirmation_document(confirmation: Confirmation) -> dict[str, JSONValue]:
                 "alike": one.is_alike,
                 "reason": one.reason,
                 "recorded": verdict_document(one.recorded),
-                "other": verdict_document(one),
+                "other": redrive_document(one),
             }
             for one in confirmation.tests
         ],

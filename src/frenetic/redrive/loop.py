@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 from frenetic._support.interrupt import catch_interrupt
+from frenetic.analysis.failures import Failure
 from frenetic.campaign.campaign import prepare
 from frenetic.campaign.changes import version_notes
 from frenetic.campaign.loop import MAX_ATTEMPTS
@@ -32,6 +33,7 @@ from frenetic.redrive.table import RunWriter
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
@@ -168,6 +170,7 @@ def drive_again(
 
     done: dict[int, Redrive] = {}
     failed = 0
+    differences = _Differences(folder, tester)
     with (
         RunWriter(folder, purpose, run, optional=optional) as writer,
         redriving(
@@ -181,16 +184,20 @@ def drive_again(
         for attempt in drive_tasks(tasks):
             number = attempt.candidate_id
             record, conditions = drives[number - 1]
+            failed_now = attempt.result.outcome is Outcome.FAIL
+            both_fail = failed_now and record.outcome is Outcome.FAIL
             keeps = purpose is Purpose.CONFIRMATION or (
-                purpose is Purpose.BACK_TO_BACK and attempt.result.outcome is Outcome.FAIL
+                purpose is Purpose.BACK_TO_BACK and failed_now
             )
-            packed = attempt.pack().packed if keeps else None
+            packed = attempt.pack().packed if both_fail or keeps else None
+            trajectory = None if packed is None else decode(packed)
             drive = Redrive.of(
                 record,
                 attempt.result,
                 conditions,
                 seconds=attempt.seconds,
-                trajectory=None if packed is None else decode(packed),
+                trajectory=trajectory if keeps else None,
+                difference=differences.of(record, attempt, trajectory) if both_fail else None,
             )
             writer.add(number, drive)
             done[number] = drive
@@ -198,6 +205,29 @@ def drive_again(
             if on_progress is not None:
                 on_progress(RedriveProgress(record.id, len(done), len(tasks), failed))
         return replace(run(), drives=tuple(done[number] for number in sorted(done)))
+
+
+class _Differences:
+    """Differences of drives from the recorded failures of their roads."""
+
+    def __init__(self, folder: Path, tester: RoadTester) -> None:
+        self._folder = folder
+        self._tester = tester
+        self._recorded: dict[int, Failure | None] = {}
+
+    def of(
+        self, record: TestRecord, attempt: Attempt, trajectory: Trajectory | None
+    ) -> float | None:
+        """Difference of a failing drive in m; None if one of the trajectories is missing."""
+        if record.id not in self._recorded:
+            with CampaignStore.open(self._folder) as store:
+                self._recorded[record.id] = Failure.of_test(store.test(record.id))
+        recorded, simulator = self._recorded[record.id], self._tester.simulator
+        if recorded is None or trajectory is None:
+            return None
+        drive = Drive(trajectory, simulator.car, simulator.rules)
+        failure = Failure.of_drive(record.road, drive, attempt.result)
+        return None if failure is None else recorded.difference(failure)
 
 
 @contextmanager

@@ -1,22 +1,25 @@
-"""The shortest and plainest road on which a driver still fails, for the same reason."""
+"""The shortest and plainest road on which a driver still has the same failure."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from frenetic.analysis.failures import THRESHOLD, Failure
 from frenetic.campaign.record import Attempt, TestRecord
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import STUCK, Result, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import DriveTasks, Task, new_run, redriving
-from frenetic.redrive.record import Purpose, Redrive, Run
+from frenetic.redrive.record import Match, Purpose, Redrive, Run
 from frenetic.redrive.shrinking import Answer, Ending, Improvement, Shape, shrink
 from frenetic.redrive.table import RunWriter
 from frenetic.road import Road
@@ -69,6 +72,21 @@ class FailedDrive:
     result: Result
     reason: FailureReason
 
+    @cached_property
+    def failure(self) -> Failure:
+        """The part of it that tells distinct failures."""
+        failure = Failure.of_drive(self.road, self.drive, self.result)
+        assert failure is not None
+        return failure
+
+    def difference(self, other: FailedDrive) -> float:
+        """Difference of the failures in m, as of `frenetic.analysis.failures`."""
+        return self.failure.difference(other.failure)
+
+    def is_like(self, other: FailedDrive) -> bool:
+        """Whether both are the same problem: the same reason, and a cluster's difference."""
+        return self.reason is other.reason and self.difference(other) <= THRESHOLD
+
 
 @dataclass(frozen=True)
 class MinimiseProgress:
@@ -90,7 +108,7 @@ class Minimised:
 
     original: FailedDrive
     smallest: FailedDrive
-    """The smallest road that fails for the same reason; possibly the original."""
+    """The smallest road with the same failure; possibly the original."""
     improvements: tuple[Improvement, ...]
     """Its improvements, in order; the trials are drives, the first of them the original's."""
     drives: int
@@ -99,6 +117,14 @@ class Minimised:
     """MINIMAL if no pass makes it smaller; SPENT if the drives were not enough to know."""
     trouble: str | None
     """Reason for giving up, if any: the simulator or driver broke repeatedly."""
+    match: Match | None = None
+    """How the original fails now, beside the failure that its campaign recorded; None without a
+    campaign."""
+
+    @property
+    def difference(self) -> float:
+        """Difference of the failures on both roads in m, at most that within a cluster."""
+        return self.smallest.difference(self.original)
 
     @property
     def road(self) -> Road:
@@ -126,12 +152,12 @@ def minimise(
     on_smaller: Callable[[int, FailedDrive], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Minimised:
-    """The smallest road found on which the driver fails for the same reason.
+    """The smallest road found with the same failure.
 
     Smaller is shorter, or as long and plainer, in the order of `frenetic.redrive.shrinking.Shape`.
-    Every kept road is valid, was driven and failed, and so did two neighbours of it, with all
-    curvatures a little smaller and a little larger: the failure survives a slight change. No road
-    is driven twice, and the result is deterministic.
+    Every kept road is valid, was driven and has the failure (see `FailedDrive.is_like`), and so did
+    two neighbours of it, with all curvatures a little smaller and a little larger: the failure
+    survives a slight change. No road is driven twice, and the result is deterministic.
 
     Args:
         road: fails.
@@ -233,22 +259,29 @@ def minimise_test(
     def run() -> Run:
         return new_run(Purpose.MINIMISING, tester, max_drives)
 
+    with CampaignStore.open(folder) as campaign:
+        recorded = Failure.of_test(campaign.test(record.id))
+
+    def redrive(failed: FailedDrive) -> Redrive:
+        return Redrive.of(
+            record,
+            failed.result,
+            step=failed.road.step,
+            curvatures=failed.road.curvatures,
+            difference=None if recorded is None else recorded.difference(failed.failure),
+        )
+
     with RunWriter(folder, Purpose.MINIMISING, run, optional=True) as writer:
-
-        def store(number: int, failed: FailedDrive) -> None:
-            road = failed.road
-            drive = Redrive.of(record, failed.result, step=road.step, curvatures=road.curvatures)
-            writer.add(number, drive)
-
-        return minimise(
+        minimised = minimise(
             record.road,
             tester,
             max_drives=max_drives,
             guard=guard,
             on_progress=on_progress,
-            on_smaller=store,
+            on_smaller=lambda number, failed: writer.add(number, redrive(failed)),
             should_stop=should_stop,
         )
+    return replace(minimised, match=redrive(minimised.original).match)
 
 
 class _Trials:
@@ -256,7 +289,7 @@ class _Trials:
 
     def __init__(self, tester: RoadTester, drive_tasks: DriveTasks) -> None:
         self.failed: dict[Shape, FailedDrive] = {}
-        """Those that failed for the same reason, the first one first."""
+        """Those with the same failure, the first one first."""
         self.trouble = ""
         """Reason of the last broken drive."""
         self._tester = tester
@@ -309,6 +342,6 @@ class _Trials:
         drive = Drive(attempt.trajectory, tester.simulator.car, tester.simulator.rules)
         reason = failure_reason(road, drive)
         assert reason is not None
-        first = next(iter(self.failed.values()), None)
-        if first is None or reason is first.reason:
-            self.failed[shape] = FailedDrive(shape, road, drive, attempt.result, reason)
+        failed = FailedDrive(shape, road, drive, attempt.result, reason)
+        if not self.failed or failed.is_like(next(iter(self.failed.values()))):
+            self.failed[shape] = failed

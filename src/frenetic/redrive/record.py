@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
 from frenetic._support.arrays import FloatArray
+from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
 from frenetic.campaign.record import TestRecord, as_text
 from frenetic.campaign.store import JSONValue
@@ -33,11 +35,29 @@ class Purpose(StrEnum):
     """The shortest road that still fails."""
 
 
+class Match(StrEnum):
+    """How a drive fails, beside the recorded failure of its road."""
+
+    SAME = "same failure"
+    """The same place, side and mechanism."""
+    OTHER_MECHANISM = "other mechanism"
+    """The same place and side, but road, offsets and speeds before it differ by more than
+    `frenetic.analysis.failures.THRESHOLD`, or only one of both left its lane."""
+    OTHER_SIDE = "other side"
+    """The same place, but on the other side of the lane."""
+    ELSEWHERE = "elsewhere"
+    """More than `frenetic.analysis.segments.REACH` away along the road."""
+    SAME_PLACE = "same place"
+    """The same place and side; the mechanism is unknown, as older versions did not keep it."""
+
+
 class Agreement(StrEnum):
     """Verdict of another simulator on a failure."""
 
     CONFIRMED = "confirmed"
-    """The driver fails there, too."""
+    """The driver has the same failure there."""
+    FAILING_OTHERWISE = "failing otherwise"
+    """The driver fails there, too, but this is another failure, see `Match`."""
     NOT_CONFIRMED = "not confirmed"
     """The driver passes there."""
     NOT_JUDGED = "not judged"
@@ -89,6 +109,9 @@ class Redrive:
     """Distance between curvatures in m, of a smaller road than the test's; None for the test's."""
     curvatures: FloatArray | None = field(default=None, compare=False)
     """(N,) 1/m of that road."""
+    difference: float | None = None
+    """Difference from the recorded failure in m, as of `frenetic.analysis.failures`; None unless
+    both failed, and in drives of older versions."""
 
     @classmethod
     def of(
@@ -101,6 +124,7 @@ class Redrive:
         trajectory: Trajectory | None = None,
         step: float | None = None,
         curvatures: FloatArray | None = None,
+        difference: float | None = None,
     ) -> Redrive:
         """The drive of a test's road, or of a smaller one, from its result."""
         departure = result.departure
@@ -118,6 +142,7 @@ class Redrive:
             trajectory,
             step,
             curvatures,
+            difference,
         )
 
     @property
@@ -138,19 +163,27 @@ class Redrive:
         """
         return -math.inf if self.outcome is Outcome.FAIL or self.moobd is None else self.moobd
 
-    def fails_like(self, other: Redrive | TestRecord) -> bool:
-        """Whether both fail, on the same side and within 30 m along the road."""
-        if not self.outcome is other.outcome is Outcome.FAIL:
-            return False
-        if self.departure_distance is None or other.departure_distance is None:
-            return self.departure_distance is other.departure_distance
-        near = abs(self.departure_distance - other.departure_distance) <= REACH
-        return near and self.departure_side == other.departure_side
+    @property
+    def match(self) -> Match | None:
+        """How it fails, beside the campaign's own drive; None unless both fail."""
+        before = self.recorded
+        if not self.outcome is before.outcome is Outcome.FAIL:
+            return None
+        here, there = self.departure_distance, before.departure_distance
+        if (here is None) != (there is None):
+            return Match.OTHER_MECHANISM
+        if here is not None and there is not None and abs(here - there) > REACH:
+            return Match.ELSEWHERE
+        if self.departure_side != before.departure_side:
+            return Match.OTHER_SIDE
+        if self.difference is None:
+            return Match.SAME_PLACE
+        return Match.SAME if self.difference <= THRESHOLD else Match.OTHER_MECHANISM
 
     @property
     def is_alike(self) -> bool:
-        """Whether it fails like the campaign's own drive."""
-        return self.fails_like(self.recorded)
+        """Whether it is the campaign's own failure, as far as that is known."""
+        return self.match in (Match.SAME, Match.SAME_PLACE)
 
     @property
     def is_same(self) -> bool:
@@ -163,8 +196,16 @@ class Redrive:
         """Verdict of this drive on a failure."""
         if not self.outcome.is_driven:
             return Agreement.NOT_JUDGED
-        failed = self.outcome is Outcome.FAIL
-        return Agreement.CONFIRMED if failed else Agreement.NOT_CONFIRMED
+        if self.outcome is not Outcome.FAIL:
+            return Agreement.NOT_CONFIRMED
+        return Agreement.CONFIRMED if self.is_alike else Agreement.FAILING_OTHERWISE
+
+    @property
+    def verdict(self) -> str:
+        """The same in words, with how it fails otherwise."""
+        text = str(self.agreement)
+        is_otherwise = self.agreement is Agreement.FAILING_OTHERWISE
+        return f"{text}, {self.match}" if is_otherwise else text
 
     @property
     def change(self) -> Change:
@@ -232,6 +273,23 @@ class Run:
     """Drives in the planned order."""
 
 
+def count_matches(drives: Iterable[Redrive]) -> dict[Match, int]:
+    """Match -> number of drives that fail so, without those that are 0."""
+    counts = Counter(drive.match for drive in drives)
+    return {match: counts[match] for match in Match if counts[match]}
+
+
+def matches_text(drives: Iterable[Redrive]) -> str:
+    """Kinds of failing drives with their numbers: ``2 same failure, 8 elsewhere``."""
+    return ", ".join(f"{number} {match}" for match, number in count_matches(drives).items())
+
+
+def matches_document(drives: Iterable[Redrive]) -> dict[str, JSONValue]:
+    """The same as a JSON object, with all kinds."""
+    counts = count_matches(drives)
+    return {str(match): counts.get(match, 0) for match in Match}
+
+
 def verdict_document(drive: Redrive | TestRecord) -> dict[str, JSONValue]:
     """The end of a drive as a JSON object."""
     return {
@@ -240,3 +298,8 @@ def verdict_document(drive: Redrive | TestRecord) -> dict[str, JSONValue]:
         "departure_distance": drive.departure_distance,
         "departure_side": drive.departure_side,
     }
+
+
+def redrive_document(drive: Redrive) -> dict[str, JSONValue]:
+    """The same of a drive made again, with how it fails."""
+    return {**verdict_document(drive), "match": drive.match, "difference": drive.difference}

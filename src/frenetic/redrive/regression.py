@@ -16,7 +16,14 @@ from frenetic.errors import CampaignError
 from frenetic.fingerprint import comparable
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
-from frenetic.redrive.record import Change, Purpose, Redrive, Run
+from frenetic.redrive.record import (
+    Change,
+    Purpose,
+    Redrive,
+    Run,
+    matches_document,
+    matches_text,
+)
 from frenetic.redrive.table import read_runs
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
@@ -53,6 +60,12 @@ class Replay:
         """Whether all were driven again and none failed."""
         bad = (Change.STILL_FAILING, Change.NEWLY_FAILING, Change.NOT_JUDGED)
         return self.missing == 0 and not any(test.change in bad for test in self.tests)
+
+    def __str__(self) -> str:
+        counts = [(change, self.count(change)) for change in Change]
+        text = ", ".join(f"{number} {change}" for change, number in counts if number)
+        matches = matches_text(self.tests)
+        return f"{text}; of those still failing {matches}" if matches else text
 
     @property
     def same(self) -> int:
@@ -146,6 +159,7 @@ def replay_document(replay: Replay) -> dict[str, JSONValue]:
         "same": replay.same,
         "missing": replay.missing,
         "changes": {str(change): replay.count(change) for change in Change},
+        "matches": matches_document(replay.tests),
         "tests": [
             {
                 "test_id": test.test_id,
@@ -158,6 +172,8 @@ def replay_document(replay: Replay) -> dict[str, JSONValue]:
                 "length": test.length,
                 "seconds": test.seconds,
                 "change": str(test.change),
+                "match": test.match,
+                "difference": test.difference,
                 "is_same": test.is_same,
             }
             for test in replay.tests
@@ -206,6 +222,7 @@ def junit(replay: Replay) -> bytes:
 def _add_outcome(case: ET.Element, test: Redrive) -> None:
     properties = {
         "change": str(test.change),
+        **({} if test.match is None else {"match": str(test.match)}),
         "outcome": str(test.after),
         "outcome_before": str(test.before),
         "moobd": _metres(test.moobd_after),
@@ -216,7 +233,8 @@ def _add_outcome(case: ET.Element, test: Redrive) -> None:
     _add_properties(case, properties)
     if test.after is Outcome.PASS:
         return
-    text = _text(f"{test.change}: {test.reason}")
+    match = "" if test.match is None else f" ({test.match})"
+    text = _text(f"{test.change}{match}: {test.reason}")
     tag = "failure" if test.after is Outcome.FAIL else "error"
     ET.SubElement(case, tag, {"type": str(test.after), "message": text}).text = text
 

@@ -3,11 +3,11 @@
 A failing road is driven again and again, in worlds drawn from ranges of the road's friction, the
 speed limit, the driver's noise and so on. The result is the share that fails, with an interval, and
 the quantities that correlate with the car's worst moment. Without variation each drive is the same
-and fails again, unless the driver or simulator is not repeatable.
+and fails again, unless the driver or simulator is not repeatable. A road may fail in another way
+than in the campaign, so the result also tells how many drives have the same failure.
 
 A failure is *robust* if its road fails in at least half of such worlds and *fragile* if in less;
-the whole 95 % interval must be on one side. The result also tells whether the car leaves its lane
-at the same place each time.
+the whole 95 % interval must be on one side.
 """
 
 from __future__ import annotations
@@ -28,7 +28,15 @@ from frenetic.fingerprint import comparable, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, conditions_document, draw_conditions
 from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
-from frenetic.redrive.record import Purpose, Redrive, Run, verdict_document
+from frenetic.redrive.record import (
+    Purpose,
+    Redrive,
+    Run,
+    matches_document,
+    matches_text,
+    redrive_document,
+    verdict_document,
+)
 from frenetic.redrive.table import read_runs
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Rules
@@ -115,8 +123,13 @@ class Rerun:
 
     @property
     def alike(self) -> int:
-        """Drives that failed like the campaign's, see `Redrive.fails_like`."""
+        """Drives with the campaign's own failure, see `Redrive.is_alike`."""
         return sum(drive.is_alike for drive in self.drives)
+
+    @property
+    def matches(self) -> str:
+        """Kinds of failing drives with their numbers, see `Match`."""
+        return matches_text(self.drives)
 
     @property
     def share(self) -> float | None:
@@ -177,8 +190,8 @@ class Rerun:
             f"fails {self.failed} of {self.judged} ({100.0 * self.share:.0f} %, 95 % interval"
             f" {100.0 * low:.0f} to {100.0 * high:.0f} %)"
         )
-        if self.alike < self.failed:
-            text += f", {self.alike} of them at the same place"
+        if self.matches:
+            text += f": {self.matches}"
         return "; ".join([text, *(str(one) for one in self.influences if one.matters)])
 
 
@@ -328,6 +341,7 @@ def rerun_document(one: Rerun) -> dict[str, JSONValue]:
         "failed": one.failed,
         "judged": one.judged,
         "alike": one.alike,
+        "matches": matches_document(one.drives),
         "share": one.share,
         "interval": list(one.interval),
         "influences": [asdict(influence) for influence in one.influences],
@@ -343,7 +357,7 @@ def rerun_document(one: Rerun) -> dict[str, JSONValue]:
         "drives": [
             {
                 "world": conditions_document(drive.conditions),
-                **verdict_document(drive),
+                **redrive_document(drive),
                 "trouble": drive.trouble,
             }
             for drive in one.drives

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import logging
 import sqlite3
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -69,6 +69,7 @@ _VERDICT: Final = {
         )
     },
     "seconds": replace(TEST_COLUMNS["seconds"], optional=True),
+    "difference": Column("difference", Kind.REAL, "from the recorded failure", "m", True, low=0.0),
 }
 _COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {
@@ -86,10 +87,11 @@ _RUN: Final = "purpose, driver, simulator, rules, car, planned, seed, variations
 _SELECT_RUNS: Final = f"""
     SELECT id, {_RUN}, {{}} FROM redrive_run WHERE purpose = ? ORDER BY id
 """  # noqa: S608
-_SELECT_DRIVES: Final = f"""
-    SELECT {", ".join(_COLUMNS)}, trajectory, {{}} FROM redrive
+_STORED_COLUMNS: Final = "SELECT name FROM pragma_table_info('redrive')"
+_SELECT_DRIVES: Final = """
+    SELECT {}, trajectory, {} FROM redrive
     WHERE run IN (SELECT id FROM redrive_run WHERE purpose = ?) ORDER BY run, number
-"""  # noqa: S608
+"""
 _INSERT_RUN: Final = f"""
     INSERT INTO redrive_run ({_RUN}, checksum)
     VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
@@ -140,12 +142,13 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
         return []
     with CampaignStore.open(folder) as store:
         runs = take_in_side_file(store, purpose)
-        if any(store.rows("SELECT 1 FROM sqlite_schema WHERE name = 'redrive'")):
-            runs += _read_runs(store, purpose)
+        if stored := {name for (name,) in store.rows(_STORED_COLUMNS)}:
+            runs += _read_runs(store, purpose, stored)
     return runs
 
 
-def _read_runs(store: CampaignStore, purpose: Purpose) -> list[Run]:
+def _read_runs(store: CampaignStore, purpose: Purpose, stored: Collection[str]) -> list[Run]:
+    """The runs in the database, whose tables may lack columns of newer versions."""
     path = store.folder / DATABASE
     runs: dict[int, Run] = {}
     for number, *parts in store.rows(_SELECT_RUNS.format(store.checksum_column), (purpose,)):
@@ -154,7 +157,8 @@ def _read_runs(store: CampaignStore, purpose: Purpose) -> list[Run]:
             _require_checksum(parts)
     drives: dict[int, list[Redrive]] = {number: [] for number in runs}
     records: dict[int, TestRecord] = {}
-    for row in store.rows(_SELECT_DRIVES.format(store.checksum_column), (purpose,)):
+    columns = ", ".join(name if name in stored else "NULL" for name in _COLUMNS)
+    for row in store.rows(_SELECT_DRIVES.format(columns, store.checksum_column), (purpose,)):
         data = row[-2]
         with _damaged(path, f"drive {row[1]} of run {row[0]} of what was driven again"):
             values = read_row(_COLUMNS, row[:-2])

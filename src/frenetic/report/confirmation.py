@@ -109,7 +109,7 @@ def _pair(store: CampaignStore, confirmation: Confirmation, test: Redrive) -> Pa
     other = confirmation.drive(test)
     if stored.drive is None or other is None or not len(other.trajectory):
         return None
-    return Pair(stored.road, stored.drive, other, f"Test {test.test_id}: {test.agreement}")
+    return Pair(stored.road, stored.drive, other, f"Test {test.test_id}: {test.verdict}")
 
 
 def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import write_file
+from frenetic.analysis.failures import THRESHOLD
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import differences
@@ -87,6 +88,8 @@ def minimised_document(
         "rules": asdict(smallest.drive.rules),
         "minimised": {
             "reason": str(minimised.reason),
+            "difference": minimised.difference,
+            "match": minimised.match,
             "original_length": minimised.original.road.length,
             "drives": minimised.drives,
             "guard": guard,
@@ -103,8 +106,8 @@ def minimised_document(
 def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
     """Length of the road in a file, in m, if it is better than a `minimised_document`.
 
-    A better road is shorter, and the same driver fails on it in the same simulator, for the same
-    reason, with a guard that is not weaker.
+    A better road is shorter, and the same driver has the same failure on it in the same simulator,
+    with a guard that is not weaker. Files of older versions do not say whether it is the same.
     """
     document = json.loads(json.dumps(document))  # as it would be read
     try:
@@ -115,7 +118,8 @@ def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
             for kind in ("driver", "simulator")
         )
         how, ours = there["minimised"], document["minimised"]
-        is_like = is_like and how["reason"] == ours["reason"] and how["guard"] >= ours["guard"]
+        is_like = is_like and all(how[key] == ours[key] for key in ("reason", "match"))
+        is_like = is_like and how["guard"] >= ours["guard"] and how["difference"] <= THRESHOLD
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
         return None
     return length if is_like and length < _length(document) else None

@@ -10,7 +10,6 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle import assess
 from frenetic.redrive.confirm import Confirmation, read_confirmations
-from frenetic.redrive.record import Agreement
 from frenetic.report.html.blocks import Block, Column, Paragraph, Section, Table
 from frenetic.report.html.tests import columns_size, drive_columns
 from frenetic.spec import part_text
@@ -23,7 +22,11 @@ _COLUMNS: Final = (
     Column("here (m)", is_number=True, text="MOOBD in the campaign"),
     Column("there (m)", is_number=True, text="MOOBD in the other simulator"),
     Column("verdict"),
-    Column("same place", text="left the lane on the same side, within 30 m along the road"),
+    Column(
+        "how",
+        text="the same failure is on the same side within 30 m along the road, and road, offsets"
+        " and speeds before it differ by at most 2 m",
+    ),
     Column("what happened there"),
 )
 
@@ -80,12 +83,11 @@ def confirmed_sections(
         blocks.append(pictures)
     if not blocks:
         return ()
-    lead = "What fails in two simulators says something of the driver."
+    lead = "What fails alike in two simulators says something of the driver."
     return (Section("confirmed", "In other simulators", tuple(blocks), lead),)
 
 
 def _blocks(store: CampaignStore, confirmation: Confirmation) -> Iterator[Block]:
-    counted = ", ".join(f"{confirmation.count(verdict)} {verdict}" for verdict in Agreement)
     correlation = confirmation.correlation
     ranks = (
         ""
@@ -96,8 +98,8 @@ def _blocks(store: CampaignStore, confirmation: Confirmation) -> Iterator[Block]
     )
     yield Paragraph(
         f"{part_text(confirmation.driver, store.config.get('driver'))} in"
-        f" {part_text(confirmation.simulator, store.config.get('simulator'))}: {counted};"
-        f" {confirmation.alike} at the same place.{ranks}"
+        f" {part_text(confirmation.simulator, store.config.get('simulator'))}:"
+        f" {confirmation}.{ranks}"
     )
     rows = tuple(
         (
@@ -105,7 +107,7 @@ def _blocks(store: CampaignStore, confirmation: Confirmation) -> Iterator[Block]
             _two_digits(test.recorded.moobd),
             _two_digits(test.other.moobd),
             str(test.agreement),
-            "yes" if test.is_alike else "",
+            str(test.match or ""),
             test.reason,
         )
         for test in confirmation.tests
@@ -129,7 +131,7 @@ def _pictures(store: CampaignStore, confirmation: Confirmation, room: int) -> Co
         if room < 0:
             break
         moobd = None if test.moobd is None else round(test.moobd, 3)
-        drives.append(OtherDrive(test.test_id, str(test.agreement), test.reason, moobd, columns))
+        drives.append(OtherDrive(test.test_id, test.verdict, test.reason, moobd, columns))
     names = names_of(store, confirmation)
     return Confirmed(names.recorded, names.other, tuple(drives))
 
