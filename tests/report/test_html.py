@@ -463,7 +463,7 @@ def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
         write_confirmation(store, there)
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     text, table, pictures = section["blocks"]
-    told = "Planner in EmbeddedSimulator, friction 0.8: 3 confirmed, 0 not confirmed"
+    told = "Planner in EmbeddedSimulator, friction 0.8: 3 failing otherwise (3 elsewhere)."
     assert text["text"].startswith(told)
     assert [row[0] for row in table["rows"]] == [str(number) for number in failures]
     assert table["links"] == [f"#test-{number}" for number in failures]
