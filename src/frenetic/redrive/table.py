@@ -69,7 +69,6 @@ _VERDICT: Final = {
         )
     },
     "seconds": replace(TEST_COLUMNS["seconds"], optional=True),
-    "difference": Column("difference", Kind.REAL, "from the recorded failure", "m", True, low=0.0),
 }
 _COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {
@@ -82,23 +81,25 @@ _COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
         **_VERDICT,
     }
 )
+_DIFFERENCE: Final = Column("difference", Kind.REAL, "from the recorded failure", "m", True)
 _RUN: Final = "purpose, driver, simulator, rules, car, planned, seed, variations, source, made_at"
 # {} is the column of checksums, NULL in older schemas.
 _SELECT_RUNS: Final = f"""
     SELECT id, {_RUN}, {{}} FROM redrive_run WHERE purpose = ? ORDER BY id
 """  # noqa: S608
 _STORED_COLUMNS: Final = "SELECT name FROM pragma_table_info('redrive')"
-_SELECT_DRIVES: Final = """
-    SELECT {}, trajectory, {} FROM redrive
+# {} are the columns of differences and checksums, likewise.
+_SELECT_DRIVES: Final = f"""
+    SELECT {", ".join(_COLUMNS)}, trajectory, {{}}, {{}} FROM redrive
     WHERE run IN (SELECT id FROM redrive_run WHERE purpose = ?) ORDER BY run, number
-"""
+"""  # noqa: S608
 _INSERT_RUN: Final = f"""
     INSERT INTO redrive_run ({_RUN}, checksum)
     VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
 """  # noqa: S608
 _INSERT_DRIVE: Final = f"""
-    INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory, checksum)
-    VALUES ({", ".join("?" * (len(_COLUMNS) + 2))})
+    INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory, difference, checksum)
+    VALUES ({", ".join("?" * (len(_COLUMNS) + 3))})
 """  # noqa: S608
 # An ended run replaces the drives of older runs for the same purpose with the same parts and
 # ranges; for robustness, only those of its judged tests.
@@ -148,7 +149,7 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
 
 
 def _read_runs(store: CampaignStore, purpose: Purpose, stored: Collection[str]) -> list[Run]:
-    """The runs in the database, whose tables may lack columns of newer versions."""
+    """The runs in the database, whose table of drives has the ``stored`` columns."""
     path = store.folder / DATABASE
     runs: dict[int, Run] = {}
     for number, *parts in store.rows(_SELECT_RUNS.format(store.checksum_column), (purpose,)):
@@ -157,11 +158,12 @@ def _read_runs(store: CampaignStore, purpose: Purpose, stored: Collection[str]) 
             _require_checksum(parts)
     drives: dict[int, list[Redrive]] = {number: [] for number in runs}
     records: dict[int, TestRecord] = {}
-    columns = ", ".join(name if name in stored else "NULL" for name in _COLUMNS)
-    for row in store.rows(_SELECT_DRIVES.format(columns, store.checksum_column), (purpose,)):
-        data = row[-2]
+    difference = _DIFFERENCE.name if _DIFFERENCE.name in stored else "NULL"
+    for row in store.rows(_SELECT_DRIVES.format(difference, store.checksum_column), (purpose,)):
+        data = row[-3]
         with _damaged(path, f"drive {row[1]} of run {row[0]} of what was driven again"):
-            values = read_row(_COLUMNS, row[:-2])
+            values = read_row(_COLUMNS, row[:-3])
+            values["difference"] = _DIFFERENCE.read(row[-2])
             _require_checksum(row)
             run, test = values.pop("run"), values.pop("test")
             if test not in records:
@@ -373,6 +375,7 @@ def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: 
         json.dumps(conditions_document(drive.conditions)),
         *(float(value) if _is_real(value) else value for value in verdict),
         None if drive.trajectory is None else encode(drive.trajectory),
+        drive.difference,
     )
     connection.execute(_INSERT_DRIVE, with_checksum(values))
 
