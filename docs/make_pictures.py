@@ -11,7 +11,6 @@ import tempfile
 from contextlib import chdir
 from pathlib import Path
 
-from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
 from frenetic import (
@@ -127,10 +126,8 @@ def draw_report() -> None:
 
 
 def photograph(page: Page, name: str) -> None:
-    """Takes a picture of what a page shows, in few colours, which suffice."""
-    path = IMAGES / f"report-{name}.png"
-    page.screenshot(path=path)
-    Image.open(path).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    """Takes a picture of what a page shows."""
+    page.screenshot(path=IMAGES / f"report-{name}.png")
 
 
 if __name__ == "__main__":

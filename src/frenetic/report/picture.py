@@ -270,7 +270,13 @@ def _page(
             x + 0.12, y + 0.24, focus.what, size=9.5, weight="bold", color=focus.colour,
             bbox={"facecolor": PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
         )  # fmt: skip
-        draw_scale(page, x + 0.12, y + main_height - 0.14, near, 5.0)
+        # In the corner where no car is.
+        middle = 0.5 * np.array([near.width, near.height])
+        cars = near.at(sane(seen.xy)) + middle
+        in_corner = (cars > -POINT) & (cars < (middle[0], 0.6 * POINT))
+        is_taken = in_corner.all(axis=1).any()
+        left = CLOSE_UP - 5.0 * near.scale / POINT - 0.5 if is_taken else 0.12
+        draw_scale(page, x + left, y + main_height - 0.14, near, 5.0)
     draw_scene(main, view, road, seen, focus, map_size, near=near)
     draw_key(page, y + main_height + 0.1, view, road, seen, map_size)
 
