@@ -377,6 +377,25 @@ class Spec:
         simulator: Simulator = _made(SIMULATORS, self.simulator, available)
         return simulator
 
+    def make_parts(
+        self, *, isolate: bool, drive_limit: float | None = None
+    ) -> tuple[Driver, Simulator]:
+        """Driver and simulator.
+
+        Args:
+            isolate: whether the simulator gets a process of its own, unless only compiled code of
+                ours drives, see `frenetic.simulators.isolated`. A script that isolates needs
+                ``if __name__ == "__main__":``.
+            drive_limit: s of wall time after which a drive in that process counts as hanging.
+
+        Raises:
+            FreneticError: one of them cannot be made.
+        """
+        from frenetic.simulators.isolated import isolated  # numba takes its time
+
+        driver, simulator = self.make_driver(), self.make_simulator()
+        return driver, isolated(simulator, driver, drive_limit) if isolate else simulator
+
     # To words
 
     def drive_words(self, *, brief: bool = False) -> list[str]:
@@ -470,7 +489,9 @@ def describe(part: object) -> dict[str, JSONValue]:
     (`frenetic.registry.arguments_of`). See `frenetic.fingerprint` for the fingerprint.
     """
     from frenetic.drivers.driver import inner_driver  # numpy takes its time
+    from frenetic.simulators.capabilities import bare  # likewise
 
+    part = bare(part)
     described: dict[str, JSONValue] = {"class": _class_name(type(part))}
     inner = inner_driver(part)
     arguments = _options_and_arguments(part, without="" if inner is None else "driver")

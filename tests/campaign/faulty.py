@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import gc
 import logging
 import os
@@ -169,6 +170,59 @@ def _twice(send: Callable[[bytes], None]) -> Callable[[bytes], None]:
         send(data)
 
     return send_twice
+
+
+def segfault(marks: Marks) -> None:
+    faulthandler.disable()  # pytest's
+    ctypes.string_at(0)
+
+
+class OddError(BaseException):
+    """No `Exception`."""
+
+
+def raise_odd_error(marks: Marks) -> None:
+    raise OddError("so odd")
+
+
+def swallow_everything(marks: Marks) -> None:
+    end = time.monotonic() + LIMIT
+    while time.monotonic() < end:
+        try:
+            while time.monotonic() < end:
+                pass
+        except BaseException:
+            continue
+
+
+def change_folder(marks: Marks) -> None:
+    gone = marks.folder / "gone"
+    gone.mkdir(exist_ok=True)
+    os.chdir(gone)
+    gone.rmdir()
+
+
+def change_signals(marks: Marks) -> None:
+    for number in set(signal.Signals) - {signal.SIGKILL, signal.SIGSTOP}:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def replace_streams(marks: Marks) -> None:
+    for name in ("stdout", "stderr", "__stdout__", "__stderr__"):
+        setattr(sys, name, None)
+
+
+def limit_resources(marks: Marks) -> None:
+    import resource  # POSIX
+
+    for what in (resource.RLIMIT_FSIZE, resource.RLIMIT_NPROC, resource.RLIMIT_CORE):
+        resource.setrlimit(what, (0, 0))
+
+
+def limit_memory(marks: Marks) -> None:
+    import resource  # POSIX
+
+    resource.setrlimit(resource.RLIMIT_AS, (1, 1))
 
 
 def close_everything(marks: Marks) -> None:

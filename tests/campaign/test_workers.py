@@ -51,6 +51,7 @@ from faulty import (
 )
 from pids import LIMIT, ending, is_running, until, until_gone
 
+from frenetic._support.child_processes import Logged
 from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG, CampaignLog
 from frenetic.campaign.record import Attempt
@@ -60,7 +61,6 @@ from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.campaign.workers.local import workers as processes
 from frenetic.campaign.workers.local.process import (
     Answer,
-    Logged,
     Ready,
     WorkerFailed,
     decode_message,

@@ -220,6 +220,12 @@ class Tires(Raises):
             raise RuntimeError("too tired")
         return frenetic.Controls(0.0, throttle=1.0)
 
+class Crashes(Slow):
+    def act(self, observation):
+        if observation.curvature_ahead[3] > 0.03:
+            os.abort()
+        return super().act(observation)
+
 class ForEver(Raises):
     def act(self, observation):
         while True:
@@ -258,6 +264,24 @@ def test_broken_driver_is_an_error_and_ends_a_campaign(
     )
     refused(answer, "the last 10 drives broke", why)
     assert frenetic("show", "c", "--json").json["errors"] == 10
+
+
+def test_a_driver_that_crashes_takes_nothing_with_it(frenetic: Frenetic) -> None:
+    """A single worker drives Python code in a process of its own, and so does every command."""
+    write("mydriver.py", MY_DRIVER)
+    write("bent.json", {"curvatures": [0.0, 0.0, 0.01, 0.06, 0.06, 0.03, 0.0]})
+    driver = ("--driver", "mydriver.py:Crashes")
+    lost = "the driver's process was lost: it was killed by SIGABRT"
+    search = ("run", *driver, "--simulations", "8", "--seed", "3", "--workers", "1", "--out", "c")
+    summary = frenetic(*search, "--json").json
+    assert summary["errors"] >= 1
+    assert summary["passed"] + summary["failed"] >= 1
+    assert summary["simulations"] == 8
+    (first, *_) = (json.loads(line) for line in Path("c/campaign.log").open() if lost in line)
+    assert first["event"] == "test_retried"
+    assert frenetic("check", "c").code == 0
+    answer = frenetic("drive", "bent.json", *driver, "--json")
+    assert (answer.code, answer.json["reason"]) == (1, lost)
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])

@@ -5,6 +5,7 @@ A child is killed with all that it has started. It leaves Ctrl-C to its parent a
 
 from __future__ import annotations
 
+import logging
 import multiprocessing
 import os
 import platform
@@ -16,7 +17,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if sys.platform == "linux":
     import fcntl
@@ -197,6 +198,38 @@ class Line:
         except OSError:
             return None
         return status.st_dev, status.st_ino
+
+
+class Logged(NamedTuple):
+    """A record of Python's logging, for the parent's log."""
+
+    level: int
+    name: str
+    message: str
+
+
+class LogSender(logging.Handler):
+    """Sends log records to the parent."""
+
+    def __init__(self, send: Callable[[Logged], None]) -> None:
+        super().__init__(logging.INFO)
+        self._send = send
+
+    def attach(self) -> None:
+        """Lets it have the library's records, from INFO on."""
+        logger = logging.getLogger("frenetic")
+        logger.addHandler(self)
+        if logger.level == logging.NOTSET:
+            logger.setLevel(logging.INFO)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Sends a record."""
+        try:
+            self._send(Logged(record.levelno, record.name, record.getMessage()))
+        except LostParentError:
+            pass  # and with it the log
+        except Exception:
+            self.handleError(record)
 
 
 def stand_alone() -> None:

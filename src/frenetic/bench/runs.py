@@ -82,9 +82,10 @@ class Terms:
         Raises:
             FreneticError: a part cannot be made, or a value is out of range.
         """
+        driver, simulator = spec.make_parts(isolate=True)
         return cls(
-            simulator=spec.make_simulator(),
-            driver=spec.make_driver(),
+            simulator=simulator,
+            driver=driver,
             map_size=spec.map_size,
             spec=spec,
             **others,

@@ -32,6 +32,7 @@ from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
+from frenetic.simulators.isolated import isolated
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import Budget, Part, Spec, describe, describe_terms
 
@@ -160,6 +161,7 @@ class Campaign:
         workers: int | None = None,
         cluster: str | None = None,
         drive_limit: float | None = None,
+        isolate: bool = False,
     ) -> Campaign:
         """The campaign of named parts.
 
@@ -170,6 +172,8 @@ class Campaign:
                 per core.
             cluster: as for the class.
             drive_limit: likewise.
+            isolate: whether a single worker, too, drives in a process of its own, see
+                `Spec.make_parts`.
 
         Raises:
             FreneticError: a part cannot be made.
@@ -177,7 +181,10 @@ class Campaign:
         """
         spec = spec.with_limit()
         assert spec.budget is not None
-        driver, simulator = spec.make_driver(), spec.make_simulator()
+        driver, simulator = spec.make_parts(isolate=False)
+        workers = workers or capabilities(simulator).usual_workers or available_cores()
+        if isolate and workers == 1 and cluster is None:
+            simulator = isolated(simulator, driver, drive_limit)
         campaign = cls(
             strategy=spec.make_strategy(),
             simulator=simulator,
@@ -187,7 +194,7 @@ class Campaign:
             map_size=spec.map_size,
             margin=spec.margin,
             lane_width=spec.lane_width,
-            workers=workers or capabilities(simulator).usual_workers or available_cores(),
+            workers=workers,
             cluster=cluster,
             ordered=spec.lookahead is not None,
             lookahead=spec.lookahead or LOOKAHEAD,

@@ -21,6 +21,7 @@ from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, check_validity
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Drive, Trajectory
+from frenetic.simulators.isolated import BrokenDriveError
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions, in_conditions
 
@@ -143,18 +144,18 @@ class RoadTester:
         try:
             with one_process():
                 drive = self.simulator.drive(road, driver)
+        except BrokenDriveError as error:
+            broke, drive = True, self._broken(str(error), error.traceback)
         except Exception as error:
-            broke = True
-            drive = Drive(
-                Trajectory.empty(),
-                self.simulator.car,
-                self.simulator.rules,
-                f"the simulator raised {describe_raised(error)}",
-                traceback_of(error),
-            )
+            reason = f"the simulator raised {describe_raised(error)}"
+            broke, drive = True, self._broken(reason, traceback_of(error))
         if drive.traceback:
             logger.debug("%s\n%s", drive.error, drive.traceback)
         return drive, broke
+
+    def _broken(self, reason: str, traceback: str) -> Drive:
+        simulator = self.simulator
+        return Drive(Trajectory.empty(), simulator.car, simulator.rules, reason, traceback)
 
 
 def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attempt:

@@ -70,7 +70,7 @@ def confirm(
     if not chosen:
         click.echo("[]" if as_json else f"{campaign} holds no failure")
         return
-    driver, simulator = spec.make_driver(), spec.make_simulator()
+    driver, simulator = spec.make_parts(isolate=workers == 1, drive_limit=drive_limit)
     log = Log()
     ours = {"simulator": describe(simulator), "driver": describe(driver)}
     if not any(differences(kind, recorded.get(kind), one).changed for kind, one in ours.items()):

@@ -53,7 +53,7 @@ def drive(
     from frenetic.road.files import read_road
 
     spec = Spec.from_options(how)
-    the_driver, the_simulator = spec.make_driver(), spec.make_simulator()
+    the_driver, the_simulator = spec.make_parts(isolate=True)
     loaded = read_road(road, lane=lane).road()
     check_map_size(spec.map_size)
     fitted, verdict = loaded.placed(spec.map_size)

@@ -146,7 +146,7 @@ def minimise(
         raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
     else:
         spec, works = _of_file(source, out, how)
-    simulator, driver = spec.make_simulator(), spec.make_driver()
+    driver, simulator = spec.make_parts(isolate=True)
     with as_usage_error():
         tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
     if source.is_dir():

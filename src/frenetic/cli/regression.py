@@ -52,7 +52,7 @@ def regression(
         raise click.UsageError(f"--junit {junit}: there is no folder {junit.parent}")
     with CampaignStore.open(campaign) as store:
         spec = recorded_spec(store, given)
-    driver, simulator = spec.make_driver(), spec.make_simulator()
+    driver, simulator = spec.make_parts(isolate=workers == 1, drive_limit=drive_limit)
     log = Log()
     with shown_driving(log, "Driving again") as hooks:
         show = hooks["on_progress"]

@@ -104,7 +104,7 @@ def robustness(
     with CampaignStore.open(campaign) as store:
         chosen = chosen_tests(store, test_ids, top)
         spec = recorded_spec(store, given)
-    driver, simulator = spec.make_driver(), spec.make_simulator()
+    driver, simulator = spec.make_parts(isolate=workers == 1, drive_limit=drive_limit)
     variations = [variation(one, simulator) for one in asked]
     log = Log()
     left = interrupts = 0

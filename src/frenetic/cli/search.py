@@ -70,7 +70,12 @@ def make_campaign(
         )
     with as_usage_error():
         return Campaign.of(
-            spec, folder=folder, workers=workers, cluster=cluster, drive_limit=drive_limit
+            spec,
+            folder=folder,
+            workers=workers,
+            cluster=cluster,
+            drive_limit=drive_limit,
+            isolate=True,
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -127,13 +128,16 @@ def inner_driver(driver: object) -> Driver | None:
 def blaming_driver() -> Iterator[None]:
     """Turns an error of a driver into a `DriverError` that says where in its code it was raised.
 
-    A `KeyboardInterrupt` stays one, since it may be Ctrl-C.
+    A `KeyboardInterrupt` stays one where it may be Ctrl-C.
     """
     try:
         yield
     except DriverError:
         raise
-    except (Exception, SystemExit) as error:
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
+        is_driver = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        if isinstance(error, KeyboardInterrupt) and not is_driver:
+            raise
         raise DriverError(f"the driver raised {describe_raised(error)}") from error
 
 

@@ -51,6 +51,9 @@ class Capabilities(Usual):
     checks: Callable[[], Iterator[Check]] | None = None
     """Gives the checks of 'frenetic doctor', before it is entered, up to one that makes the rest
     pointless."""
+    drives_compiled: Callable[[Driver], bool] = lambda _: False
+    """Whether a driver's drives are compiled code of ours alone, which needs no process of its
+    own."""
     variable: frozenset[str] = frozenset()
     """Those of `VARIABLE` that it has."""
 
@@ -79,6 +82,11 @@ def capabilities(simulator: Simulator) -> Capabilities:
     return Capabilities(**_declared(simulator, Capabilities) | {"variable": variable})
 
 
+def bare(simulator: Any) -> Any:
+    """The simulator itself, without the process around it, if it has one of its own."""
+    return getattr(simulator, "simulator_inside", simulator)
+
+
 def check_pair(simulator: Simulator, driver: Driver) -> None:
     """Checks whether a driver can drive in a simulator, before anything is driven.
 
@@ -91,7 +99,7 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
     asked: Driver | None = driver
     while asked is not None:
         if isinstance(asked, SelectiveDriver):
-            asked.check_simulator(simulator)
+            asked.check_simulator(bare(simulator))
         asked = inner_driver(asked)
     capabilities(simulator).check_driver(driver)
 

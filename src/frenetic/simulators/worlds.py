@@ -19,7 +19,7 @@ from typing import Final
 from frenetic.drivers import Delayed, Driver, LimitedView, Noisy
 from frenetic.drivers.layers import HEADING_PER_OFFSET
 from frenetic.errors import FreneticError
-from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.simulator import Simulator
 
 
@@ -152,7 +152,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
         attribute = QUANTITIES[name].attribute
         if attribute is not None and attribute not in capabilities(simulator).variable:
             raise FreneticError(
-                f"{type(simulator).__name__} cannot vary {name}: it has no attribute"
+                f"{type(bare(simulator)).__name__} cannot vary {name}: it has no attribute"
                 f" {attribute!r}; leave it out, or use another simulator, such as the embedded one"
             )
 
@@ -186,7 +186,7 @@ def _set(simulator: Simulator, values: Mapping[str, object]) -> None:
             setattr(simulator, attribute, value)
         except (AttributeError, TypeError, ValueError) as error:
             raise FreneticError(
-                f"{type(simulator).__name__} cannot have {attribute} = {value}: {error}"
+                f"{type(bare(simulator)).__name__} cannot have {attribute} = {value}: {error}"
             ) from error
 
 

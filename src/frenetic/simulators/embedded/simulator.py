@@ -153,6 +153,11 @@ class EmbeddedSimulator(StartingPlace):
             "" if seconds < SLOW else "unset NUMBA_DISABLE_JIT; is the machine busy?",
         )
 
+    def drives_compiled(self, driver: Driver) -> bool:
+        """Whether the driver's drives are compiled code alone."""
+        is_ours = type(self) is EmbeddedSimulator
+        return is_ours and compiled_form(driver, kernels.PERIOD) is not None
+
     def setup(self, road: Road) -> DriveSetup:
         """The setup of a drive along the road for its driver."""
         car = self.vehicle

@@ -25,9 +25,9 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeVar
 import cloudpickle
 from distributed import get_worker
 
+from frenetic._support.child_processes import Logged
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.workers.local.process import Logged
 from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import pickle
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -13,7 +12,13 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from frenetic._support.child_processes import Line, LostParentError, stand_alone
+from frenetic._support.child_processes import (
+    Line,
+    Logged,
+    LogSender,
+    LostParentError,
+    stand_alone,
+)
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.errors import reason_of, traceback_of
@@ -22,6 +27,7 @@ from frenetic.outcome import Outcome
 from frenetic.registry import load_user_file
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
+from frenetic.simulators.copying import unpack
 
 
 def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> None:
@@ -30,7 +36,7 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
     Args:
         connection: gives candidates, takes messages.
         user_files: the user's own modules, to load first.
-        tester: a pickled `RoadTester`, from the process that started this one.
+        tester: a packed `RoadTester`, from the process that started this one.
     """
     stand_alone()
     line = Line(connection)
@@ -38,15 +44,12 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
     def send(message: Message) -> None:
         line.send(encode_message(message))
 
-    logger = logging.getLogger("frenetic")
-    logger.addHandler(_Sending(send))
-    if logger.level == logging.NOTSET:
-        logger.setLevel(logging.INFO)
+    LogSender(send).attach()
     try:
         for file in user_files:
             load_user_file(file)
         # Made by our own parent a moment ago and given to us alone, so it may be unpickled.
-        the_tester: RoadTester = pickle.loads(tester)  # noqa: S301
+        the_tester: RoadTester = unpack(tester)
         while _serve_one_start(line, send, the_tester):
             pass
     except LostParentError:
@@ -73,22 +76,6 @@ def _serve_one_start(line: Line, send: Callable[[Message], None], tester: RoadTe
     return False
 
 
-class _Sending(logging.Handler):
-    """Sends log records to the campaign."""
-
-    def __init__(self, send: Callable[[Message], None]) -> None:
-        super().__init__(logging.INFO)
-        self._send = send
-
-    def emit(self, record: logging.LogRecord) -> None:
-        try:
-            self._send(Logged(record.levelno, record.name, record.getMessage()))
-        except LostParentError:
-            pass  # and with it the log
-        except Exception:
-            self.handleError(record)
-
-
 # Messages
 #
 # The messages of every test travel as plain values. Pickled records would name their classes and
@@ -113,14 +100,6 @@ class WorkerFailed(NamedTuple):
 
     reason: str
     traceback: str
-
-
-class Logged(NamedTuple):
-    """Something for the campaign's log."""
-
-    level: int
-    name: str
-    message: str
 
 
 Message: TypeAlias = Ready | Answer | WorkerFailed | Logged

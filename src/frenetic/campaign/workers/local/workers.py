@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import pickle
 import selectors
 import sys
 import time
@@ -18,6 +17,7 @@ from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 from frenetic._support.child_processes import (
+    Logged,
     ending_of,
     kill_process,
     process_context,
@@ -29,7 +29,6 @@ from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.local.process import (
     Answer,
-    Logged,
     Message,
     Ready,
     WorkerFailed,
@@ -41,6 +40,7 @@ from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import user_files
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.copying import pack
 
 STARTS: Final = 3
 """Consecutive failed starts after which a worker is given up."""
@@ -93,13 +93,7 @@ class LocalWorkers:
     def __init__(
         self, tester: RoadTester, count: int, *, drive_limit: float, log: CampaignLog | None = None
     ) -> None:
-        try:
-            self._tester = pickle.dumps(tester)
-        except Exception as error:
-            raise CampaignError(
-                "the driver or simulator cannot be copied to another process"
-                f" ({describe_error(error)}): use one worker, or define it in a module of its own"
-            ) from error
+        self._tester = pack(tester)
         most = capabilities(tester.simulator).workers_at_most
         if most is not None and count > most:
             raise CampaignError(

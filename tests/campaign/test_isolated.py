@@ -1,0 +1,256 @@
+"""A simulator in a process of its own: whatever a driver does there, the rest goes on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import faulty
+import numpy as np
+import pytest
+from contents import contents
+from faulty import Deed, Fault, FaultyDriver, FaultySimulator, Marks, Straight, bend
+from pids import LIMIT, children, ending, until_gone
+
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.check import check_campaign
+from frenetic.drivers import Delayed, Driver, Noisy, Planner
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.outcome import Outcome
+from frenetic.registry import DRIVERS
+from frenetic.road import Road
+from frenetic.search import Frenetic
+from frenetic.simulators import EmbeddedSimulator, Simulator
+from frenetic.simulators.isolated import BrokenDriveError, IsolatedSimulator, isolated
+from frenetic.simulators.worlds import Conditions, in_conditions
+from frenetic.spec import describe
+from frenetic.testing import DummyDriver, DummySimulator
+
+ROAD = Road([0.0, 0.03, 0.05, 0.0, -0.05, -0.04, 0.0, 0.0])
+OTHER = Road([0.0, 0.01, 0.02, 0.03, 0.0, 0.0])
+
+posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
+
+
+@pytest.fixture
+def marks(tmp_path: Path) -> Iterator[Marks]:
+    """An empty folder for marks; the processes that left theirs there are ended."""
+    folder = tmp_path / "marks"
+    folder.mkdir()
+    marks = Marks(folder)
+    with ending(lambda: set(marks.pids()) - {os.getpid()}):
+        yield marks
+
+
+class PythonPlanner(Planner):
+    """The planner as a driver in Python."""
+
+
+def search(folder: Path, simulator: Simulator, driver: Driver, **options: object) -> Campaign:
+    return Campaign(
+        strategy=Frenetic(seed=4, random_budget=0.2, cross_freq=10, cross_num=6),
+        simulator=simulator,
+        driver=driver,
+        budget=Budget(simulations=40),
+        folder=folder,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def test_the_same_drives_come_out() -> None:
+    plain = EmbeddedSimulator(friction=0.8)
+    with IsolatedSimulator(EmbeddedSimulator(friction=0.8)) as apart:
+        for driver in (PythonPlanner(), Delayed(PythonPlanner(), seconds=0.1)):
+            for road in (ROAD, OTHER, ROAD):
+                here, there = plain.drive(road, driver), apart.drive(road, driver)
+                np.testing.assert_array_equal(here.trajectory.to_rows(), there.trajectory.to_rows())
+                assert (there.car, there.rules, there.error) == (here.car, here.rules, None)
+
+
+@pytest.mark.parametrize("ordered", [True, False])
+def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path, ordered: bool) -> None:
+    """Each proposal knows the result before it, as without a process of its own."""
+    driver = Delayed(PythonPlanner(), seconds=0.1)
+    apart = IsolatedSimulator(EmbeddedSimulator())
+    search(tmp_path / "apart", apart, driver, ordered=ordered).run()
+    search(tmp_path / "here", EmbeddedSimulator(), driver, ordered=ordered).run()
+    assert contents(tmp_path / "apart") == contents(tmp_path / "here")
+    with (
+        CampaignStore.open(tmp_path / "apart") as one,
+        CampaignStore.open(tmp_path / "here") as two,
+    ):
+        assert one.config == two.config
+        assert {test.outcome for test in one.tests()} >= {Outcome.PASS, Outcome.FAIL}
+
+
+def test_conditions_reach_the_other_process() -> None:
+    here = EmbeddedSimulator()
+    conditions = Conditions(friction=0.4, speed=50.0, noise=0.3, start=0.5, heading=0.02)
+    driver = PythonPlanner()
+    with IsolatedSimulator(EmbeddedSimulator()) as apart:
+        usual = apart.drive(ROAD, driver).trajectory.to_rows()
+        for simulator in (here, apart):
+            with in_conditions(conditions, simulator, driver) as layered:
+                drive = simulator.drive(ROAD, layered)
+            assert drive.rules.speed_limit == 50.0
+            if simulator is here:
+                expected = drive.trajectory.to_rows()
+        np.testing.assert_array_equal(drive.trajectory.to_rows(), expected)
+        np.testing.assert_array_equal(apart.drive(ROAD, driver).trajectory.to_rows(), usual)
+    wet, dummy = Conditions(friction=0.5), IsolatedSimulator(DummySimulator())
+    with (
+        pytest.raises(FreneticError, match="DummySimulator cannot vary friction"),
+        in_conditions(wet, dummy, driver),
+    ):
+        pass
+
+
+def test_it_is_described_as_the_simulator_itself() -> None:
+    simulator = EmbeddedSimulator(friction=0.8)
+    apart = IsolatedSimulator(simulator)
+    assert describe(apart) == describe(simulator)
+    assert (apart.rules, apart.car, apart.wall_limit) == (simulator.rules, simulator.car, 60.0)
+    apart.rules = replace(apart.rules, speed_limit=30.0)
+    assert simulator.rules.speed_limit == 30.0
+    assert not hasattr(apart, "aggression")
+
+
+def test_only_drives_of_our_compiled_code_stay_here() -> None:
+    class Own(EmbeddedSimulator):
+        pass
+
+    embedded = EmbeddedSimulator()
+    for driver in (Planner(), Noisy(Planner()), Delayed(Noisy(Planner()))):
+        assert isolated(embedded, driver) is embedded
+    for simulator, driver in (
+        (embedded, PythonPlanner()),
+        (embedded, Noisy(Noisy(Planner()))),
+        (DummySimulator(), Planner()),
+    ):
+        assert isinstance(isolated(simulator, driver), IsolatedSimulator)
+    assert isolated(Own(), Planner()).drive is not None
+
+
+# Drivers that misbehave, each twice: a road is tried twice
+
+
+LOST = "the driver's process was lost: "
+FATAL: dict[str, str] = {
+    "kill": f"{LOST}it was killed by SIGKILL",
+    "segfault": f"{LOST}it was killed by SIGSEGV",
+    "leave": f"{LOST}it ended with exit code 7",
+    "sys_exit": "the simulator raised SystemExit: 3 (faulty.py:",
+    "press_ctrl_c": "the simulator raised KeyboardInterrupt (faulty.py:",
+    "raise_odd_error": "the simulator raised OddError: so odd (faulty.py:",
+    "hang": f"{LOST}its drive took more than 1 s",
+    "hang_in_c": f"{LOST}its drive took more than 1 s",
+    "swallow_everything": f"{LOST}its drive took more than 1 s",
+    "close_everything": f"{LOST}its connection was closed: does the driver close file descriptors",
+    "limit_memory": LOST,
+    "write_nonsense": f"{LOST}its connection broke",
+}
+HARMLESS = (
+    "change_folder",
+    "change_signals",
+    "replace_streams",
+    "close_streams",
+    "print_megabytes",
+    "start_thread",
+    "start_process",
+    "fork",
+    "fork_and_leave",
+    "limit_resources",
+    "answer_twice",
+)
+
+
+def bad(folder: Path, marks: Marks, deed: str) -> Campaign:
+    the_deed: Deed = getattr(faulty, deed)
+    return Campaign(
+        strategy=Straight(8, 9),
+        simulator=IsolatedSimulator(
+            FaultySimulator(marks.folder, drift=bend),
+            drive_limit=1.0 if "took more" in FATAL.get(deed, "") else LIMIT,
+        ),
+        driver=FaultyDriver(Fault(the_deed, marks.folder, times=2)),
+        budget=Budget(simulations=6),
+        folder=folder,
+    )
+
+
+@posix_only
+@pytest.mark.parametrize("deed", FATAL)
+def test_a_driver_that_breaks_its_process_is_an_error_of_its_test(
+    tmp_path: Path, marks: Marks, deed: str
+) -> None:
+    before = set(children(os.getpid()))
+    summary = bad(tmp_path / "c", marks, deed).run()
+    assert (summary.passed, summary.errors) == (5, 1)
+    with CampaignStore.open(tmp_path / "c") as store:
+        record = store.test(1)
+        assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
+        assert record.reason.startswith(FATAL[deed])
+        assert "\n" not in record.reason
+    assert check_campaign(tmp_path / "c").findings == ()
+    until_gone(set(marks.pids()) - {os.getpid()})
+    assert len(set(children(os.getpid())) - before) <= 2  # the servers of processes
+
+
+@posix_only
+@pytest.mark.parametrize("deed", HARMLESS)
+def test_what_a_driver_does_to_its_process_stays_there(
+    tmp_path: Path, marks: Marks, deed: str
+) -> None:
+    here = Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM)
+    summary = bad(tmp_path / "c", marks, deed).run()
+    assert (summary.passed, summary.errors) == (6, 0)
+    assert check_campaign(tmp_path / "c").findings == ()
+    assert (Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM)) == here
+    until_gone(set(marks.pids()) - {os.getpid()})
+
+
+def test_a_simulator_that_does_not_start_says_why(marks: Marks) -> None:
+    fault = Fault(faulty.refuse_connection, marks.folder)
+    simulator = IsolatedSimulator(FaultySimulator(marks.folder, start=fault))
+    with pytest.raises(BrokenDriveError, match="ConnectionRefusedError: nobody listens on port"):
+        simulator.__enter__()
+    until_gone(marks.pids())
+
+
+def test_a_simulator_is_left_as_it_was_entered(marks: Marks) -> None:
+    with IsolatedSimulator(FaultySimulator(marks.folder)) as simulator:
+        simulator.drive(ROAD, DummyDriver())
+        assert os.getpid() not in marks.pids()
+    assert marks.numbers("start") == marks.numbers("end") == [1]
+    until_gone(marks.pids())
+
+
+class Uncopied(DummyDriver):
+    """A driver that cannot be pickled, as one with an open session cannot."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.session = lambda: None
+
+
+def test_a_driver_that_cannot_be_copied_is_made_anew_by_its_name() -> None:
+    named = DRIVERS.make(f"{__name__}:Uncopied")
+    for driver in (named, Noisy(named)):
+        apart = isolated(DummySimulator(), driver)
+        assert isinstance(apart, IsolatedSimulator)
+        with apart:
+            assert apart.drive(ROAD, driver).error is None
+
+
+def test_a_nameless_driver_that_cannot_be_copied_drives_here(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    simulator = DummySimulator()
+    assert isolated(simulator, Uncopied()) is simulator
+    assert "nothing protects this process from the driver" in caplog.text
+    with IsolatedSimulator(simulator) as apart, pytest.raises(CampaignError, match="be copied"):
+        apart.drive(ROAD, Uncopied())
