@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sqlite3
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -165,6 +166,7 @@ def test_a_damaged_record_is_one_line(
 
 
 STOPPING = """
+import os
 import signal
 
 from frenetic import Planner
@@ -176,7 +178,7 @@ class Stopping(Planner):
     def reset(self, setup):
         Stopping.drives += 1
         if Stopping.drives == {stop}:
-            signal.raise_signal(signal.SIGINT)
+            os.kill({pid}, signal.SIGINT)  # its own process does not hear Ctrl-C
         super().reset(setup)
 
     def act(self, observation):
@@ -227,7 +229,7 @@ def test_a_driver_that_takes_no_noise_is_refused_before_it_drives(
 def test_ctrl_c_keeps_what_is_done_and_exits_130(
     frenetic: Frenetic, campaign: str, stop: int, kept: list[int]
 ) -> None:
-    Path(f"stopping{stop}.py").write_text(STOPPING.format(stop=stop))
+    Path(f"stopping{stop}.py").write_text(STOPPING.format(stop=stop, pid=os.getpid()))
     ids = [str(number) for number in failures_of(campaign)[:3]]
     answer = frenetic(
         "rerun", campaign, *ids, "--times", "2", "--driver", f"stopping{stop}.py:Stopping"
