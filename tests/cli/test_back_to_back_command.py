@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -38,9 +39,9 @@ class Crashing(Planner):
 
 class Stopping(Planner):
     def reset(self, setup):
-        import signal
+        import os, signal
 
-        signal.raise_signal(signal.SIGINT)
+        os.kill(PID, signal.SIGINT)  # its own process does not hear Ctrl-C
         super().reset(setup)
 
     def act(self, observation):
@@ -54,7 +55,7 @@ def versions(frenetic: Frenetic) -> tuple[str, str]:
     """Two versions of a driver, each in a folder with a neighbour of the same name."""
     for name, aggression in (("v1", 1.2), ("v2", 0.8)):
         Path(name).mkdir()
-        Path(name, f"{name}.py").write_text(DRIVER)
+        Path(name, f"{name}.py").write_text(f"PID = {os.getpid()}\n{DRIVER}")
         Path(name, "gains.py").write_text(f"AGGRESSION = {aggression}\n")
         with own_modules():  # as in a process of its own
             answer = frenetic(

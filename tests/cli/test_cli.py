@@ -183,6 +183,8 @@ def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
 
 
 MY_DRIVER = """
+import os
+
 import frenetic
 
 class Slow:
@@ -277,7 +279,8 @@ def test_a_driver_that_crashes_takes_nothing_with_it(frenetic: Frenetic) -> None
     assert summary["errors"] >= 1
     assert summary["passed"] + summary["failed"] >= 1
     assert summary["simulations"] == 8
-    (first, *_) = (json.loads(line) for line in Path("c/campaign.log").open() if lost in line)
+    log = Path("c/campaign.log").read_text().splitlines()
+    (first, *_) = (json.loads(line) for line in log if lost in line)
     assert first["event"] == "test_retried"
     assert frenetic("check", "c").code == 0
     answer = frenetic("drive", "bent.json", *driver, "--json")

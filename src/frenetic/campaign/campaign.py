@@ -78,9 +78,10 @@ class Campaign:
         map_size: m, side of the square map into which roads are fitted; by default the strategy's.
         margin: m that a road's centre line keeps from the map's edge.
         lane_width: m, of each of the two lanes.
-        workers: number of roads driven at once. 1 drives them in this process; more are processes
-        on
-            this machine, into which driver and simulator are copied.
+        workers: number of roads driven at once. 1 drives them in this process, which does not
+            survive a driver that kills or hangs it, closes its files or leaves its folder; an
+            `IsolatedSimulator` does. More are processes on this machine, into which driver and
+            simulator are copied.
         cluster: address of a Dask scheduler whose workers drive instead of `workers`; see
             `frenetic.campaign.workers.dask.workers`.
         ordered: whether results are told in the order of asking, with `lookahead` candidates

@@ -170,6 +170,7 @@ def _driven(
         pair_up,
     )
     from frenetic.registry import own_modules
+    from frenetic.simulators.isolated import isolated
     from frenetic.spec import describe
 
     log = Log()
@@ -181,18 +182,18 @@ def _driven(
         with own_modules():
             made.append(describe(spec.make_driver()))
     check_differ(*made)
+
+    def driving(spec: Spec, hooks: Mapping[str, Any]) -> Driving:
+        driver = spec.make_driver()
+        place = isolated(simulator, driver, drive_limit) if workers == 1 else simulator
+        return Driving(place, driver, workers, drive_limit, **hooks)
+
     with own_modules(), shown_driving(log, "Driving the old version") as hooks:
-        old = drive_old(
-            plan,
-            Driving(simulator, old_spec.make_driver(), workers, drive_limit, **hooks),
-            old_spec,
-        )
+        old = drive_old(plan, driving(old_spec, hooks), old_spec)
     if old.missing:
         raise _interrupted(log, old.missing + plan.drives)
     with own_modules(), shown_driving(log, "Driving the new version") as hooks:
-        new = drive_new(
-            plan, Driving(simulator, new_spec.make_driver(), workers, drive_limit, **hooks), old
-        )
+        new = drive_new(plan, driving(new_spec, hooks), old)
     if new.missing:
         raise _interrupted(log, new.missing)
     return pair_up(plan, old, new)

@@ -25,7 +25,8 @@ class InProcessWorker:
     A broken simulator is started again for the next candidate.
 
     Nothing is copied, so driver and simulator may be any objects. A simulator or driver that kills
-    the process kills the campaign, which can then be resumed.
+    the process kills the campaign, which can then be resumed; in a process of its own, see
+    `frenetic.simulators.isolated`, it kills that.
 
     Args:
         tester: tests the candidates.
