@@ -21,11 +21,9 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
-from weakref import WeakValueDictionary
 
 from frenetic.errors import FreneticError, UnknownNameError, describe_raised
 
-Recipe = tuple[Callable[..., Any], tuple[Any, ...]]
 USER_MODULE: Final = "frenetic_user_"
 """Prefix of the names of modules loaded from a user's file."""
 _INSTALLED: Final = frozenset({"site-packages", "dist-packages"})
@@ -197,9 +195,6 @@ class Registry:
             raise FreneticError(
                 f"{self.kind} {spec!r} cannot be made: {describe_raised(error)}"
             ) from error
-        with suppress(TypeError):  # its class allows no weak references
-            _made[id(made)] = made
-            _recipes[id(made)] = (make_again, (self.kind, spec, options))
         missing = [name for name in self.methods if not callable(getattr(made, name, None))]
         if missing:
             raise FreneticError(
@@ -276,25 +271,6 @@ class Registry:
             )
         made: Callable[..., Any] = found
         return made
-
-
-_made: Final[WeakValueDictionary[int, object]] = WeakValueDictionary()
-_recipes: Final[dict[int, Recipe]] = {}
-
-
-def recipe_of(part: object) -> Recipe | None:
-    """Function and arguments that make a part anew that was made by name; None for another one."""
-    return _recipes[id(part)] if _made.get(id(part)) is part else None
-
-
-def make_again(kind: str, spec: str, options: Mapping[str, Any]) -> Any:
-    """The part of a recipe.
-
-    Raises:
-        FreneticError: as `Registry.make`.
-    """
-    (registry,) = (one for one in (STRATEGIES, DRIVERS, SIMULATORS) if one.kind == kind)
-    return registry.make(spec, **options)
 
 
 def _hint(given: str, known: Iterable[str]) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
-OF_THE_RUN = ("seconds", "finished_at", "elapsed", "worker")
-"""Columns of a test that say when and by whom it was driven."""
+OF_THE_RUN = ("seconds", "finished_at", "elapsed", "worker", "checksum")
+"""Columns of a test that say when and by whom it was driven, or hold a sum over these."""
 
 
 def contents(folder: Path, *, without: tuple[str, ...] = ()) -> dict[str, list[tuple[object, ...]]]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import io
 import pickle
+from functools import partial
 from typing import Any
 
 from frenetic.errors import CampaignError, describe_error
-from frenetic.registry import recipe_of
+from frenetic.registry import made_by
 
 
 def pack(part: object, known: object = None) -> bytes:
@@ -65,8 +66,10 @@ class _Pickler(pickle.Pickler):
         return "known" if part is self._known and part is not None else None
 
     def reducer_override(self, part: object) -> Any:
-        recipe = recipe_of(part) if self._by_name else None
-        return NotImplemented if recipe is None else recipe
+        made = made_by(part) if self._by_name else None
+        if made is None:
+            return NotImplemented
+        return partial(made.factory, **made.arguments), ()
 
 
 class _Unpickler(pickle.Unpickler):
