@@ -149,7 +149,9 @@ def test_one_of_three_that_is_level_with_another() -> None:
 
 
 def test_nobody_is_best_where_the_first_place_is_shared() -> None:
-    assert verdict(groups_of(a=LOW, b=HIGH, c=HIGH)).startswith("No group is shown to find the most")
+    assert verdict(groups_of(a=LOW, b=HIGH, c=HIGH)).startswith(
+        "No group is shown to find the most"
+    )
 
 
 def test_groups_of_which_none_but_all_together_differ() -> None:

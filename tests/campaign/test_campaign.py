@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.record import Attempt
@@ -316,6 +317,55 @@ def test_map_sizes_have_to_agree(tmp_path: Path) -> None:
     assert campaign(tmp_path, strategy, Budget(failures=1)).tester.map_size == 150.0
     with pytest.raises(ValueError, match="strategy was made for 150"):
         campaign(tmp_path, strategy, Budget(failures=1), map_size=200.0)
+
+
+@pytest.mark.parametrize("kind", [RandomSearch, Frenetic])
+def test_the_margin_reaches_the_check_of_the_strategy(
+    tmp_path: Path, kind: type[RandomSearch | Frenetic]
+) -> None:
+    def searched(folder: str, simulations: int) -> Campaign:
+        budget = Budget(simulations=simulations)
+        return campaign(tmp_path / folder, kind(seed=1), budget, margin=40.0)
+
+    summary = searched("whole", 100).run()
+    assert summary.invalid == 0
+    assert searched("parts", 40).run().invalid == 0
+    assert searched("parts", 100).resume().invalid == 0
+    with (
+        CampaignStore.open(tmp_path / "whole") as whole,
+        CampaignStore.open(tmp_path / "parts") as parts,
+    ):
+        for one, other in zip(whole.tests(), parts.tests(), strict=True):
+            assert np.array_equal(one.candidate.curvatures, other.candidate.curvatures)
+
+
+def test_a_check_of_ones_own_stays() -> None:
+    asked = []
+
+    def check(curvatures: FloatArray, step: float) -> bool:
+        asked.append(step)
+        return True
+
+    for kind in (RandomSearch, Frenetic):
+        strategy = kind(seed=1, is_valid=check)
+        strategy.keep_margin(40.0)
+        strategy.ask()
+    assert len(asked) == 2
+
+
+def test_a_campaign_whose_strategy_checked_without_its_margin_goes_on_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def searched(folder: str, simulations: int) -> Campaign:
+        strategy = RandomSearch(seed=1)
+        return campaign(tmp_path / folder, strategy, Budget(simulations=simulations), margin=40.0)
+
+    with monkeypatch.context() as patch:  # as versions before this check did
+        patch.setattr(Campaign, "_keep_margin", lambda self: None)
+        whole = searched("whole", 40).run()
+        searched("parts", 20).run()
+    resumed = searched("parts", 40).resume()
+    assert resumed.invalid == whole.invalid > 0
 
 
 def test_configuration_says_what_was_run(tmp_path: Path) -> None:

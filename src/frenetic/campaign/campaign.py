@@ -29,7 +29,7 @@ from frenetic.errors import CampaignError, reason_of, traceback_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
-from frenetic.search.strategy import Strategy
+from frenetic.search.strategy import CheckingStrategy, Strategy
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import isolated
@@ -150,6 +150,7 @@ class Campaign:
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
         """What `resume` has to say about changed parts, and those that it could not compare."""
+        self._checked_margin: float | None = None  # that the strategy was told
         self.named: Spec | None = None
         """Names of its parts; None if they came from Python."""
 
@@ -214,7 +215,7 @@ class Campaign:
         named = self.named or Spec(driver=Part(), simulator=Part(), seed=self.seed)
         return replace(
             named,
-            strategy=replace(named.strategy, made=describe(self.strategy)),
+            strategy=replace(named.strategy, made=self._described_strategy()),
             simulator=replace(named.simulator, made=describe(simulator)),
             driver=replace(named.driver, made=describe(driver)),
             rules=simulator.rules,
@@ -229,6 +230,10 @@ class Campaign:
             versions=package_versions(),
             fingerprints=describe_terms(),
         )
+
+    def _described_strategy(self) -> dict[str, JSONValue]:
+        margin = self._checked_margin
+        return describe(self.strategy) | ({} if margin is None else {"margin": margin})
 
     def run(
         self,
@@ -260,6 +265,7 @@ class Campaign:
             from frenetic.campaign.workers.dask.workers import require_scheduler
 
             require_scheduler(self.cluster)
+        self._keep_margin()
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.create(self.folder, self.configuration()))
             log = stack.enter_context(CampaignLog(self.folder))
@@ -297,6 +303,9 @@ class Campaign:
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
             prepare(self.tester.simulator)
+            strategy = store.config.get("strategy")
+            if isinstance(strategy, Mapping) and "margin" in strategy:
+                self._keep_margin()
             changes = self._changes(store, accept_changed=accept_changed)
             store.require_whole()
             tally, outstanding = replay(store, self.strategy, self.budget)
@@ -308,6 +317,16 @@ class Campaign:
             for note in self.notes:
                 log.write(Event.LOG, note, level="warning", logger=__name__)
             return self._search(store, log, tally, outstanding, on_progress, on_start, on_interrupt)
+
+    def _keep_margin(self) -> None:
+        """Has the strategy check roads with this campaign's margin; its record says so.
+
+        Older campaigns with another margin than the usual one did not, and go on so.
+        """
+        margin = self.tester.margin
+        if margin != MARGIN and isinstance(self.strategy, CheckingStrategy):
+            self.strategy.keep_margin(margin)
+            self._checked_margin = margin
 
     def _changes(
         self, store: CampaignStore, *, accept_changed: bool

@@ -5,10 +5,11 @@ from __future__ import annotations
 from frenetic.search.frenetic import Frenetic
 from frenetic.search.random_search import RandomSearch
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
+from frenetic.search.strategy import CheckingStrategy, SearchEnded, SelectiveStrategy, Strategy
 
 __all__ = [
     "Candidate",
+    "CheckingStrategy",
     "Evaluation",
     "Frenetic",
     "Origin",

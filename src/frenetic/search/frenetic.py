@@ -158,7 +158,8 @@ class Frenetic:
         self._cross_freq = require_whole("cross_freq", cross_freq, 0)
         self._cross_num = require_whole("cross_num", cross_num, 2)
         require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
-        self._is_valid = is_valid or competition_check(map_size)
+        self._map_size = None if is_valid else map_size
+        self._check = is_valid or competition_check(map_size)
         self._proposed: set[bytes] | None = set() if skip_repeats else None
         self._roads = RandomRoads(
             map_size=map_size,
@@ -186,6 +187,14 @@ class Frenetic:
         self._best: list[_Scored] = []  # sorted, at most cross_num
         self._siblings_of: dict[int, _Siblings] = {}  # of the mutants that are outstanding
         self._proposals = self._listing_1()
+
+    def keep_margin(self, margin: float) -> None:
+        """Take only roads for valid that keep so many m from the map's edge.
+
+        An `is_valid` of your own stays as it is.
+        """
+        if self._map_size is not None:
+            self._check = competition_check(self._map_size, margin)
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
@@ -313,6 +322,9 @@ class Frenetic:
 
     def _is_new(self, curvatures: FloatArray) -> bool:
         return self._proposed is None or _fingerprint(curvatures) not in self._proposed
+
+    def _is_valid(self, curvatures: FloatArray, step: float) -> bool:
+        return self._check(curvatures, step)
 
     def _is_new_and_valid(self, curvatures: FloatArray, step: float) -> bool:
         return self._is_new(curvatures) and self._is_valid(curvatures, step)

@@ -10,7 +10,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road import MAP_SIZE, Road
+from frenetic.road import MAP_SIZE, MARGIN, Road
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, options_of, require, require_whole
@@ -35,12 +35,15 @@ It must depend on nothing else, or a campaign cannot be replayed.
 _Draw = TypeVar("_Draw", "FloatArray", "FloatArray | None")
 
 
-def competition_check(map_size: float) -> RoadCheck:
-    """A check whether a road fits the map in some pose and is valid there by the rules."""
+def competition_check(map_size: float, margin: float = MARGIN) -> RoadCheck:
+    """A check whether a road fits the map in some pose and is valid there by the rules.
+
+    Its centre line keeps ``margin`` m from the map's edge.
+    """
 
     def is_valid(curvatures: FloatArray, step: float) -> bool:
         try:
-            _, verdict = Road(curvatures, step).placed(map_size)
+            _, verdict = Road(curvatures, step).placed(map_size, margin)
         except RoadError:
             return False
         return verdict.valid
@@ -99,8 +102,14 @@ class RandomRoads:
         )
         self._curvature_bound = curvature_bound
         self._max_change = max_change
+        self._map_size = None if is_valid else map_size
         self._is_valid = is_valid or competition_check(map_size)
         self._max_redraws = require_whole("max_redraws", max_redraws, 0)
+
+    def keep_margin(self, margin: float) -> None:
+        """Check roads with a margin of so many m, unless an `is_valid` was given."""
+        if self._map_size is not None:
+            self._is_valid = competition_check(self._map_size, margin)
 
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return the curvatures of a random road, (N,) 1/m."""
@@ -182,6 +191,13 @@ class RandomSearch:
             max_redraws=max_redraws,
         )
         self._ledger = Ledger()
+
+    def keep_margin(self, margin: float) -> None:
+        """Take only roads for valid that keep so many m from the map's edge.
+
+        An `is_valid` of your own stays as it is.
+        """
+        self._roads.keep_margin(margin)
 
     def ask(self) -> Candidate:
         """Return a random road."""

@@ -71,6 +71,18 @@ class SelectiveStrategy(Strategy, Protocol):
         ...
 
 
+@runtime_checkable
+class CheckingStrategy(Strategy, Protocol):
+    """A strategy that checks whether roads fit the map before it proposes them."""
+
+    def keep_margin(self, margin: float) -> None:
+        """Take only roads for valid whose centre line keeps ``margin`` m from the map's edge.
+
+        A campaign with another margin than the usual one calls it before it asks for a road.
+        """
+        ...
+
+
 class Ledger:
     """Numbers the candidates of a strategy and knows which of them wait to be told.
 
