@@ -706,7 +706,7 @@ def test_a_failure_in_another_simulator_is_replayed_beside_the_campaigns(
     folder = make_searched(tmp_path / "searched")
     with CampaignStore.open(folder) as store:
         failures = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd", limit=2)]
-    confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
+    there = confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
     page = show(write_report(folder), viewport={"width": 390, "height": 844}, color_scheme="dark")
     section = page.locator("#confirmed")
     assert section.locator("img").count() == 0  # a picture on white paper would glare
@@ -716,7 +716,7 @@ def test_a_failure_in_another_simulator_is_replayed_beside_the_campaigns(
     assert box is not None
     assert box["width"] > 300  # of 390
     expect(cards.first.locator("path.other")).to_have_count(1)
-    expect(cards.first).to_contain_text("confirmed")
+    expect(cards.first).to_contain_text(there.tests[0].verdict)
     cards.first.click()
     expect(page.locator("#player-title")).to_contain_text(f"Test {failures[0]} ")
     expect(page.get_by_role("dialog")).to_contain_text("EmbeddedSimulator, friction 0.8: ")

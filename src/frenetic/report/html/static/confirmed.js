@@ -25,7 +25,8 @@ function drawConfirmed(element, block) {
       "button",
       { type: "button", class: "card", "data-test": id, "aria-label": `Test ${id}, ${agreement}, MOOBD ${here} here, ${beyond} there`, on: { click: () => player.open(id, order) } },
       roadPicture(drives.get(id), "", { others: [other] }),
-      el("span", { class: "card-line" }, el("b", {}, `Test ${id}`), el("span", { class: agreement === "confirmed" ? "verdict outcome-fail" : "verdict" }, agreement)),
+      el("span", { class: "card-line" }, el("b", {}, `Test ${id}`)),
+      el("span", { class: `verdict ${agreement === "confirmed" ? "outcome-fail" : ""}` }, agreement),
       el("span", { class: "card-text" }, `MOOBD ${here} here, ${beyond} there`),
     );
     return el("article", { class: "cluster" }, card);
