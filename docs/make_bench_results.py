@@ -26,7 +26,7 @@ SECONDS_PER_TEST = 36.0
 BASELINE = "random"
 ENTRANTS = (
     Entrant(name=BASELINE, spec="random", is_strategy=True),
-    Entrant(name="Frenetic 2021", spec="frenetic", is_strategy=True, options={"max_redraws": 0}),
+    Entrant(name="Frenetic 2021", spec="frenetic-2021", is_strategy=True),
     Entrant(name="Frenetic", spec="frenetic", is_strategy=True),
     Entrant(
         name="Frenetic without repeats",

@@ -35,7 +35,15 @@ if TYPE_CHECKING:
     from frenetic.outcome import Outcome
     from frenetic.report import draw_drive, draw_road
     from frenetic.road import Pose, Road, Verdict, check_validity
-    from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
+    from frenetic.search import (
+        Candidate,
+        Evaluation,
+        Frenetic,
+        Frenetic2021,
+        Origin,
+        RandomSearch,
+        Strategy,
+    )
     from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator, Trajectory, Vehicle
 
 __getattr__ = lazy_names(
@@ -64,6 +72,7 @@ __getattr__ = lazy_names(
             "Candidate",
             "Evaluation",
             "Frenetic",
+            "Frenetic2021",
             "Origin",
             "RandomSearch",
             "Strategy",
@@ -94,6 +103,7 @@ __all__ = [
     "EmbeddedSimulator",
     "Evaluation",
     "Frenetic",
+    "Frenetic2021",
     "FreneticError",
     "LimitedView",
     "Noisy",

@@ -369,6 +369,11 @@ STRATEGIES: Final = Registry(
     {
         "frenetic": (
             "frenetic.search:Frenetic",
+            "roads that fail as no known failure does, from an archive of what was driven;"
+            " the default",
+        ),
+        "frenetic-2021": (
+            "frenetic.search:Frenetic2021",
             "random roads, then mutants and crossovers of the worst (Castellano et al., 2021)",
         ),
         "random": ("frenetic.search:RandomSearch", "random roads only, the baseline"),

@@ -29,7 +29,7 @@ from frenetic.drivers import Driver, Planner
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search import Candidate, Frenetic
+from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -602,11 +602,11 @@ def test_a_strategy_of_ones_own_takes_part(tmp_path: Path) -> None:
     assert end.ending == Ending(End.OVER), end.trouble
 
 
-class Eager(Frenetic):
+class Eager(Frenetic2021):
     """A strategy of one's own."""
 
 
-class Lazy(Frenetic):
+class Lazy(Frenetic2021):
     """A strategy that takes its time."""
 
     def ask(self) -> Candidate:

@@ -37,7 +37,7 @@ if __name__ == "__main__":
     from faulty import bend
 
     from frenetic.campaign import Budget, Campaign
-    from frenetic.search import Frenetic
+    from frenetic.search import Frenetic2021
     from frenetic.testing import DummyDriver, DummySimulator
 
     class Timed(DummySimulator):
@@ -50,7 +50,9 @@ if __name__ == "__main__":
     simulator = Timed(bend)
     time.perf_counter = lambda: 0.01 * simulator.drives
     summary = Campaign(
-        strategy=Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6),
+        strategy=Frenetic2021(
+            seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10
+        ),
         simulator=simulator,
         driver=DummyDriver(),
         budget=Budget(time=0.505),

@@ -18,7 +18,7 @@ from faulty import FaultySimulator
 from frenetic.campaign import Budget, Campaign, Progress
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers.local import workers as processes
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.testing import DummyDriver
 
 SIMULATIONS = 600
@@ -38,7 +38,9 @@ class Blow:
 
 def campaign(folder: Path, marks: Path, *, workers: int = 1, ordered: bool = False) -> Campaign:
     return Campaign(
-        strategy=Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6),
+        strategy=Frenetic2021(
+            seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10
+        ),
         simulator=FaultySimulator(marks),
         driver=DummyDriver(),
         budget=Budget(simulations=SIMULATIONS),

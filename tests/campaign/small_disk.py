@@ -22,7 +22,7 @@ from faulty import FaultySimulator
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.errors import CampaignError
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.testing import DummyDriver
 
 ROOM = 500_000
@@ -32,7 +32,9 @@ ROOM = 500_000
 def campaign(folder: Path, workers: int) -> Campaign:
     marks = Path(__file__).parent / "nowhere"
     return Campaign(
-        strategy=Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6),
+        strategy=Frenetic2021(
+            seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10
+        ),
         simulator=Quiet(marks),
         driver=DummyDriver(),
         budget=Budget(simulations=200),

@@ -53,7 +53,7 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -79,7 +79,8 @@ def marks(tmp_path: Path) -> Marks:
 
 def campaign(folder: Path, address: str | None, simulator: Simulator, **options) -> Campaign:  # type: ignore[no-untyped-def]
     return Campaign(
-        strategy=options.pop("strategy", None) or Frenetic(seed=4, cross_freq=10, cross_num=6),
+        strategy=options.pop("strategy", None)
+        or Frenetic2021(seed=4, cross_freq=10, cross_num=6, max_redraws=10),
         simulator=simulator,
         driver=options.pop("driver", None) or DummyDriver(),
         budget=Budget(simulations=options.pop("simulations", 60)),

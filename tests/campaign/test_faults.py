@@ -48,7 +48,7 @@ from frenetic.campaign.workers.local.workers import PREFETCH
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.search import Frenetic, Strategy
+from frenetic.search import Frenetic2021, Strategy
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -77,7 +77,8 @@ def campaign(
     **options: Any,
 ) -> Campaign:
     return Campaign(
-        strategy=strategy or Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6),
+        strategy=strategy
+        or Frenetic2021(seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10),
         simulator=simulator or DummySimulator(bend),
         driver=driver or DummyDriver(),
         budget=Budget(simulations=simulations),

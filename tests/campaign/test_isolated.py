@@ -23,7 +23,7 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.simulators.isolated import BrokenDriveError, IsolatedSimulator, isolated
 from frenetic.simulators.worlds import Conditions, in_conditions
@@ -52,7 +52,9 @@ class PythonPlanner(Planner):
 
 def search(folder: Path, simulator: Simulator, driver: Driver, **options: object) -> Campaign:
     return Campaign(
-        strategy=Frenetic(seed=4, random_budget=0.2, cross_freq=10, cross_num=6),
+        strategy=Frenetic2021(
+            seed=4, random_budget=0.2, cross_freq=10, cross_num=6, max_redraws=10
+        ),
         simulator=simulator,
         driver=driver,
         budget=Budget(simulations=40),

@@ -25,7 +25,7 @@ from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers import Workers
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
+from frenetic.search import Candidate, Evaluation, Frenetic2021, Origin, RandomSearch, Strategy
 from frenetic.testing import DummyDriver, DummySimulator
 
 Choose = Callable[[list[int]], Sequence[int]]
@@ -164,7 +164,9 @@ class Selective(Noted):
 
 def frenetic() -> Selective:
     """A search that is soon in its mutants and crossovers."""
-    return Selective(Frenetic(seed=4, random_budget=0.1, cross_freq=10, cross_num=6))
+    return Selective(
+        Frenetic2021(seed=4, random_budget=0.1, cross_freq=10, cross_num=6, max_redraws=10)
+    )
 
 
 class Litters:

@@ -26,10 +26,12 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE
+from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import CampaignError
 from frenetic.registry import USER_MODULE
-from frenetic.search import Candidate, Frenetic, RandomSearch
+from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
+from frenetic.simulators import EmbeddedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
 SIMULATIONS = 160
@@ -42,7 +44,7 @@ def drift(road) -> float:  # type: ignore[no-untyped-def]
 
 def campaign(folder: Path, strategy=None, simulator=None, simulations=SIMULATIONS) -> Campaign:  # type: ignore[no-untyped-def]
     return Campaign(
-        strategy=strategy or Frenetic(seed=4, cross_freq=10, cross_num=6),
+        strategy=strategy or Frenetic2021(seed=4, cross_freq=10, cross_num=6, max_redraws=10),
         simulator=simulator or DummySimulator(drift),
         driver=DummyDriver(),
         budget=Budget(simulations=simulations),
@@ -167,7 +169,9 @@ def test_other_parts_are_refused_and_nothing_is_changed(tmp_path: Path) -> None:
     campaign(tmp_path, simulator=Stopping(20)).run()
     before = contents(tmp_path)
     for other in (
-        campaign(tmp_path, strategy=Frenetic(seed=5, cross_freq=10, cross_num=6)),
+        campaign(
+            tmp_path, strategy=Frenetic2021(seed=5, cross_freq=10, cross_num=6, max_redraws=10)
+        ),
         campaign(tmp_path, strategy=RandomSearch(seed=4)),
     ):
         with pytest.raises(CampaignError, match="was made with another strategy"):
@@ -187,17 +191,17 @@ def test_a_campaign_of_a_version_with_fewer_options_goes_on(tmp_path: Path) -> N
 
 
 def test_strategy_that_replays_differently_is_noticed(tmp_path: Path) -> None:
-    class Changed(Frenetic):
+    class Changed(Frenetic2021):
         def ask(self) -> Candidate:
             asked = super().ask()
             if asked.id == 9:
                 return Candidate(9, np.zeros(20), asked.step, asked.origin)
             return asked
 
-    Changed.__module__, Changed.__qualname__ = Frenetic.__module__, Frenetic.__qualname__
+    Changed.__module__, Changed.__qualname__ = Frenetic2021.__module__, Frenetic2021.__qualname__
     campaign(tmp_path, simulator=Stopping(20)).run()
     before = contents(tmp_path)
-    changed = Changed(seed=4, cross_freq=10, cross_num=6)
+    changed = Changed(seed=4, cross_freq=10, cross_num=6, max_redraws=10)
     with pytest.raises(CampaignError, match="another road as candidate 9 than it did"):
         campaign(tmp_path, strategy=changed, simulator=Stopping(99)).resume()
     assert contents(tmp_path) == before
@@ -254,7 +258,7 @@ def forget_user_files() -> None:
 def with_driver(folder: Path, file: Path, simulations: int, **options: object) -> Campaign:
     forget_user_files()
     return Campaign(
-        strategy=Frenetic(seed=4, cross_freq=10, cross_num=6),
+        strategy=Frenetic2021(seed=4, cross_freq=10, cross_num=6, max_redraws=10),
         simulator=DummySimulator(drift),
         driver=load_driver(f"{file}:Mpc", options),
         budget=Budget(simulations=simulations),
@@ -342,7 +346,7 @@ def test_a_campaign_without_fingerprints_is_resumed_with_a_note_and_has_them_the
     old.resume()
     (note,) = old.notes
     assert note.startswith(
-        "whether these are as before is unknown: strategy Frenetic: the campaign"
+        "whether these are as before is unknown: strategy Frenetic2021: the campaign"
     )
     again = with_driver(folder, driver_file, 40)
     again.resume()
@@ -366,3 +370,39 @@ def test_a_damaged_mark_is_one_line(tmp_path: Path, damage: str) -> None:
         campaign(tmp_path, simulations=30).resume()
     (finding,) = check_campaign(tmp_path).findings
     assert "the fact changes is" in finding.message
+
+
+class _Watching(Frenetic):
+    """Notes what it is told of drives."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self.told: list[tuple[object, ...]] = []
+
+    def tell(self, evaluation: Evaluation) -> None:
+        trace = evaluation.trace
+        seen = [] if trace is None else [trace.distance, trace.lateral_offset, trace.speed]
+        told = (evaluation.place, evaluation.side, evaluation.duration, evaluation.severity)
+        self.told.append((*told, *(column.tobytes() for column in seen)))
+        super().tell(evaluation)
+
+
+def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -> None:
+    def watched(simulations: int) -> tuple[_Watching, Campaign]:
+        strategy = _Watching(seed=4)
+        return strategy, Campaign(
+            strategy=strategy,
+            simulator=EmbeddedSimulator(),
+            driver=Planner(aggression=1.3),
+            budget=Budget(simulations=simulations),
+            folder=tmp_path,
+        )
+
+    strategy, first = watched(60)
+    first.run()
+    resumed, second = watched(62)
+    second.resume()
+    assert len(strategy.told[0]) == 7
+    assert {told[1] for told in strategy.told} == {"left", "right", None}
+    assert resumed.told[: len(strategy.told)] == strategy.told
+    assert len(resumed.told) > len(strategy.told)

@@ -123,7 +123,10 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic) -> None:
         (["--driver-option", "aggression"], ["is not NAME=VALUE"]),
         (["--noise", "-1"], ["offset is -1"]),
         (["--delay", "99"], ["at most 10 s"]),
-        (["--strategy", "genetic"], ["unknown strategy 'genetic'", "frenetic, random"]),
+        (
+            ["--strategy", "genetic"],
+            ["unknown strategy 'genetic'", "frenetic, frenetic-2021, random"],
+        ),
         (["--strategy-option", "threshold=inf"], ["threshold"]),
         (["--strategy-option", "seed=5"], ["--strategy-option seed is not allowed"]),
         (["--strategy-option", "map_size=100"], ["--strategy-option map_size is not allowed"]),
@@ -625,7 +628,7 @@ def test_show_refuses_what_is_not_there(frenetic: Frenetic) -> None:
     ("command", "names"),
     [
         ("drivers", ["planner", "stanley", "beamng-ai"]),
-        ("strategies", ["frenetic", "random"]),
+        ("strategies", ["frenetic", "frenetic-2021", "random"]),
         ("simulators", ["embedded"]),
     ],
 )

@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from frenetic.analysis import read_reruns
+from frenetic.bench import Bench
 from frenetic.campaign import CampaignStore
 from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import read_confirmations
+from frenetic.search import Frenetic2021
+from frenetic.spec import Spec
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -301,3 +304,19 @@ def test_a_bench_is_completed_as_it_would_have_been(frenetic: Frenetic, tmp_path
     page = (folder / "index.html").read_text(encoding="utf-8")
     assert "evolved" in page
     assert (folder / "table.csv").is_file()
+
+
+def test_the_search_once_called_frenetic_is_frenetic_2021(tmp_path: Path) -> None:
+    with CampaignStore.open(copy("commanded", tmp_path)) as store:
+        spec = Spec.from_json(store.config, source="a campaign")
+    assert spec.strategy.name == "frenetic-2021"
+    made = spec.make_strategy()
+    assert isinstance(made, Frenetic2021)
+    assert made.options == spec.strategy.made["options"]
+    assert "frenetic-2021" in spec.run_words()
+
+
+def test_the_entrant_once_called_frenetic_is_frenetic_2021(tmp_path: Path) -> None:
+    (entrant,) = (e for e in Bench.open(copy("bench", tmp_path)).entrants if e.name == "evolved")
+    assert entrant.spec == "frenetic-2021"
+    assert entrant.options == {"max_redraws": 10, "random_budget": 0.5}

@@ -25,7 +25,7 @@ from stand_in import (
 )
 
 from frenetic import search
-from frenetic.competition import Frenetic, Generator, RandomSearch
+from frenetic.competition import Frenetic2021, Generator, RandomSearch
 from frenetic.errors import FreneticError
 from frenetic.road import check_validity
 
@@ -35,7 +35,7 @@ def _in_the_pipeline(monkeypatch: pytest.MonkeyPatch) -> None:
     enter(monkeypatch)
 
 
-class Seeded(Frenetic):
+class Seeded(Frenetic2021):
     seed = 5
 
 
@@ -297,25 +297,25 @@ def roads(kind: type[Generator], edition: Edition = (Executor2022, run_2022)) ->
 
 
 def test_the_seed_makes_the_roads(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Another(Frenetic):
+    class Another(Frenetic2021):
         seed = 6
 
     assert roads(Seeded) == roads(Seeded) == roads(Seeded, (Executor2021, run_2021))
     assert roads(Seeded) != roads(Another)
-    assert roads(Frenetic) != roads(Frenetic)
+    assert roads(Frenetic2021) != roads(Frenetic2021)
     monkeypatch.setenv("FRENETIC_SEED", "5")
-    assert roads(Frenetic) == roads(Another) == roads(Seeded)
+    assert roads(Frenetic2021) == roads(Another) == roads(Seeded)
 
 
 def test_a_seed_that_was_drawn_is_logged(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     caplog.set_level(logging.INFO)
-    drawn = roads(Frenetic)
+    drawn = roads(Frenetic2021)
     seed = re.search(r"seed (\d+)", caplog.records[0].getMessage())
     assert seed is not None
     monkeypatch.setenv("FRENETIC_SEED", seed[1])
-    assert roads(Frenetic) == drawn
+    assert roads(Frenetic2021) == drawn
 
 
 def test_options_of_class_and_environment(
@@ -352,14 +352,14 @@ def test_mistakes_are_told_in_one_line(
 ) -> None:
     monkeypatch.setenv(variable, value)
     with pytest.raises(FreneticError) as raised:
-        Frenetic(executor=Executor2022(tests=1), map_size=200)
+        Frenetic2021(executor=Executor2022(tests=1), map_size=200)
     assert says in str(raised.value)
     assert "\n" not in str(raised.value)
 
 
 def test_a_map_needs_a_size() -> None:
     with pytest.raises(FreneticError, match="map_size is 0"):
-        Frenetic(executor=Executor2022(tests=1), map_size=0)
+        Frenetic2021(executor=Executor2022(tests=1), map_size=0)
 
 
 def test_outside_the_pipeline_one_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch
+from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, Origin, RandomSearch
 
 
 def lengths(search: RandomSearch, count: int = 600) -> set[int]:
@@ -68,7 +68,7 @@ def test_what_is_told_has_no_influence() -> None:
 
 
 def test_its_roads_are_those_of_the_random_phase_of_frenetic() -> None:
-    search, frenetic = RandomSearch(seed=3), Frenetic(seed=3)
+    search, frenetic = RandomSearch(seed=3), Frenetic2021(seed=3, max_redraws=10)
 
     for _ in range(50):
         np.testing.assert_array_equal(search.ask().curvatures, frenetic.ask().curvatures)
@@ -136,9 +136,9 @@ def test_a_check_that_accepts_all_changes_nothing() -> None:
         ("max_redraws", -1, "a whole number of at least 0"),
     ],
 )
-@pytest.mark.parametrize("strategy", [RandomSearch, Frenetic])
+@pytest.mark.parametrize("strategy", [RandomSearch, Frenetic2021, Frenetic])
 def test_options_out_of_range_are_refused(
-    strategy: type[RandomSearch] | type[Frenetic], option: str, value: float, allowed: str
+    strategy: type[RandomSearch | Frenetic2021 | Frenetic], option: str, value: float, allowed: str
 ) -> None:
     options: dict[str, Any] = {"seed": 1, option: value}
 

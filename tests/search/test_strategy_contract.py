@@ -9,7 +9,15 @@ import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Evaluation, Frenetic, Origin, RandomSearch, Strategy
+from frenetic.search import (
+    Candidate,
+    Evaluation,
+    Frenetic,
+    Frenetic2021,
+    Origin,
+    RandomSearch,
+    Strategy,
+)
 from frenetic.search.strategy import Ledger
 from frenetic.testing.strategy_contract import StrategyContract
 
@@ -24,14 +32,33 @@ class TestFrenetic(StrategyContract):
         return Frenetic(seed=seed)
 
 
-class TestFreneticWithoutRandomPhase(StrategyContract):
+class TestFreneticInOtherWays(StrategyContract):
     def make(self, seed: int) -> Strategy:
-        return Frenetic(seed=seed, random_budget=0.0, cross_freq=3, cross_num=5)
+        return Frenetic(seed=seed, random_roads=5, use_archive=False, predict_speeds=False)
 
 
 class TestFreneticThatRedraws(StrategyContract):
     def make(self, seed: int) -> Strategy:
         return Frenetic(seed=seed, is_valid=lambda curvatures, step: bool(curvatures.sum() > 0))
+
+
+class TestFrenetic2021(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return Frenetic2021(seed=seed)
+
+
+class TestFrenetic2021WithoutRandomPhase(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return Frenetic2021(seed=seed, random_budget=0.0, cross_freq=3, cross_num=5)
+
+
+class TestFrenetic2021ThatRedraws(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return Frenetic2021(
+            seed=seed,
+            is_valid=lambda curvatures, step: bool(curvatures.sum() > 0),
+            max_redraws=10,
+        )
 
 
 # What the contract is for: each of these breaks one promise.

@@ -1,13 +1,9 @@
 """Distinct failures: clusters of failures that are the same problem.
 
 Two failures are laid over each other so that the places and directions of the road where the car
-left its lane coincide. Their *difference*, in metres, is
-
-    sqrt(mean |p - p'|^2 + mean (d - d')^2 + mean ((v - v') * 1 s)^2)
-
-with p the road's points from 30 m before to 15 m after that place, d the car's lateral offset and v
-its speed over the 30 m before. The road further ahead does not count: the car never got there, and
-with it the clusters of a campaign and of its half were less alike.
+left its lane coincide; `frenetic.search.approach` says how their *difference*, in metres, follows.
+The road further than 15 m ahead does not count: the car never got there, and with it the clusters
+of a campaign and of its half were less alike.
 
 Average linkage (UPGMA on the square of the difference) clusters the failures of each side of the
 lane as long as the root mean square difference within a cluster is at most 2 m, half a lane. Equal
@@ -45,7 +41,8 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.road.geometry import frame_at, sample_line
+from frenetic.search.approach import as_vector, road_around, states_before
+from frenetic.search.records import Trace
 from frenetic.simulators.drive import Drive
 
 IntArray = npt.NDArray[np.int64]
@@ -62,10 +59,6 @@ NEAR_MISSES: Final = 5
 """Default number of distinct near misses that are listed and drawn."""
 
 _PASSES_COMPARED: Final = 500, COMPARED  # as many as needed for the wanted near misses
-_AHEAD: Final = 15.0  # [m] of road after the place that counts
-_SPACING: Final = 2.5  # [m]
-_BEHIND: Final = np.arange(-REACH, 0.5 * _SPACING, _SPACING)
-_AROUND: Final = np.arange(-REACH, _AHEAD + 0.5 * _SPACING, _SPACING)
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,12 +94,7 @@ class Failure:
     ) -> Failure:
         """The failure of a test, or the near miss of a passing one, from its segment."""
         road, place, seen = segment.road, segment.place, segment.assessment
-        x, y, cosine, sine, _ = frame_at(road.table, road.sub_step, place)
-        points = sample_line(road.table, road.sub_step, place + _AROUND, 0.0) - (x, y)
-        ahead = points @ np.array([[cosine, -sine], [sine, cosine]])
-        # A sliding car may fall back along the road; the furthest place counts.
-        along = np.maximum.accumulate(seen.distance)
-        speed = segment.drive.trajectory.speed[: len(along)]
+        speed = segment.drive.trajectory.speed[: len(seen.distance)]
         side = segment.side
         if is_near_miss:
             side = (
@@ -117,9 +105,8 @@ class Failure:
             moobd,
             side,
             segment_profile(road, place),
-            ahead,
-            np.interp(place + _BEHIND, along, seen.lateral_offset),
-            np.interp(place + _BEHIND, along, speed),
+            road_around(road.table, road.sub_step, place),
+            *states_before(Trace(seen.distance, seen.lateral_offset, speed), place),
             is_near_miss,
         )
 
@@ -151,8 +138,7 @@ class Failure:
 
     def vector(self) -> FloatArray:
         """Vector of a failure, (64,) in m; the distance of two is the failures' difference."""
-        parts = (self.road, self.offsets, self.speeds)
-        return np.concatenate([part.ravel() / np.sqrt(len(part)) for part in parts])
+        return as_vector(self.road, self.offsets, self.speeds)
 
 
 @dataclass(frozen=True)

@@ -37,14 +37,14 @@ from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import Spec, command_faults, describe
+from frenetic.spec import Spec, command_faults, describe, listing_1_of_today
 
 BENCHES: Final = Path("benches")
 """Default parent of benches' folders."""
 BENCH: Final = "bench.json"
 """Name of the file in a bench's folder that describes it."""
 LOCK: Final = "bench.lock"
-VERSION: Final = 1
+VERSION: Final = 2
 """Version of the file's form."""
 TERMS: Final = ("budget", "seconds_per_test", "counts_computing", "patience", "records")
 """Names of the terms in it that stand there as they are."""
@@ -404,7 +404,18 @@ def read_bench(folder: Path) -> Mapping[str, Any]:
         raise _damaged(path)
     if document["version"] > VERSION:
         raise FreneticError(f"{path} was written by a newer version of frenetic: upgrade frenetic")
-    return document
+    return document if document["version"] == VERSION else _updated(document)
+
+
+def _updated(document: dict[str, Any]) -> dict[str, Any]:
+    """The description of version 1 as one of today: the strategy ``frenetic`` was Listing 1."""
+    entrants = document.get("entrants")
+    for entrant in entrants if isinstance(entrants, list) else ():
+        if isinstance(entrant, dict) and isinstance(entrant.get("options"), dict):
+            spec = str(entrant.get("spec"))
+            if entrant.get("is_strategy") is True:
+                entrant["spec"], entrant["options"] = listing_1_of_today(spec, entrant["options"])
+    return {**document, "version": VERSION}
 
 
 def _decoded(document: Mapping[str, Any], path: Path) -> _Recorded:

@@ -29,7 +29,7 @@ from frenetic.errors import CampaignError, reason_of, traceback_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
-from frenetic.search.strategy import CheckingStrategy, Strategy
+from frenetic.search.strategy import CheckingStrategy, Strategy, notice_of
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import isolated
@@ -184,7 +184,7 @@ class Campaign:
         spec = spec.with_limit()
         assert spec.budget is not None
         driver, simulator = spec.make_parts(isolate=False)
-        workers = workers or capabilities(simulator).usual_workers or available_cores()
+        workers = workers or _usual_workers(simulator, spec.lookahead)
         if isolate and workers == 1 and cluster is None:
             simulator = isolated(simulator, driver, drive_limit)
         campaign = cls(
@@ -440,6 +440,7 @@ class Campaign:
             folder=self.folder,
             interrupted=interrupted,
             ended=tally.ended,
+            notice=notice_of(self.strategy) or "",
         )
         store.finish(
             seconds=round(summary.seconds, 3),
@@ -472,6 +473,12 @@ class Campaign:
         fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
         text = f"{event} after {tally.told} results" if tally.told else str(event)
         log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
+
+
+def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:
+    """Number of workers that are of use, by default one per core."""
+    usual = capabilities(simulator).usual_workers or available_cores()
+    return usual if lookahead is None else min(usual, lookahead)
 
 
 _LOGGED: Final = (

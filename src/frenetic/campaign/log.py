@@ -107,6 +107,8 @@ class Event(StrEnum):
     """An ERROR: test, reason, and traceback if known."""
     TEST_FAILED = "test_failed"
     """A FAIL: test, moobd (m)."""
+    NOTICE = "notice"
+    """The search is not what its user expects; the message says why."""
     INTERRUPTED = "interrupted"
     """It was stopped before its budget was spent; the summary's fields."""
     GAVE_UP = "gave_up"

@@ -13,6 +13,7 @@ import numpy as np
 from frenetic._support.child_processes import one_process
 from frenetic._support.interrupt import Interrupt
 from frenetic._support.json_value import JSONValue
+from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.record import Attempt, TestRecord
@@ -21,7 +22,7 @@ from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_raised
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
-from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy
+from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy, notice_of
 from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
@@ -285,13 +286,15 @@ class Dispatcher:
             budget_spent=tally.budget_spent,
             attempts=self._tries.pop(candidate.id, 0),
             elapsed=elapsed,
+            setting=self._store.setting,
         )
         self._store.told(record, attempt.packed, hold=True)
         del self._outstanding[candidate.id]
         if self._observing is not None:
             self._observing.observe(attempt)
-        evaluation = Evaluation(candidate, result.outcome, result.moobd, tally.budget_spent)
+        evaluation = evaluation_of(record, attempt.stored_trajectory)
         tell(self._strategy, evaluation, tally)
+        self._log_notice()
         progress = tally.progress(time.perf_counter() - self._start)
         self._unreported.append((record, attempt.traceback, progress))
         self._give_up_if_hopeless(record)
@@ -322,6 +325,12 @@ class Dispatcher:
                 f"the last {self._refused} roads were refused, so the campaign gives up:"
                 f" {record.reason}; is the map too small?"
             )
+
+    def _log_notice(self) -> None:
+        """Logs what the strategy has to say about its search, once."""
+        before, self._tally.notice = self._tally.notice, notice_of(self._strategy) or ""
+        if self._tally.notice and not before:
+            self._log.write(Event.NOTICE, self._tally.notice, level="warning")
 
     def _log_result(self, record: TestRecord, traceback: str) -> None:
         number = record.candidate.id
@@ -396,6 +405,8 @@ def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
     try:
         with one_process():
             strategy.tell(evaluation)
+    except CampaignError:  # a damaged trajectory
+        raise
     except Exception as error:
         raise _raised(error) from error
     finally:

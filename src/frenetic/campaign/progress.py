@@ -43,6 +43,8 @@ class Summary(Progress):
     """Whether it was stopped before its budget was spent."""
     ended: str = ""
     """Reason why the strategy ended before the budget was spent; empty if it did not."""
+    notice: str = ""
+    """Why the search was not what its user expects, as the strategy says; empty if it was."""
 
     def as_json(self) -> dict[str, JSONValue]:
         """The summary as one JSON object."""
@@ -53,6 +55,7 @@ class Summary(Progress):
             "seed": self.seed,
             "interrupted": self.interrupted,
             "ended": self.ended,
+            "notice": self.notice,
             "folder": str(self.folder),
         }
 
@@ -73,6 +76,8 @@ class Tally:
         """Time that the strategy took to propose and to learn, in s."""
         self.ended = ""
         """Reason why the strategy proposes nothing more; empty while it does."""
+        self.notice = ""
+        """What the strategy has to say about its search."""
 
     @property
     def simulations(self) -> int:

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self, get_args
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.trajectory_codec import encode
+from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
 from frenetic.oracle import Departure, Result, Side
 from frenetic.outcome import Outcome
@@ -83,6 +83,10 @@ class Attempt:
         exact = self.trajectory if keep else None
         return replace(self, trajectory=exact, packed=encode(self.trajectory))
 
+    def stored_trajectory(self) -> Trajectory | None:
+        """The packed trajectory as it will be read from the campaign: rounded."""
+        return None if self.packed is None else decode(self.packed)
+
     def record(
         self,
         candidate: Candidate,
@@ -91,6 +95,7 @@ class Attempt:
         budget_spent: float,
         attempts: int = 1,
         elapsed: float | None = None,
+        setting: Setting | None = None,
     ) -> TestRecord:
         """The test as a campaign keeps it."""
         result, departure = self.result, self.result.departure
@@ -116,6 +121,7 @@ class Attempt:
             worker=self.worker,
             elapsed=elapsed,
             trajectory=self.trajectory,
+            setting=setting,
         )
 
 
@@ -420,7 +426,7 @@ POSE: Final = "x", "y", "heading"
 
 _CANDIDATE_COLUMNS: Final = (
     Column("id", Kind.WHOLE, "of the candidate: counts from 1 in the order of asking", low=1),
-    Column("operator", Kind.CHOICE, "what made the road: random, P1 .. P6, F1 .. F4, C1, C2"),
+    Column("operator", Kind.CHOICE, "what made the road: random, redraw, P1 .."),
     Column("parents", Kind.WHOLES, "ids of the candidates it was made from"),
     Column("generation", Kind.WHOLE, "0 for a random road", low=0),
     Column("step", Kind.REAL, "between two curvatures", "m", is_positive=True),

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 
+from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.loop import ObservingStrategy, ask, tell
 from frenetic.campaign.progress import Tally
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
-from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.records import Candidate
 from frenetic.search.strategy import SearchEnded, Strategy
+from frenetic.simulators.drive import Trajectory
 from frenetic.spec import Budget
 
 
@@ -53,13 +56,16 @@ def replay(
                 f"{store.folder} is damaged: candidate {record.candidate.id} was told before it"
                 " was asked"
             )
-        evaluation = Evaluation(candidate, record.outcome, record.moobd, record.budget_spent)
-        tell(strategy, evaluation, tally)
+        tell(strategy, evaluation_of(record, partial(_stored_trajectory, store, record.id)), tally)
         tally.count(candidate, record.outcome, record.moobd)
         tally.seconds = record.elapsed or tally.seconds + record.seconds
     ask_until(tally.told)
     tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
     return tally, outstanding
+
+
+def _stored_trajectory(store: CampaignStore, id: int) -> Trajectory | None:  # noqa: A002
+    return store.test(id).trajectory
 
 
 def _proposed(strategy: Strategy, tally: Tally) -> Candidate | None:

@@ -33,14 +33,15 @@ DEFAULT_SIMULATIONS: Final = 1000
     "--ordered/--unordered",
     default=None,
     help="Whether the results are used in the order of the proposals, so that a seed gives the same"
-    " campaign whatever the number of workers. [default: ordered if a seed is given]",
+    " campaign whatever the number of workers. [default: ordered if a seed is given, and with"
+    " frenetic-2021]",
 )
 @click.option(
     "--lookahead",
     type=click.IntRange(1),
     metavar="N",
     help="Propose N roads ahead in an ordered campaign; more workers are of no use then."
-    " [default: 16]",
+    " [default: 16, with frenetic-2021 1]",
 )
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @click.option(
@@ -71,10 +72,14 @@ def run(
     so does Ctrl-C, and nothing found is lost.
     """
     from frenetic.campaign import LOOKAHEAD, new_folder
+    from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
 
     if simulations is None and seconds is None and failures is None:
         simulations = DEFAULT_SIMULATIONS
-    ordered = seed is not None if ordered is None else ordered
+    usual = getattr(STRATEGIES.load(how["strategy"]), "usual_lookahead", None)
+    if ordered is None:
+        one_by_one = usual == 1 and workers is None and cluster is None
+        ordered = seed is not None or one_by_one
     if lookahead is not None and not ordered:
         raise click.UsageError("--lookahead is for an ordered campaign: add --ordered")
     seed = secrets.randbelow(2**31) if seed is None else seed
@@ -84,7 +89,7 @@ def run(
         how,
         seed=seed,
         budget=budget,
-        lookahead=(lookahead or LOOKAHEAD) if ordered else None,
+        lookahead=(lookahead or usual or LOOKAHEAD) if ordered else None,
     )
     campaign = make_campaign(
         spec, new_folder() if out is None else out, workers, cluster, drive_limit

@@ -184,3 +184,5 @@ def _print_summary(summary: Summary, first_error: str) -> None:
         click.echo(f"The first error: {first_error}")
     if summary.ended:
         click.echo(f"The strategy ended the search: {summary.ended}")
+    if summary.notice:
+        click.echo(f"Note:        {summary.notice}")

@@ -6,6 +6,6 @@ and what it imports of Frenetic, needs numpy and scipy only and works on Python 
 
 from __future__ import annotations
 
-from frenetic.competition.generator import Frenetic, Generator, RandomSearch
+from frenetic.competition.generator import Frenetic, Frenetic2021, Generator, RandomSearch
 
-__all__ = ["Frenetic", "Generator", "RandomSearch"]
+__all__ = ["Frenetic", "Frenetic2021", "Generator", "RandomSearch"]

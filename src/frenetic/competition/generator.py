@@ -6,6 +6,7 @@ import logging
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 from frenetic import search
@@ -16,12 +17,14 @@ from frenetic.competition.pipeline import (
     TimeBudget,
     least_oob_distance,
     restart_generation_clock,
+    trace_of,
 )
 from frenetic.competition.settings import make_strategy, read_options, read_seed
 from frenetic.errors import FreneticError, RoadError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, Road, Verdict
 from frenetic.search import Candidate, Evaluation
+from frenetic.search.strategy import notice_of
 
 logger = logging.getLogger(__name__)
 
@@ -81,6 +84,7 @@ class Generator:
         self._strategy = make_strategy(
             kind.strategy, seed=self._seed, map_size=self._map_size, options=self._options
         )
+        self._notice: str | None = None
         self._exceptions = 0  # one after the other
         self._invalid = 0  # one after the other
         self._tally: Counter[str] = Counter()  # of what the executor answered
@@ -115,8 +119,7 @@ class Generator:
             self._refuse(candidate, verdict)
             return
         self._invalid = 0
-        outcome, moobd = self._execute(candidate, road)
-        self._tell(candidate, outcome, moobd)
+        self._tell(self._execute(candidate, road))
 
     def _placed(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
         try:
@@ -129,10 +132,11 @@ class Generator:
         self._invalid += 1
         if self._invalid % MANY_INVALID == 0:
             logger.warning("%d invalid roads in a row, now: %s", self._invalid, verdict.message)
-        self._tell(candidate, Outcome.INVALID, None)
+        self._tell(Evaluation(candidate, Outcome.INVALID, None, 0.0))
 
-    def _execute(self, candidate: Candidate, road: Road) -> tuple[Outcome, float | None]:
-        """Run a road; return its outcome and its MOOBD in m."""
+    def _execute(self, candidate: Candidate, road: Road) -> Evaluation:
+        """Run a road; return its evaluation, which lacks the spent budget."""
+        nothing = Evaluation(candidate, Outcome.ERROR, None, 0.0)
         try:
             test = self._road_tests.make(road.road_points)
             answer, description, execution_data = self._executor.execute_test(test)
@@ -142,7 +146,7 @@ class Generator:
             restart_generation_clock(self._executor)
             self._exceptions += 1
             self._tally["exceptions"] += 1
-            return Outcome.ERROR, None
+            return nothing
         self._exceptions = 0
         self._tally[str(answer)] += 1
         outcome = _OUTCOMES.get(str(answer), Outcome.ERROR)
@@ -157,16 +161,28 @@ class Generator:
             description,
         )
         if not outcome.is_driven:
-            return outcome, None
+            return replace(nothing, outcome=outcome)
         if moobd is None:
             logger.warning("%s: nothing is learnt, as no oob distance came", _name(candidate))
-            return Outcome.ERROR, None
-        return outcome, moobd
+            return nothing
+        told = replace(nothing, outcome=outcome, moobd=moobd)
+        traced = trace_of(execution_data, road)
+        if traced is None:
+            return told
+        trace, worst = traced
+        told = replace(told, place=float(trace.distance[worst]), read_trace=lambda: trace)
+        if outcome is not Outcome.FAIL:
+            return told
+        return replace(told, side="left" if trace.lateral_offset[worst] > 0.0 else "right")
 
-    def _tell(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
+    def _tell(self, evaluation: Evaluation) -> None:
         spent = self._budget.share_spent()
         logger.debug("%.1f %% of the budget are spent", 100.0 * spent)
-        self._strategy.tell(Evaluation(candidate, outcome, moobd, spent))
+        self._strategy.tell(replace(evaluation, budget_spent=spent))
+        notice = notice_of(self._strategy)
+        if notice is not None and notice != self._notice:
+            logger.info("%s", notice)
+        self._notice = notice
 
     def _is_over(self) -> bool:
         if self._exceptions >= MOST_EXCEPTIONS:
@@ -181,9 +197,15 @@ class Generator:
 
 
 class Frenetic(Generator):
-    """Random roads, then mutants and crossovers of the worst: `frenetic.search.Frenetic`."""
+    """Roads that fail as no known failure does: `frenetic.search.Frenetic`."""
 
     strategy = search.Frenetic
+
+
+class Frenetic2021(Generator):
+    """Random roads, then mutants and crossovers of the worst: `frenetic.search.Frenetic2021`."""
+
+    strategy = search.Frenetic2021
 
 
 class RandomSearch(Generator):

@@ -8,8 +8,12 @@ import math
 import time
 from typing import Any, Protocol
 
+import numpy as np
+
 from frenetic._support.arrays import FloatArray
 from frenetic.errors import FreneticError, describe_error
+from frenetic.road import Road
+from frenetic.search import Trace
 
 logger = logging.getLogger(__name__)
 
@@ -117,6 +121,26 @@ def least_oob_distance(execution_data: Any) -> float | None:
     except Exception:  # no list of records
         return None
     return min((d for d in distances if d is not None), default=None)
+
+
+def trace_of(execution_data: Any, road: Road) -> tuple[Trace, int] | None:
+    """Return a test's drive along its road, and the number of the record where the car was out.
+
+    That is the first record with ``is_oob``, otherwise the one furthest from the lane's centre.
+    None if a record lacks a place or a speed.
+    """
+    try:
+        rows = [(*record.pos[:2], *record.vel[:2]) for record in execution_data]
+        path = np.array(rows, dtype=np.float64).reshape(len(rows), 4)
+        out = [bool(getattr(record, "is_oob", False)) for record in execution_data]
+    except Exception:  # other records than the pipeline's
+        return None
+    if not len(path) or not np.isfinite(path).all():
+        return None
+    along = road.track(path[:, :2])
+    offset = along[:, 1] + 0.5 * road.lane_width
+    worst = out.index(True) if any(out) else int(np.argmax(np.abs(offset)))
+    return Trace(along[:, 0], offset, np.hypot(path[:, 2], path[:, 3])), worst
 
 
 def restart_generation_clock(executor: Any) -> None:

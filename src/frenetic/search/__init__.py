@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from frenetic.search.frenetic import Frenetic
+from frenetic.search.frenetic_2021 import Frenetic2021
 from frenetic.search.random_search import RandomSearch
-from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.records import Candidate, Evaluation, Origin, Trace
 from frenetic.search.strategy import CheckingStrategy, SearchEnded, SelectiveStrategy, Strategy
 
 __all__ = [
@@ -12,9 +13,11 @@ __all__ = [
     "CheckingStrategy",
     "Evaluation",
     "Frenetic",
+    "Frenetic2021",
     "Origin",
     "RandomSearch",
     "SearchEnded",
     "SelectiveStrategy",
     "Strategy",
+    "Trace",
 ]

@@ -1,30 +1,19 @@
-"""The search algorithm of Castellano et al., "Frenetic at the SBST 2021 Tool Competition"."""
+"""Our search: quality diversity over the paper's roads, in the measure of distinct failures."""
 
 from __future__ import annotations
 
-import bisect
-import hashlib
-import heapq
+import inspect
 import math
-from collections.abc import Iterator
-from functools import partial
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE
-from frenetic.search.operators import (
-    CURVATURE_BOUND,
-    FAIL_OPERATORS,
-    LISTING_1,
-    MAX_CHANGE,
-    PASS_OPERATORS,
-    MutationOptions,
-    mix,
-    splice,
-)
+from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
+from frenetic.search.frenetic_2021 import Frenetic2021, fingerprint
+from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES
 from frenetic.search.random_search import (
     LENGTH_JITTER,
     MAX_LENGTH,
@@ -36,96 +25,103 @@ from frenetic.search.random_search import (
     competition_check,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.speed_model import SpeedModel
 from frenetic.search.strategy import Ledger, options_of, require, require_whole
+from frenetic.search.variation import OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
 
-_MIX, _SPLICE = "C1", "C2"
+_ROAD_PER_MAP = 1.45  # m of road for each m of the map's side
+_MORE_VALUES = 6  # than the longest random road has
+_POOL_AGE = 20  # drives for which a pool of parents serves
+_RECENT = 1500  # drives from which the threshold is taken
+_QUANTILE = 0.2
+_CLOSING_QUANTILE = 0.03  # while no failure is known
+_LEAST_POOL = 5  # parents then
+_NEAR = -0.3  # [m]; a MOOBD below this is a near miss for any driver
+_TOURNAMENT = 24
+_FAILURE, _NEAR_MISS = 3.0, 1.5  # worth of a failure and, at most, of a near miss
+_USE, _SUCCESS = 0.3, 0.15  # cost of a child, less what a new failure gives back
+_KNOWN = 0.6  # cost of a known failure's first child
+_NOTHING_NEW, _NEW = 1.0, 2.0  # [m] of difference from the known failures
+_POWER = 2.5  # of an operator's success
 
 
-class _Scored(NamedTuple):
-    """A driven candidate below the threshold; sorts by MOOBD, then in the order of asking."""
+class _Parent(NamedTuple):
+    """The parent of an outstanding child, and its operator."""
 
-    moobd: float
-    id: int
-    outcome: Outcome
-    candidate: Candidate
-
-
-class _Siblings:
-    """The mutants of one parent: they are tried until one of them fails."""
-
-    def __init__(self) -> None:
-        self.has_failed = False
+    row: int
+    """Number of its place in the archive."""
+    had_failed: int
+    """1 if it had failed there, otherwise 0."""
+    operator: int
+    """Number of the operator."""
 
 
 class Frenetic:
-    """A `Strategy` that mutates and crosses the roads on which the driver did worst: Listing 1.
+    """A `Strategy` that looks for failures unlike the known ones, for any driver.
 
-    1. *Random phase*, while the largest budget share told so far is below `random_budget`.
-    2. *Mutation*, from then on: the unvisited candidate of lowest MOOBD below `threshold` becomes
-       the parent and is visited. Its mutants (P1 .. P6 if it passed, F1 .. F4 if it failed) are
-       proposed in order until one fails. Mutants of a failed parent count as visited from the
-       start: they never become parents. Without a parent, one more random road is proposed.
-    3. *Crossover*, checked after each parent's mutants and after each such random road: when more
-       than `cross_freq` tests ran since the last one, the `cross_num` candidates of lowest MOOBD
-       below `threshold`, visited or not, have `cross_num` children.
+    1. *Random roads*: `random_roads` of them at first, or for `random_budget` of the budget if that
+       is less; later one in twenty.
+    2. *Archive*: of each drive the place where the car left its lane or came nearest to it, and the
+       next such place, with its `approach`: road, offsets and speeds before it.
+    3. *Parent*: any failure or near miss, which is one of the worst fifth of the recent drives, or
+       more than 0.3 m outside the lane; before the first failure, one of the worst 3 %. The best of
+       24 is taken: near failing, far from the known failures, and seldom used.
+    4. *Child*: an operator of `variation` changes the road around that place. Each is chosen in
+       proportion to a power of the share of new failures that it has brought, counted apart for
+       parents that failed and others.
+    5. *Refusal*: where the child is expected to fail as a known failure did, another one is drawn,
+       up to `max_redraws` times, then another parent taken. Expected are the child's own road, the
+       parent's offsets, and the parent's speeds with the change that a `SpeedModel` predicts,
+       within 5 m of the parent's place.
 
-    Where the paper leaves room:
+    A failure is new if it differs from all known ones by 2 m, in part if it does by 1 m.
 
-    - The threshold is strict. Equal MOOBDs go to the candidate asked first.
-    - Tests that ran are those told PASS or FAIL after the random phase; the children of crossover
-      are part of it and not counted. So the first crossover comes after more than `cross_freq`
-      tests of the main loop, and each one equally long after the last child of the one before.
-    - With fewer than two candidates below the threshold there is no crossover; the count goes on.
-    - Exactly `cross_num` children are proposed: of a last C2 that would exceed them, the first.
-    - INVALID and ERROR count neither as failures, nor as parents, nor as tests that ran.
-    - Removing leaves at least two values; a parent of two values skips P2, P3 and P4.
-    - Where the value before a new one lies further than `max_change` outside the bound, because it
-      was scaled, P1 and P5 put the new one on the bound.
+    With several candidates outstanding, each decision follows from the results told by then.
 
-    With several candidates outstanding, each decision follows from the results told by then: a
-    parent's next mutants may be asked before the earlier ones are told. Once a failing one is told,
-    no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
-    is exactly Listing 1.
-
-    Our two deviations are `is_valid`, which ``max_redraws=0`` turns off, and `skip_repeats`, which
-    is off by default.
-
-    The strategy remembers only roads below the threshold that can still become parents, and the
-    `cross_num` best; with `skip_repeats` also 16 bytes of every road.
+    `Frenetic2021` is the search of the paper. An option that only it has makes one, since this
+    class was that search in version 0.1.
 
     Args:
         seed: A whole number of at least 0.
         map_size: m, side of the square map.
-        random_budget: Share of the budget spent on random roads, 0..1.
-        threshold: m, only roads with a MOOBD below this have offspring.
-        cross_freq: Number of tests between two crossovers that must be exceeded.
-        cross_num: Number of parents and of children of a crossover.
+        random_budget: Share of the budget that the first random roads may take, 0..1.
+        random_roads: Number of the first random roads.
+        random_share: Share of random roads afterwards, 0..1.
+        threshold: m, only failures and places with a lower oob distance become parents; None for
+            one that adapts to the driver.
+        same: m, least difference that a child is expected to have from the known failures.
+        use_archive: Whether second places, and the differences from the known failures, count.
+        learn_shares: Whether operators are chosen by what they have brought.
+        predict_speeds: Whether a child's speeds are predicted.
         curvature_bound: 1/m, largest absolute value of new curvatures.
         max_change: 1/m, largest difference of a new curvature to the one before it.
         step: m between two curvature values.
-        length_jitter: Largest deviation of a random road from the usual number of values.
-        max_length: Largest usual number of values of a random road, before the jitter.
-        min_changed: Least number of values that P1 .. P5 add, remove or replace.
-        max_changed: Largest number of values that P1 .. P5 add, remove or replace.
-        min_scale: Least factor of P6.
-        max_scale: Largest factor of P6.
+        length_jitter: Largest deviation of a road from the usual number of values.
+        max_length: Largest usual number of values of a road, before the jitter.
         is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
             or that the competition calls invalid.
-            Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
-            again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
-            mutants are always proposed. So is the last draw when all were refused.
-        max_redraws: How often a refused road is drawn again; 0 is the paper's behaviour.
-        skip_repeats: Whether a road that was proposed before is drawn again like a refused one, and
-            left out where there is nothing to draw (F1 .. F4). Listing 1 tests about one road in
-            five a second time.
+        max_redraws: How often a refused road or child is drawn again.
+        max_parents: Number of parents that are tried before a random road is proposed.
 
     Raises:
         ValueError: An option is out of range; the message says which and what is allowed.
 
     """
 
-    BEHAVIOUR: ClassVar[int] = 1
+    BEHAVIOUR: ClassVar[int] = 2
     """Raised when its proposals change; campaigns record it."""
+    __signature__: ClassVar[inspect.Signature]
+    """Options that a registry offers and checks; `__new__` hides them."""
+
+    def __new__(cls, **options: Any) -> Any:
+        """Make a `Frenetic2021` if an option is given that only it has."""
+        if cls is Frenetic and not _ONLY_2021.isdisjoint(options):
+            return Frenetic2021(**{"max_redraws": MAX_REDRAWS, **options})
+        return super().__new__(cls)
+
+    def __init_subclass__(cls) -> None:
+        """Give a derived class the signature of its own constructor."""
+        cls.__signature__ = _without_self(inspect.signature(cls.__init__))
 
     def __init__(
         self,
@@ -133,60 +129,72 @@ class Frenetic:
         seed: int,
         map_size: float = MAP_SIZE,
         random_budget: float = 0.2,
-        threshold: float = -0.5,
-        cross_freq: int = 40,
-        cross_num: int = 20,
+        random_roads: int = 30,
+        random_share: float = 0.05,
+        threshold: float | None = None,
+        same: float = 1.6,
+        use_archive: bool = True,
+        learn_shares: bool = True,
+        predict_speeds: bool = True,
         curvature_bound: float = CURVATURE_BOUND,
         max_change: float = MAX_CHANGE,
         step: float = STEP,
         length_jitter: int = LENGTH_JITTER,
         max_length: int = MAX_LENGTH,
-        min_changed: int = LISTING_1.min_changed,
-        max_changed: int = LISTING_1.max_changed,
-        min_scale: float = LISTING_1.min_scale,
-        max_scale: float = LISTING_1.max_scale,
         is_valid: RoadCheck | None = None,
-        max_redraws: int = MAX_REDRAWS,
-        skip_repeats: bool = False,
+        max_redraws: int = 36,
+        max_parents: int = 8,
     ) -> None:
         self.options = options_of(locals())
         require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
-        require(math.isfinite(threshold), "threshold", threshold, "a finite number (m)")
+        require(0 <= random_share <= 1, "random_share", random_share, "between 0 and 1")
+        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
+        require(0 < step < math.inf, "step", step, "positive (m)")
+        require(0 <= same < math.inf, "same", same, "at least 0 (m)")
+        require(
+            threshold is None or math.isfinite(threshold), "threshold", threshold, "a finite number"
+        )
         self._rng = np.random.default_rng(require_whole("seed", seed, 0))
         self._random_budget = random_budget
-        self._threshold = threshold
-        self._cross_freq = require_whole("cross_freq", cross_freq, 0)
-        self._cross_num = require_whole("cross_num", cross_num, 2)
-        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
+        self._first_roads = require_whole("random_roads", random_roads, 1)
+        self._random_share = random_share
+        self._fixed_threshold = threshold
+        self._same = float(same)
+        self._use_archive = use_archive
+        self._learn_shares = learn_shares
+        self._max_parents = require_whole("max_parents", max_parents, 1)
+        self._draws = 1 + require_whole("max_redraws", max_redraws, 0)
+        self._jitter = require_whole("length_jitter", length_jitter, 0)
+        longest = require_whole("max_length", max_length, MIN_VALUES)
+        self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), longest), MIN_VALUES)
         self._map_size = None if is_valid else map_size
-        self._check = is_valid or competition_check(map_size)
-        self._proposed: set[bytes] | None = set() if skip_repeats else None
+        self._is_valid = is_valid or competition_check(map_size)
         self._roads = RandomRoads(
-            map_size=map_size,
+            map_size=(self._usual_length + 0.5) * step,
             step=step,
             length_jitter=length_jitter,
-            max_length=max_length,
+            max_length=self._usual_length,
             curvature_bound=curvature_bound,
             max_change=max_change,
-            is_valid=self._is_new_and_valid if skip_repeats else self._is_valid,
+            is_valid=lambda curvatures, step: self._is_valid(curvatures, step),
             max_redraws=max_redraws,
         )
-        self._max_redraws = max_redraws
-        self._options = MutationOptions(
-            bound=curvature_bound,
-            max_change=max_change,
-            min_changed=min_changed,
-            max_changed=max_changed,
-            min_scale=min_scale,
-            max_scale=max_scale,
-        )
+        self._limits = np.array([curvature_bound, max_change], dtype=np.float64)
+        self._room = np.empty(self._usual_length + self._jitter + _MORE_VALUES)
         self._ledger = Ledger()
+        self._archive = Archive()
+        self._model = SpeedModel(self._rng) if predict_speeds else None
+        self._proposed: set[bytes] = set()  # fingerprints
         self._budget_spent = 0.0
-        self._tests_since_crossover = 0
-        self._unvisited: list[_Scored] = []  # a heap
-        self._best: list[_Scored] = []  # sorted, at most cross_num
-        self._siblings_of: dict[int, _Siblings] = {}  # of the mutants that are outstanding
-        self._proposals = self._listing_1()
+        self._severities: list[float] = []  # of the drives
+        self._is_moobd = True  # what is minimised
+        self._pool = np.empty(0, dtype=np.int64)  # rows of the archive
+        self._pool_end = 0  # number of drives after which it is too old
+        self._origin, self._spread = 0.0, 1.0  # of the severities
+        # By whether the parent had failed, and operator:
+        self._used = np.zeros((2, len(OPERATORS)))
+        self._brought = np.zeros((2, len(OPERATORS)))
+        self._parents: dict[int, _Parent] = {}  # of the children that are outstanding
 
     def keep_margin(self, margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.
@@ -194,11 +202,19 @@ class Frenetic:
         An `is_valid` of your own stays as it is.
         """
         if self._map_size is not None:
-            self._check = competition_check(self._map_size, margin)
+            self._is_valid = competition_check(self._map_size, margin)
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
-        return next(self._proposals)
+        if self._in_random_phase or self._rng.random() < self._random_share:
+            return self._random_road()
+        if len(self._severities) >= self._pool_end:
+            self._choose_pool()
+        for _ in range(self._max_parents):
+            child = self._child_of(self._choose_parent())
+            if child is not None:
+                return child
+        return self._random_road()
 
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
@@ -208,129 +224,166 @@ class Frenetic:
 
         """
         candidate = self._ledger.settle(evaluation)
-        siblings = self._siblings_of.pop(candidate.id, None)
-        ran_in_main_loop = not self._in_random_phase
+        parent = self._parents.pop(candidate.id, None)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         if not evaluation.outcome.is_driven:
             return
-        assert evaluation.moobd is not None  # the ledger saw to it
-        if siblings is not None and evaluation.outcome is Outcome.FAIL:
-            siblings.has_failed = True
-        if ran_in_main_loop and candidate.origin.operator not in (_MIX, _SPLICE):
-            self._tests_since_crossover += 1
-        if evaluation.moobd < self._threshold:
-            self._remember(_Scored(evaluation.moobd, candidate.id, evaluation.outcome, candidate))
+        severity = evaluation.severity
+        assert severity is not None  # the ledger saw to it
+        self._severities.append(severity)
+        self._is_moobd = evaluation.objective is None
+        row = len(self._archive)
+        worst, *others = places_of(evaluation, candidate, severity)
+        difference = self._archive.add(candidate, worst)
+        if self._use_archive and self._is_moobd:
+            for place in others:
+                self._archive.add(candidate, place)
+        if self._model is not None and evaluation.trace is not None:
+            self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
+        brought = 0.0
+        if evaluation.outcome is Outcome.FAIL:
+            brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
+            self._archive.places["cost"][row] = _KNOWN * (1.0 - brought)
+        if parent is not None:
+            self._used[parent.had_failed, parent.operator] += 1.0
+            self._brought[parent.had_failed, parent.operator] += brought
+            self._archive.places["cost"][parent.row] -= _SUCCESS * brought
 
-    def is_wanted(self, candidate: Candidate) -> bool:
-        """Return whether no sibling has failed: a parent's mutants are tried until one fails."""
-        siblings = self._siblings_of.get(candidate.id)
-        return siblings is None or not siblings.has_failed
+    @property
+    def notice(self) -> str | None:
+        """Why the search is not what its user expects, None if it is."""
+        if not self._severities or self._in_random_phase or self._archive.has_failures:
+            return None
+        lowest = min(self._severities)
+        if not self._is_moobd or lowest < 0.0:
+            return None
+        return (
+            f"no road has come near failing yet, the lowest MOOBD is {lowest:.2f} m: the search"
+            " follows the lowest"
+        )
 
     @property
     def _in_random_phase(self) -> bool:
-        return self._budget_spent < self._random_budget
-
-    def _remember(self, scored: _Scored) -> None:
-        if scored.candidate.origin.operator not in FAIL_OPERATORS:
-            heapq.heappush(self._unvisited, scored)
-        bisect.insort(self._best, scored)
-        del self._best[self._cross_num :]
-
-    def _listing_1(self) -> Iterator[Candidate]:
-        # Each yield ends an ask; what is told before the next ask is known where it resumes.
-        while self._in_random_phase:
-            yield self._random_road()
-        while True:
-            if self._unvisited:
-                yield from self._mutants(heapq.heappop(self._unvisited))
-            else:
-                yield self._random_road()
-            if self._tests_since_crossover > self._cross_freq and len(self._best) >= 2:
-                yield from self._crossover()
+        driven = len(self._severities)
+        return driven == 0 or (
+            driven < self._first_roads and self._budget_spent < self._random_budget
+        )
 
     def _random_road(self) -> Candidate:
-        return self._issue(self._roads.draw(self._rng), RANDOM)
+        curvatures = self._roads.draw(self._rng)
+        self._proposed.add(fingerprint(curvatures))
+        return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM))
 
-    def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
-        siblings = _Siblings()
-        for name, curvatures in self._mutations(parent):
-            mutant = self._issue(curvatures, name, parent)
-            self._siblings_of[mutant.id] = siblings
-            yield mutant
-            if siblings.has_failed:
-                return
+    def _choose_pool(self) -> None:
+        """Choose the places that may become parents until the next choice."""
+        self._pool_end = len(self._severities) + _POOL_AGE
+        recent = np.array(self._severities[-_RECENT:])
+        usual, middle = (float(q) for q in np.quantile(recent, (_QUANTILE, 0.5)))
+        if not self._is_moobd:
+            self._origin, self._spread = usual, max(middle - usual, 1e-9)
+        if self._fixed_threshold is not None:
+            threshold = self._fixed_threshold
+        elif not self._archive.has_failures:
+            share = max(_CLOSING_QUANTILE, min(_LEAST_POOL / len(recent), 1.0))
+            threshold = float(np.quantile(recent, share))
+        else:
+            threshold = max(usual, _NEAR) if self._is_moobd else usual
+        places = self._archive.places
+        self._pool = np.flatnonzero(places["has_failed"] | (places["severity"] <= threshold))
 
-    def _mutations(self, parent: _Scored) -> Iterator[tuple[str, FloatArray]]:
-        road = parent.candidate.curvatures
-        if parent.outcome is Outcome.FAIL:
-            for name, vary in FAIL_OPERATORS.items():
-                varied = vary(road)
-                if self._is_new(varied):
-                    yield name, varied
-            return
-        for name, mutate in PASS_OPERATORS.items():
-            mutant = self._roads.redrawn(partial(mutate, self._rng, road, self._options))
-            if mutant is not None:
-                yield name, mutant
+    def _choose_parent(self) -> int | None:
+        """Choose the best of a few places of the pool, by its row; None if there is none."""
+        if not len(self._pool):
+            return None
+        rows = self._pool[self._rng.integers(0, len(self._pool), _TOURNAMENT)]
+        places = self._archive.places[rows]
+        worth = np.minimum((self._origin - places["severity"]) / self._spread, _NEAR_MISS)
+        if self._use_archive and self._archive.has_failures:
+            worth += np.sqrt(self._archive.squares[rows])
+        worth[places["has_failed"]] = _FAILURE
+        return int(rows[np.argmax(worth - places["cost"])])
 
-    def _crossover(self) -> Iterator[Candidate]:
-        self._tests_since_crossover = 0
-        pool = self._best.copy()
-        missing = self._cross_num
-        while missing:
-            name, parents, children = self._children(pool)
-            for curvatures in children[:missing]:
-                yield self._issue(curvatures, name, *parents)
-                missing -= 1
+    def _child_of(self, row: int | None) -> Candidate | None:
+        """A child of a place of the archive, None if all draws were refused."""
+        if row is None:
+            return None
+        archive, rng, draws, step = self._archive, self._rng, self._draws, self._roads.step
+        place, parent = archive.places[row], archive.candidates[row]
+        had_failed, side = int(place["has_failed"]), int(place["side"])
+        operators = np.searchsorted(self._shares(had_failed), rng.random(draws), side="right")
+        u = rng.random((draws, PARAMETERS + len(self._room)))
+        lengths = self._usual_length + rng.integers(-self._jitter, self._jitter + 1, draws)
+        others = np.zeros((draws, len(self._room)))
+        sizes, sites = np.zeros(draws, dtype=np.int64), np.zeros(draws, dtype=np.int64)
+        mates = self._pool[rng.integers(0, len(self._pool), draws)]
+        for k in np.flatnonzero(operators == SPLICE).tolist():
+            curvatures = archive.candidates[mates[k]].curvatures
+            sizes[k] = len(curvatures)
+            others[k, : sizes[k]] = curvatures
+            sites[k] = int(archive.places["distance"][mates[k]] / step)
+        opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
+        known = archive.failures(side), archive.failures(opposite)
+        if not self._use_archive:
+            known = known[0][:0], known[1][:0]
+        model = self._model if self._model is not None and self._model.is_ready else None
+        first = 0
+        while first < draws:
+            k, n = draw_child(
+                operators[first:],
+                u[first:],
+                parent.curvatures,
+                step,
+                float(place["distance"]),
+                archive.vectors[row],
+                others[first:],
+                sizes[first:],
+                sites[first:],
+                lengths[first:],
+                self._limits,
+                *known,
+                self._same,
+                np.empty(0) if model is None else model.weights,
+                self._room,
+            )
+            if k < 0:
+                return None
+            curvatures = self._room[:n].copy()
+            if fingerprint(curvatures) not in self._proposed and self._is_valid(curvatures, step):
+                return self._issue(curvatures, row, had_failed, int(operators[first + k]))
+            first += k + 1
+        return None
 
-    def _children(
-        self, pool: list[_Scored]
-    ) -> tuple[str, tuple[_Scored, _Scored], list[FloatArray]]:
-        """Return an operator, two different parents and their one or two children.
+    def _shares(self, had_failed: int) -> FloatArray:
+        """Running sum of the shares of the operators, (k,), the last 1."""
+        count = OF_FAILURES if had_failed else len(OPERATORS)
+        worth = np.ones(count)
+        if self._learn_shares:
+            brought, used = self._brought[had_failed, :count], self._used[had_failed, :count]
+            worth = ((brought + 1.0) / (used + 6.0)) ** _POWER
+        sums = np.cumsum(worth)
+        shares: FloatArray = sums / sums[-1]
+        return shares
 
-        Children that are refused are left out while another draw is left.
-        """
-        drawn = self._children_once(pool)
-        for _ in range(self._max_redraws):
-            name, parents, children = drawn
-            accepted = [child for child in children if self._roads.accepts(child)]
-            if accepted:
-                return name, parents, accepted
-            drawn = self._children_once(pool)
-        return drawn
-
-    def _children_once(
-        self, pool: list[_Scored]
-    ) -> tuple[str, tuple[_Scored, _Scored], list[FloatArray]]:
-        i, j = self._rng.choice(len(pool), size=2, replace=False).tolist()
-        first, second = pool[i].candidate.curvatures, pool[j].candidate.curvatures
-        if self._rng.random() < 0.5:
-            return _MIX, (pool[i], pool[j]), [mix(self._rng, first, second)]
-        return _SPLICE, (pool[i], pool[j]), list(splice(first, second))
-
-    def _issue(self, curvatures: FloatArray, name: str, *parents: _Scored) -> Candidate:
-        origin = Origin(
-            operator=name,
-            parents=tuple(parent.id for parent in parents),
-            generation=max(
-                (parent.candidate.origin.generation + 1 for parent in parents), default=0
-            ),
-        )
-        if self._proposed is not None:
-            self._proposed.add(_fingerprint(curvatures))
-        return self._ledger.issue(curvatures, self._roads.step, origin)
-
-    def _is_new(self, curvatures: FloatArray) -> bool:
-        return self._proposed is None or _fingerprint(curvatures) not in self._proposed
-
-    def _is_valid(self, curvatures: FloatArray, step: float) -> bool:
-        return self._check(curvatures, step)
-
-    def _is_new_and_valid(self, curvatures: FloatArray, step: float) -> bool:
-        return self._is_new(curvatures) and self._is_valid(curvatures, step)
+    def _issue(self, curvatures: FloatArray, row: int, had_failed: int, operator: int) -> Candidate:
+        parent = self._archive.candidates[row]
+        origin = Origin(OPERATORS[operator], (parent.id,), parent.origin.generation + 1)
+        child = self._ledger.issue(curvatures, self._roads.step, origin)
+        self._proposed.add(fingerprint(curvatures))
+        self._parents[child.id] = _Parent(row, had_failed, operator)
+        self._archive.places["cost"][row] += _USE
+        return child
 
 
-def _fingerprint(curvatures: FloatArray) -> bytes:
-    """16 bytes that no two different roads share."""
-    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
-    return hashlib.blake2b(values.tobytes(), digest_size=16).digest()
+def _without_self(signature: inspect.Signature) -> inspect.Signature:
+    return signature.replace(parameters=list(signature.parameters.values())[1:])
+
+
+_OURS = _without_self(inspect.signature(Frenetic.__init__))
+_THEIRS = inspect.signature(Frenetic2021).parameters
+_ONLY_2021 = _THEIRS.keys() - _OURS.parameters.keys()
+Frenetic.__signature__ = _OURS.replace(
+    parameters=[
+        *_OURS.parameters.values(),
+        *(option for name, option in _THEIRS.items() if name in _ONLY_2021),
+    ]
+)

@@ -1,7 +1,8 @@
 """Operators that draw, mutate and cross roads: pure functions on curvature values.
 
 They are the operators of Listing 1 in Castellano et al., "Frenetic at the SBST 2021 Tool
-Competition"; `DOES` lists the names that an `Origin` carries, and what each operator does.
+Competition"; `DOES` lists the names that an `Origin` carries, and what each operator does, those
+of `frenetic.search.variation` too.
 
 Roads are (N,) float64 arrays of curvatures κ in 1/m with N >= 2; nothing is modified in place, and
 no result shares memory with an argument. Whether a road is valid is judged elsewhere: P6 may leave
@@ -245,6 +246,18 @@ DOES: Mapping[str, str] = MappingProxyType(
         "F4": "mirrors the road: left becomes right",
         "C1": "takes each value from either of two parents",
         "C2": "joins halves of two parents",
+        "redraw": "draws the road behind the critical place anew",
+        "shift": "bends the road more to one side behind the place",
+        "jitter": "changes all values a little",
+        "local": "changes values around the place",
+        "prefix": "leads another way to the place",
+        "approach": "draws the values before the place anew",
+        "scale": "multiplies all values by one factor",
+        "splice": "goes on behind the place as another road does",
+        "amplify": "sharpens the bend",
+        "flatten": "straightens the way to the place, for more speed",
+        "mirror": "mirrors the road: left becomes right",
+        "straight": "puts a straight before the place",
     }
 )
 """Name of an operator -> what it does, in a few words for people."""

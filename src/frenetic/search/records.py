@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
 
@@ -57,9 +59,29 @@ def _read_only(values: FloatArray) -> FloatArray:
     return copied
 
 
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A drive seen from its road, record by record, up to the one that ended it."""
+
+    distance: FloatArray
+    """Distance along the road, (n,) in m, n >= 1."""
+    lateral_offset: FloatArray
+    """Distance left of the ego lane's centre line, (n,) in m."""
+    speed: FloatArray
+    """Speed, (n,) in m/s."""
+
+
+def _no_trace() -> Trace | None:
+    return None
+
+
 @dataclass(frozen=True)
 class Evaluation:
-    """Result of a candidate, as a strategy is told it."""
+    """Result of a candidate, as a strategy is told it.
+
+    Whoever tells may leave out what has a default. A campaign tells the same when it is resumed,
+    bit for bit.
+    """
 
     candidate: Candidate
     outcome: Outcome
@@ -67,3 +89,23 @@ class Evaluation:
     """Minimum oob distance in m, smaller is worse for the driver; None unless PASS or FAIL."""
     budget_spent: float
     """Share of the campaign's budget spent when this was told, 0..1."""
+    place: float | None = None
+    """Distance along the road to where the car left its lane, or else was furthest off, in m."""
+    side: Literal["left", "right"] | None = None
+    """Side of the lane on which the car left it; None if it did not."""
+    duration: float | None = None
+    """Simulated time, in s."""
+    objective: float | None = None
+    """Value to be minimised, if the campaign has another objective than the MOOBD."""
+    read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)
+    """Source of `trace`."""
+
+    @property
+    def severity(self) -> float | None:
+        """What the campaign minimises, lower is worse for the driver; None unless PASS or FAIL."""
+        return self.moobd if self.objective is None else self.objective
+
+    @cached_property
+    def trace(self) -> Trace | None:
+        """Offsets and speeds along the road, read on first use; None unless PASS or FAIL."""
+        return self.read_trace()

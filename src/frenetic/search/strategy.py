@@ -30,7 +30,8 @@ class Strategy(Protocol):
     - Candidates have ids 1, 2, 3, .. in the order of asking. Their curvatures are read-only, finite
       and at least two, and are never changed after they were handed out.
     - Each candidate is told exactly once, in any order, whatever its outcome: INVALID, ERROR and
-      DROPPED are told as well, with ``moobd=None``.
+      DROPPED are told as well, with ``moobd=None``. Place, side, duration and trace of a drive may
+      be missing.
     - The same constructor arguments (the seed among them) and the same sequence of asks and tells
       give the same candidates, bit for bit. This is how a campaign is resumed: what was asked and
       told is replayed to a fresh strategy. So a strategy draws from a generator of its own and
@@ -81,6 +82,25 @@ class CheckingStrategy(Strategy, Protocol):
         A campaign with another margin than the usual one calls it before it asks for a road.
         """
         ...
+
+
+@runtime_checkable
+class NotifyingStrategy(Strategy, Protocol):
+    """A strategy that says when its search is not what its user expects."""
+
+    @property
+    def notice(self) -> str | None:
+        """One sentence without a full stop, None if there is nothing to say.
+
+        It changes nothing, and depends only on what was asked and told.
+        """
+        ...
+
+
+def notice_of(strategy: object) -> str | None:
+    """What a strategy has to say about its search, None without."""
+    notice = getattr(strategy, "notice", None)  # asked after every test, so not by isinstance
+    return notice if isinstance(notice, str) else None
 
 
 class Ledger:

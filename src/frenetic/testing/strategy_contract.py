@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from frenetic.outcome import Outcome
-from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.records import Candidate, Evaluation, Trace
 from frenetic.search.strategy import SelectiveStrategy, Strategy
 
 _TESTS = 300
@@ -301,17 +301,39 @@ def _campaign(
             candidate = waiting.pop(int(rng.integers(len(waiting))))
             evaluation = _made_up(candidate, told / _TESTS)
             if dropping and (candidate.id % 11 == 0 or not _wants(strategy, candidate)):
-                evaluation = replace(evaluation, outcome=Outcome.DROPPED, moobd=None)
+                evaluation = Evaluation(candidate, Outcome.DROPPED, None, told / _TESTS)
             strategy.tell(evaluation)
             yield _Step(told=evaluation)
 
 
 def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
-    """Return an evaluation that depends only on the candidate's id: all outcomes, MOOBDs -3..2."""
+    """Return an evaluation that depends only on the candidate: all outcomes, MOOBDs -3..2.
+
+    One in three drives has no trace, as one that is told by another simulator may.
+    """
     rng = np.random.default_rng(candidate.id)
     outcome = list(Outcome)[int(rng.choice(4, p=[0.5, 0.3, 0.15, 0.05]))]
-    moobd = float(rng.uniform(-3.0, 2.0)) if outcome.is_driven else None
-    return Evaluation(candidate, outcome, moobd, budget_spent)
+    if not outcome.is_driven:
+        return Evaluation(candidate, outcome, None, budget_spent)
+    moobd = float(rng.uniform(-3.0, 2.0))
+    told = Evaluation(candidate, outcome, moobd, budget_spent)
+    if candidate.id % 3 == 0:
+        return told
+    length = (len(candidate.curvatures) - 1) * candidate.step
+    distance = np.linspace(0.0, length * float(rng.uniform(0.2, 1.0)), 100)
+    offset = rng.normal(0.0, 0.3, 100)
+    worst = int(rng.integers(100))
+    offset[worst] = (2.0 - moobd) * (1.0 if rng.random() < 0.5 else -1.0)
+    trace = Trace(distance, offset, rng.uniform(5.0, 20.0, 100))
+    told = replace(
+        told,
+        place=float(distance[worst]),
+        duration=float(rng.uniform(1.0, 60.0)),
+        read_trace=lambda: trace,
+    )
+    if outcome is not Outcome.FAIL or candidate.id % 7 == 0:  # some stand still
+        return told
+    return replace(told, side="left" if offset[worst] > 0.0 else "right")
 
 
 def _copy(candidate: Candidate) -> Candidate:

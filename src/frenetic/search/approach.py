@@ -1,0 +1,148 @@
+"""The approach to a place of a road: what of a drive decides whether two problems are the same.
+
+Two drives are laid over each other so that a place of each and the road's directions there
+coincide. Their *difference*, in metres, is
+
+    sqrt(mean |p - p'|^2 + mean (d - d')^2 + mean ((v - v') * 1 s)^2)
+
+with p the road's points from 30 m before to 15 m after the place, d the car's lateral offset and v
+its speed over the 30 m before. An approach is a vector, (64,) in m, such that the distance of two
+is their difference. Distinct failures are clusters of them, see `frenetic.analysis`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
+from frenetic.road.geometry import build_table, frame_at, sub_steps
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    import numpy.typing as npt
+
+    from frenetic.search.records import Trace
+
+    IntArray: TypeAlias = npt.NDArray[np.int64]
+
+SPACING = 2.5
+"""Distance between two values of an approach, in m."""
+BEHIND = 30.0
+"""Length of road before the place, in m."""
+AHEAD = 15.0
+"""Length of road after it, in m."""
+
+_BEFORE = np.arange(-BEHIND, 0.5 * SPACING, SPACING)
+STATES = len(_BEFORE)
+"""Number of offsets, and of speeds."""
+_POINTS = round((BEHIND + AHEAD) / SPACING) + 1
+_POINT_SCALE = 1.0 / math.sqrt(_POINTS)
+STATE_SCALE = 1.0 / math.sqrt(STATES)
+"""Factor of a state in an approach."""
+ROAD_SIZE = 2 * _POINTS
+"""Number of an approach's values that describe the road: x and y of each point, first."""
+SIZE = ROAD_SIZE + 2 * STATES
+"""Number of an approach's values; offsets and speeds follow the road's."""
+
+
+@njit()
+def road_around(table: FloatArray, ds: float, place: float) -> FloatArray:
+    """Centre line around a place, (19, 2) in m: x ahead of the place, y to the left of it.
+
+    Every 2.5 m from 30 m before the place to 15 m after it; straight beyond the road's ends.
+    """
+    x0, y0, cosine, sine, _ = frame_at(table, ds, place)
+    points = np.empty((_POINTS, 2))
+    for i in range(_POINTS):
+        x, y, _, _, _ = frame_at(table, ds, place - BEHIND + i * SPACING)
+        points[i, 0] = (x - x0) * cosine + (y - y0) * sine
+        points[i, 1] = (y - y0) * cosine - (x - x0) * sine
+    return points
+
+
+def states_before(trace: Trace | None, place: float) -> tuple[FloatArray, FloatArray]:
+    """Lateral offsets, (13,) in m, and speeds, (13,) in m/s, over the 30 m before a place.
+
+    Without a trace they are zeros.
+    """
+    if trace is None:
+        return np.zeros(STATES), np.zeros(STATES)
+    # A sliding car may fall back along the road; the furthest place counts.
+    along = np.maximum.accumulate(trace.distance)
+    places = place + _BEFORE
+    return np.interp(places, along, trace.lateral_offset), np.interp(places, along, trace.speed)
+
+
+def as_vector(road: FloatArray, offsets: FloatArray, speeds: FloatArray) -> FloatArray:
+    """The approach, (64,) in m, of a road around a place and the states before it."""
+    return np.concatenate(
+        (road.ravel() * _POINT_SCALE, offsets * STATE_SCALE, speeds * STATE_SCALE)
+    )
+
+
+@njit()
+def lay_road(vector: FloatArray, curvatures: FloatArray, step: float, place: float) -> None:
+    """Put the road around a place into an approach, (64,) in m; the states stay."""
+    last = len(curvatures) - 1
+    first = min(max(int((place - BEHIND) / step), 0), last - 1)
+    end = max(min(int((place + AHEAD) / step) + 1, last), first + 1)
+    piece = curvatures[first : end + 1]
+    per_piece = sub_steps(piece, step)
+    table = build_table(piece, step, 0.0, 0.0, 0.0, per_piece)
+    points = road_around(table, step / per_piece, place - first * step)
+    for i in range(_POINTS):
+        vector[2 * i] = points[i, 0] * _POINT_SCALE
+        vector[2 * i + 1] = points[i, 1] * _POINT_SCALE
+
+
+@njit()
+def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> float:
+    """Least square of the differences of an approach from (n, 64) others, at most `most`."""
+    least = most
+    for i in range(len(vectors)):
+        square = 0.0
+        # From the place backwards the speeds tell most pairs apart at once.
+        for j in range(SIZE - 1, -1, -1):
+            change = vectors[i, j] - vector[j]
+            square += change * change
+            if square >= least:
+                break
+        least = min(least, square)
+    return least
+
+
+@njit()
+def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
+    """Whether the difference of an approach from one of (n, 64) others has a lesser square."""
+    for i in range(len(vectors)):
+        total = 0.0
+        for j in range(SIZE - 1, -1, -1):
+            change = vectors[i, j] - vector[j]
+            total += change * change
+            if total >= square:
+                break
+        if total < square:
+            return True
+    return False
+
+
+@njit()
+def lower_squares(
+    squares: FloatArray, sides: IntArray, vectors: FloatArray, side: int, vector: FloatArray
+) -> None:
+    """Lower each of (n,) squares on a side to that of the difference from another approach."""
+    for i in range(len(squares)):
+        if sides[i] != side:
+            continue
+        square = 0.0
+        for j in range(SIZE - 1, -1, -1):
+            change = vectors[i, j] - vector[j]
+            square += change * change
+            if square >= squares[i]:
+                break
+        squares[i] = min(squares[i], square)

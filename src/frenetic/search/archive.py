@@ -1,0 +1,169 @@
+"""The archive of a search: the critical places of all drives, failures and near misses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.outcome import Outcome
+from frenetic.road.geometry import build_table, sub_steps
+from frenetic.search.approach import (
+    SIZE,
+    as_vector,
+    lower_squares,
+    nearest_square,
+    road_around,
+    states_before,
+)
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from frenetic.search.records import Candidate, Evaluation, Trace
+
+FAR = 4.0
+"""Difference beyond which two approaches count as equally different, in m."""
+NEAR_MISS = 1.3
+"""Oob distance below which a further peak of a drive is kept, in m."""
+APART = 25.0
+"""Least distance along the road between two kept places of a drive, in m."""
+
+LEFT, RIGHT, NEITHER = 0, 1, 2
+_SIDES = {"left": LEFT, "right": RIGHT, None: NEITHER}
+_HALF_LANE = 2.0  # [m]
+_PLACE = np.dtype(
+    [
+        ("distance", np.float64),  # along the road, in m
+        ("side", np.int64),  # LEFT, RIGHT or NEITHER
+        ("severity", np.float64),  # what the search minimises
+        ("has_failed", np.bool_),
+        ("cost", np.float64),  # of its use as a parent
+    ]
+)
+
+
+class Place(NamedTuple):
+    """A critical place of a drive."""
+
+    distance: float
+    """Distance along the road, in m."""
+    side: int
+    """LEFT, RIGHT or NEITHER."""
+    severity: float
+    """What the search minimises."""
+    has_failed: bool
+    """Whether the drive failed there."""
+    vector: FloatArray
+    """The approach to it, (64,) in m."""
+
+
+class Archive:
+    """Critical places, each with its difference from the nearest known failure on its side."""
+
+    def __init__(self) -> None:
+        self.candidates: list[Candidate] = []
+        """Candidate of each place."""
+        self._places = np.zeros(64, dtype=_PLACE)
+        self._vectors = np.empty((64, SIZE))
+        self._squares = np.empty(64)
+        self._failures = [np.empty((64, SIZE)) for _ in (LEFT, RIGHT, NEITHER)]
+        self._counts = [0, 0, 0]  # of failures by side
+
+    def __len__(self) -> int:
+        return len(self.candidates)
+
+    @property
+    def places(self) -> npt.NDArray[np.void]:
+        """Record of each place, (n,): distance, side, severity, has_failed, cost; a view."""
+        return self._places[: len(self)]
+
+    @property
+    def vectors(self) -> FloatArray:
+        """Approach of each place, (n, 64) in m; a view."""
+        return self._vectors[: len(self)]
+
+    @property
+    def squares(self) -> FloatArray:
+        """Square of each place's difference from the nearest known failure, (n,) up to `FAR`²."""
+        return self._squares[: len(self)]
+
+    def failures(self, side: int) -> FloatArray:
+        """Approaches of the known failures on a side, (n, 64) in m; a view."""
+        return self._failures[side][: self._counts[side]]
+
+    @property
+    def has_failures(self) -> bool:
+        """Whether a failure is known."""
+        return any(self._counts)
+
+    def add(self, candidate: Candidate, place: Place) -> float:
+        """Add a place; return its difference from the failures known before, up to `FAR` m."""
+        side, vector = place.side, place.vector
+        square = nearest_square(self.failures(side), vector, FAR * FAR)
+        if place.has_failed:
+            known = self._counts[side]
+            self._failures[side] = _with_room(self._failures[side], known)
+            self._failures[side][known] = vector
+            self._counts[side] = known + 1
+            lower_squares(self.squares, self.places["side"], self.vectors, side, vector)
+        row = len(self)
+        self._places = _with_room(self._places, row)
+        self._vectors = _with_room(self._vectors, row)
+        self._squares = _with_room(self._squares, row)
+        self._places[row] = (*place[:4], 0.0)
+        self._vectors[row] = vector
+        self._squares[row] = square
+        self.candidates.append(candidate)
+        return float(np.sqrt(square))
+
+
+def _with_room(rows: npt.NDArray[Any], used: int) -> npt.NDArray[Any]:
+    """The same rows, with more room if all are used."""
+    return rows if used < len(rows) else np.concatenate((rows, np.empty_like(rows)))
+
+
+def places_of(evaluation: Evaluation, candidate: Candidate, severity: float) -> list[Place]:
+    """The critical places of a driven road, the first the one where it failed if it did.
+
+    The second is the next peak of the lateral offset, if the car came near the lane's edge there.
+
+    Args:
+        evaluation: Of a driven road; without a trace, the car counts as standing in its lane.
+        candidate: The road.
+        severity: What the search minimises.
+
+    """
+    curvatures, step = candidate.curvatures, candidate.step
+    length = (len(curvatures) - 1) * step
+    per_piece = sub_steps(curvatures, step)
+    table = build_table(curvatures, step, 0.0, 0.0, 0.0, per_piece)
+    trace = evaluation.trace
+
+    def place_at(distance: float, side: int, severity: float, has_failed: bool) -> Place:
+        distance = min(max(distance, 0.0), length)
+        road = road_around(table, step / per_piece, distance)
+        states = states_before(trace, distance)
+        return Place(distance, side, severity, has_failed, as_vector(road, *states))
+
+    has_failed = evaluation.outcome is Outcome.FAIL
+    if trace is None:
+        distance = 0.5 * length if evaluation.place is None else evaluation.place
+        return [place_at(distance, _SIDES[evaluation.side], severity, has_failed)]
+    away = np.abs(trace.lateral_offset)
+    peak = int(np.argmax(away))
+    distance = float(trace.distance[peak]) if evaluation.place is None else evaluation.place
+    side = _SIDES[evaluation.side] if has_failed else _side(trace, peak)
+    found = [place_at(distance, side, severity, has_failed)]
+    apart = np.where(np.abs(trace.distance - distance) > APART, away, 0.0)
+    second = int(np.argmax(apart))
+    oob_distance = _HALF_LANE - float(apart[second])
+    if oob_distance < NEAR_MISS:
+        there = float(trace.distance[second])
+        found.append(place_at(there, _side(trace, second), oob_distance, False))
+    return found
+
+
+def _side(trace: Trace, record: int) -> int:
+    return LEFT if trace.lateral_offset[record] > 0.0 else RIGHT

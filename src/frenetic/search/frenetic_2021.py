@@ -1,0 +1,354 @@
+"""The search algorithm of Castellano et al., "Frenetic at the SBST 2021 Tool Competition"."""
+
+from __future__ import annotations
+
+import bisect
+import hashlib
+import heapq
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.outcome import Outcome
+from frenetic.road import MAP_SIZE
+from frenetic.search.operators import (
+    CURVATURE_BOUND,
+    FAIL_OPERATORS,
+    LISTING_1,
+    MAX_CHANGE,
+    PASS_OPERATORS,
+    MutationOptions,
+    mix,
+    splice,
+)
+from frenetic.search.random_search import (
+    LENGTH_JITTER,
+    MAX_LENGTH,
+    MAX_REDRAWS,
+    RANDOM,
+    STEP,
+    RandomRoads,
+    RoadCheck,
+    competition_check,
+)
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Ledger, options_of, require, require_whole
+
+_MIX, _SPLICE = "C1", "C2"
+
+
+class _Scored(NamedTuple):
+    """A driven candidate below the threshold; sorts by severity, then in the order of asking."""
+
+    severity: float
+    id: int
+    outcome: Outcome
+    candidate: Candidate
+
+
+class _Siblings:
+    """The mutants of one parent: they are tried until one of them fails."""
+
+    def __init__(self) -> None:
+        self.has_failed = False
+
+
+class Frenetic2021:
+    """A `Strategy` that mutates and crosses the roads on which the driver did worst: Listing 1.
+
+    1. *Random phase*, while the largest budget share told so far is below `random_budget`.
+    2. *Mutation*, from then on: the unvisited candidate of lowest MOOBD below `threshold` becomes
+       the parent and is visited. Its mutants (P1 .. P6 if it passed, F1 .. F4 if it failed) are
+       proposed in order until one fails. Mutants of a failed parent count as visited from the
+       start: they never become parents. Without a parent, one more random road is proposed.
+    3. *Crossover*, checked after each parent's mutants and after each such random road: when more
+       than `cross_freq` tests ran since the last one, the `cross_num` candidates of lowest MOOBD
+       below `threshold`, visited or not, have `cross_num` children.
+
+    Where the paper leaves room:
+
+    - The threshold is strict. Equal MOOBDs go to the candidate asked first.
+    - Tests that ran are those told PASS or FAIL after the random phase; the children of crossover
+      are part of it and not counted. So the first crossover comes after more than `cross_freq`
+      tests of the main loop, and each one equally long after the last child of the one before.
+    - With fewer than two candidates below the threshold there is no crossover; the count goes on.
+    - Exactly `cross_num` children are proposed: of a last C2 that would exceed them, the first.
+    - INVALID and ERROR count neither as failures, nor as parents, nor as tests that ran.
+    - Removing leaves at least two values; a parent of two values skips P2, P3 and P4.
+    - Where the value before a new one lies further than `max_change` outside the bound, because it
+      was scaled, P1 and P5 put the new one on the bound.
+
+    With several candidates outstanding, each decision follows from the results told by then: a
+    parent's next mutants may be asked before the earlier ones are told. Once a failing one is told,
+    no more are asked and the outstanding ones are unwanted. Asked and told one by one, the strategy
+    is exactly Listing 1.
+
+    Our two deviations are off by default: `max_redraws`, which draws again what `is_valid` refuses,
+    and `skip_repeats`.
+
+    The strategy remembers only roads below the threshold that can still become parents, and the
+    `cross_num` best; with `skip_repeats` also 16 bytes of every road.
+
+    Args:
+        seed: A whole number of at least 0.
+        map_size: m, side of the square map.
+        random_budget: Share of the budget spent on random roads, 0..1.
+        threshold: m, only roads with a MOOBD below this have offspring.
+        cross_freq: Number of tests between two crossovers that must be exceeded.
+        cross_num: Number of parents and of children of a crossover.
+        curvature_bound: 1/m, largest absolute value of new curvatures.
+        max_change: 1/m, largest difference of a new curvature to the one before it.
+        step: m between two curvature values.
+        length_jitter: Largest deviation of a random road from the usual number of values.
+        max_length: Largest usual number of values of a random road, before the jitter.
+        min_changed: Least number of values that P1 .. P5 add, remove or replace.
+        max_changed: Largest number of values that P1 .. P5 add, remove or replace.
+        min_scale: Least factor of P6.
+        max_scale: Largest factor of P6.
+        is_valid: Refuses roads that are not worth a test; by default those that do not fit the map
+            or that the competition calls invalid.
+            Random roads, the mutants P1 .. P6 and children of crossover that it refuses are drawn
+            again (for a child: parents and operator, too). F1 .. F4 have nothing to draw: their
+            mutants are always proposed. So is the last draw when all were refused.
+        max_redraws: How often a refused road is drawn again; by default 0, as in the paper, or 10
+            with `skip_repeats`.
+        skip_repeats: Whether a road that was proposed before is drawn again like a refused one, and
+            left out where there is nothing to draw (F1 .. F4). Listing 1 tests about one road in
+            five a second time.
+
+    Raises:
+        ValueError: An option is out of range; the message says which and what is allowed.
+
+    """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its proposals change; campaigns record it."""
+    usual_lookahead: ClassVar[int] = 1
+    """Candidates outstanding in an ordered campaign: Listing 1 knows a result before it goes on."""
+
+    def __init__(
+        self,
+        *,
+        seed: int,
+        map_size: float = MAP_SIZE,
+        random_budget: float = 0.2,
+        threshold: float = -0.5,
+        cross_freq: int = 40,
+        cross_num: int = 20,
+        curvature_bound: float = CURVATURE_BOUND,
+        max_change: float = MAX_CHANGE,
+        step: float = STEP,
+        length_jitter: int = LENGTH_JITTER,
+        max_length: int = MAX_LENGTH,
+        min_changed: int = LISTING_1.min_changed,
+        max_changed: int = LISTING_1.max_changed,
+        min_scale: float = LISTING_1.min_scale,
+        max_scale: float = LISTING_1.max_scale,
+        is_valid: RoadCheck | None = None,
+        max_redraws: int | None = None,
+        skip_repeats: bool = False,
+    ) -> None:
+        if max_redraws is None:
+            max_redraws = MAX_REDRAWS if skip_repeats else 0
+        self.options = options_of(locals())
+        require(0 <= random_budget <= 1, "random_budget", random_budget, "between 0 and 1")
+        require(math.isfinite(threshold), "threshold", threshold, "a finite number (m)")
+        self._rng = np.random.default_rng(require_whole("seed", seed, 0))
+        self._random_budget = random_budget
+        self._threshold = threshold
+        self._cross_freq = require_whole("cross_freq", cross_freq, 0)
+        self._cross_num = require_whole("cross_num", cross_num, 2)
+        require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
+        self._map_size = None if is_valid else map_size
+        self._check = is_valid or competition_check(map_size)
+        self._proposed: set[bytes] | None = set() if skip_repeats else None
+        self._roads = RandomRoads(
+            map_size=map_size,
+            step=step,
+            length_jitter=length_jitter,
+            max_length=max_length,
+            curvature_bound=curvature_bound,
+            max_change=max_change,
+            is_valid=self._is_new_and_valid if skip_repeats else self._is_valid,
+            max_redraws=max_redraws,
+        )
+        self._max_redraws = max_redraws
+        self._options = MutationOptions(
+            bound=curvature_bound,
+            max_change=max_change,
+            min_changed=min_changed,
+            max_changed=max_changed,
+            min_scale=min_scale,
+            max_scale=max_scale,
+        )
+        self._ledger = Ledger()
+        self._budget_spent = 0.0
+        self._has_driven = False
+        self._tests_since_crossover = 0
+        self._unvisited: list[_Scored] = []  # a heap
+        self._best: list[_Scored] = []  # sorted, at most cross_num
+        self._siblings_of: dict[int, _Siblings] = {}  # of the mutants that are outstanding
+        self._proposals = self._listing_1()
+
+    def keep_margin(self, margin: float) -> None:
+        """Take only roads for valid that keep so many m from the map's edge.
+
+        An `is_valid` of your own stays as it is.
+        """
+        if self._map_size is not None:
+            self._check = competition_check(self._map_size, margin)
+
+    def ask(self) -> Candidate:
+        """Return the next road to try."""
+        return next(self._proposals)
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Learn the result of a candidate.
+
+        Raises:
+            ValueError: See `Ledger.settle`.
+
+        """
+        candidate = self._ledger.settle(evaluation)
+        siblings = self._siblings_of.pop(candidate.id, None)
+        ran_in_main_loop = not self._in_random_phase
+        self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
+        if not evaluation.outcome.is_driven:
+            return
+        self._has_driven = True
+        severity = evaluation.severity
+        assert severity is not None  # the ledger saw to it
+        if siblings is not None and evaluation.outcome is Outcome.FAIL:
+            siblings.has_failed = True
+        if ran_in_main_loop and candidate.origin.operator not in (_MIX, _SPLICE):
+            self._tests_since_crossover += 1
+        if severity < self._threshold:
+            self._remember(_Scored(severity, candidate.id, evaluation.outcome, candidate))
+
+    def is_wanted(self, candidate: Candidate) -> bool:
+        """Return whether no sibling has failed: a parent's mutants are tried until one fails."""
+        siblings = self._siblings_of.get(candidate.id)
+        return siblings is None or not siblings.has_failed
+
+    @property
+    def notice(self) -> str | None:
+        """Why the search is not what its user expects, None if it is."""
+        if self._in_random_phase or self._best or not self._has_driven:
+            return None
+        return (
+            f"no road has a MOOBD below the threshold of {self._threshold:g} m, so all roads are"
+            " random"
+        )
+
+    @property
+    def _in_random_phase(self) -> bool:
+        return self._budget_spent < self._random_budget
+
+    def _remember(self, scored: _Scored) -> None:
+        if scored.candidate.origin.operator not in FAIL_OPERATORS:
+            heapq.heappush(self._unvisited, scored)
+        bisect.insort(self._best, scored)
+        del self._best[self._cross_num :]
+
+    def _listing_1(self) -> Iterator[Candidate]:
+        # Each yield ends an ask; what is told before the next ask is known where it resumes.
+        while self._in_random_phase:
+            yield self._random_road()
+        while True:
+            if self._unvisited:
+                yield from self._mutants(heapq.heappop(self._unvisited))
+            else:
+                yield self._random_road()
+            if self._tests_since_crossover > self._cross_freq and len(self._best) >= 2:
+                yield from self._crossover()
+
+    def _random_road(self) -> Candidate:
+        return self._issue(self._roads.draw(self._rng), RANDOM)
+
+    def _mutants(self, parent: _Scored) -> Iterator[Candidate]:
+        siblings = _Siblings()
+        for name, curvatures in self._mutations(parent):
+            mutant = self._issue(curvatures, name, parent)
+            self._siblings_of[mutant.id] = siblings
+            yield mutant
+            if siblings.has_failed:
+                return
+
+    def _mutations(self, parent: _Scored) -> Iterator[tuple[str, FloatArray]]:
+        road = parent.candidate.curvatures
+        if parent.outcome is Outcome.FAIL:
+            for name, vary in FAIL_OPERATORS.items():
+                varied = vary(road)
+                if self._is_new(varied):
+                    yield name, varied
+            return
+        for name, mutate in PASS_OPERATORS.items():
+            mutant = self._roads.redrawn(partial(mutate, self._rng, road, self._options))
+            if mutant is not None:
+                yield name, mutant
+
+    def _crossover(self) -> Iterator[Candidate]:
+        self._tests_since_crossover = 0
+        pool = self._best.copy()
+        missing = self._cross_num
+        while missing:
+            name, parents, children = self._children(pool)
+            for curvatures in children[:missing]:
+                yield self._issue(curvatures, name, *parents)
+                missing -= 1
+
+    def _children(
+        self, pool: list[_Scored]
+    ) -> tuple[str, tuple[_Scored, _Scored], list[FloatArray]]:
+        """Return an operator, two different parents and their one or two children.
+
+        Children that are refused are left out while another draw is left.
+        """
+        drawn = self._children_once(pool)
+        for _ in range(self._max_redraws):
+            name, parents, children = drawn
+            accepted = [child for child in children if self._roads.accepts(child)]
+            if accepted:
+                return name, parents, accepted
+            drawn = self._children_once(pool)
+        return drawn
+
+    def _children_once(
+        self, pool: list[_Scored]
+    ) -> tuple[str, tuple[_Scored, _Scored], list[FloatArray]]:
+        i, j = self._rng.choice(len(pool), size=2, replace=False).tolist()
+        first, second = pool[i].candidate.curvatures, pool[j].candidate.curvatures
+        if self._rng.random() < 0.5:
+            return _MIX, (pool[i], pool[j]), [mix(self._rng, first, second)]
+        return _SPLICE, (pool[i], pool[j]), list(splice(first, second))
+
+    def _issue(self, curvatures: FloatArray, name: str, *parents: _Scored) -> Candidate:
+        origin = Origin(
+            operator=name,
+            parents=tuple(parent.id for parent in parents),
+            generation=max(
+                (parent.candidate.origin.generation + 1 for parent in parents), default=0
+            ),
+        )
+        if self._proposed is not None:
+            self._proposed.add(fingerprint(curvatures))
+        return self._ledger.issue(curvatures, self._roads.step, origin)
+
+    def _is_new(self, curvatures: FloatArray) -> bool:
+        return self._proposed is None or fingerprint(curvatures) not in self._proposed
+
+    def _is_valid(self, curvatures: FloatArray, step: float) -> bool:
+        return self._check(curvatures, step)
+
+    def _is_new_and_valid(self, curvatures: FloatArray, step: float) -> bool:
+        return self._is_new(curvatures) and self._is_valid(curvatures, step)
+
+
+def fingerprint(curvatures: FloatArray) -> bytes:
+    """16 bytes that no two different roads share."""
+    values = np.ascontiguousarray(curvatures, dtype="<f8") + 0.0  # no negative zeros
+    return hashlib.blake2b(values.tobytes(), digest_size=16).digest()

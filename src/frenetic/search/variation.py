@@ -1,0 +1,275 @@
+"""Operators that vary a road around a place where it was critical, and the kernel that tries them.
+
+Each makes a child's curvatures, (n,) 1/m, in a buffer, from a parent's and from uniform random
+numbers, and says by how many values the place has moved along the road. The *site* is the value of
+the parent just before the place. New values are drawn as in Listing 1, each relative to the one
+before it; changed ones are kept within the bound.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
+from frenetic.search.approach import (
+    BEHIND,
+    ROAD_SIZE,
+    SIZE,
+    STATE_SCALE,
+    STATES,
+    is_near,
+    lay_road,
+)
+from frenetic.search.speed_model import predict
+
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    import numpy.typing as npt
+
+    IntArray: TypeAlias = npt.NDArray[np.int64]
+
+(
+    REDRAW,
+    SHIFT,
+    JITTER,
+    LOCAL,
+    PREFIX,
+    APPROACH,
+    SCALE,
+    SPLICE,
+    AMPLIFY,
+    FLATTEN,
+    MIRROR,
+    STRAIGHT,
+) = range(12)
+
+OPERATORS = (
+    "redraw",
+    "shift",
+    "jitter",
+    "local",
+    "prefix",
+    "approach",
+    "scale",
+    "splice",
+    "amplify",
+    "flatten",
+    "mirror",
+    "straight",
+)
+"""Names of the operators, in the order of their numbers."""
+OF_FAILURES = SPLICE + 1
+"""Number of operators that a failure's road is varied by: the first ones."""
+
+PARAMETERS = 8
+"""Number of uniform random numbers that an operator takes beside one for each new value."""
+MIN_REST = 3
+"""Least number of values after the site that a road has if its rest is redrawn."""
+SLACK = 5.0
+"""Distance within which a child is expected to fail around its parent's place, in m."""
+_MIN_VALUES = 5
+
+
+@njit()
+def _whole(u: float, low: int, high: int) -> int:
+    """A whole number from `low` to `high`, from a uniform random one."""
+    return low + int(u * (high - low + 1))
+
+
+@njit()
+def _between(u: float, low: float, high: float) -> float:
+    return low + u * (high - low)
+
+
+@njit()
+def _draw(
+    child: FloatArray, first: int, end: int, previous: float, u: FloatArray, limits: FloatArray
+) -> None:
+    """Draw values first..end-1 of a child, as `operators.next_curvature` does."""
+    bound, change = limits[0], limits[1]
+    for i in range(first, end):
+        low = min(max(previous - change, -bound), bound)
+        high = max(min(previous + change, bound), -bound)
+        previous = low + u[PARAMETERS + i - first] * (high - low)
+        child[i] = previous
+
+
+@njit()
+def vary(
+    operator: int,
+    u: FloatArray,
+    parent: FloatArray,
+    site: int,
+    other: FloatArray,
+    other_site: int,
+    length: int,
+    limits: FloatArray,
+    child: FloatArray,
+) -> tuple[int, int]:
+    """Make a child; return its number of values, 0 if it has too few or many, and the place's move.
+
+    Args:
+        operator: Its number.
+        u: Uniform random numbers, `PARAMETERS` and one for each value of `child`.
+        parent: (N,) 1/m.
+        site: Index of the value before the place.
+        other: (M,) 1/m, another road of the archive.
+        other_site: Likewise.
+        length: Usual number of values of a road, for those that get new ends.
+        limits: Bound and largest change of new values, both in 1/m.
+        child: Room for the child's values.
+
+    """
+    most = len(child)
+    n, moved = len(parent), 0
+    bound = limits[0]
+    if operator == REDRAW:  # the road after the place, or from shortly before it
+        keep = max(site + 1 - _whole(u[0], 0, 2), 2)
+        n = max(length, keep + MIN_REST)
+        if n <= most:
+            child[:keep] = parent[:keep]
+            _draw(child, keep, n, child[keep - 1], u, limits)
+    elif operator == PREFIX:  # another way to the place
+        start = max(site - _whole(u[0], 3, 6), 0)
+        new = _whole(u[1], 3, 15)
+        moved = new - start
+        n = min(len(parent) + moved, max(length, site + moved + MIN_REST))
+        if n <= most:
+            _draw(child, 0, new, 0.0, u, limits)
+            child[new:n] = parent[start : start + n - new]
+    elif operator == SPLICE:  # the other's road from its place on
+        keep = max(site + 1 - _whole(u[0], 0, 2), 2)
+        start = max(other_site - _whole(u[1], 2, 6), 0)
+        n = min(keep + len(other) - start, max(length, keep + MIN_REST))
+        if n <= most:
+            child[:keep] = parent[:keep]
+            child[keep:n] = other[start : start + n - keep]
+    elif operator == STRAIGHT:  # in front of the bend
+        start = max(site - _whole(u[0], 1, 3), 0)
+        moved = _whole(u[1], 2, 5)
+        n = min(len(parent) + moved, max(length, site + moved + MIN_REST))
+        if n <= most:
+            child[:start] = parent[:start]
+            child[start : start + moved] = 0.0
+            child[start + moved : n] = parent[start : n - moved]
+    elif n <= most:
+        child[:n] = parent
+        if operator == SHIFT:  # 1 to 3 values just after the place
+            first = min(site + _whole(u[0], 0, 1), n - 1)
+            by = _between(u[1], 0.02, 0.06)
+            by = by if u[2] < 0.5 else -by
+            for i in range(first, min(first + _whole(u[3], 1, 3), n)):
+                child[i] += by
+        elif operator == JITTER:
+            width = _between(u[0], 0.005, 0.035)
+            for i in range(n):
+                child[i] += width * (2.0 * u[PARAMETERS + i] - 1.0)
+        elif operator == LOCAL:  # 1 to 3 values around the place
+            for k in range(_whole(u[0], 1, 3)):
+                i = min(max(site + _whole(u[1 + 2 * k], -5, 3), 0), n - 1)
+                child[i] += _between(u[2 + 2 * k], -0.05, 0.05)
+        elif operator == APPROACH:  # 3 to 6 values before the place
+            end = max(site - _whole(u[0], 0, 2), 1)
+            start = max(end - _whole(u[1], 3, 6), 0)
+            _draw(child, start, end, child[start - 1] if start > 0 else 0.0, u, limits)
+        elif operator == SCALE:
+            child[:n] *= _between(u[0], 0.8, 1.25)
+        elif operator == AMPLIFY:  # the bend
+            child[max(site - 3, 0) : min(site + 3, n)] *= _between(u[0], 1.1, 1.6)
+        elif operator == FLATTEN:  # the approach, which makes it faster
+            child[max(site - 9, 0) : max(site - 2, 0)] *= _between(u[0], 0.2, 0.8)
+        elif operator == MIRROR:
+            child[:n] *= -1.0
+    if not _MIN_VALUES <= n <= most:
+        return 0, 0
+    for i in range(n):
+        child[i] = min(max(child[i], -bound), bound)
+    return n, moved
+
+
+@njit()
+def draw_child(
+    operators: IntArray,
+    u: FloatArray,
+    parent: FloatArray,
+    step: float,
+    place: float,
+    vector: FloatArray,
+    others: FloatArray,
+    other_sizes: IntArray,
+    other_sites: IntArray,
+    lengths: IntArray,
+    limits: FloatArray,
+    known: FloatArray,
+    opposite: FloatArray,
+    same: float,
+    weights: FloatArray,
+    child: FloatArray,
+) -> tuple[int, int]:
+    """Draw children until one will fail as no known failure does; return its draw and size.
+
+    Where a child will fail, the parent's offsets are expected, its speeds with the change that the
+    model predicts, and the place within `SLACK` m of the parent's. The draw is -1 if all are
+    refused.
+
+    Args:
+        operators: (k,) numbers of the operators of each draw.
+        u: (k, m) uniform random numbers, see `vary`.
+        parent: (N,) 1/m.
+        step: m between two values.
+        place: m along the parent's road.
+        vector: (64,) m, the parent's approach to it.
+        others: (k, .) 1/m, for each draw another road of the archive.
+        other_sizes: (k,) numbers of their values.
+        other_sites: (k,) indices of the values before their places.
+        lengths: (k,) usual numbers of values.
+        limits: Bound and largest change of new values, both in 1/m.
+        known: (., 64) approaches of known failures on the parent's side, in m.
+        opposite: (., 64) likewise, of the other side, which a mirrored child would be on.
+        same: m, least difference from all of them.
+        weights: See `SpeedModel.weights`; empty if no speeds are predicted.
+        child: Room for the child's values.
+
+    """
+    expected = np.empty(SIZE)
+    before, after = np.empty(STATES), np.empty(STATES)
+    if len(weights):
+        predict(weights, parent, step, place - BEHIND, before)
+    site = int(place / step)
+    for k in range(len(operators)):
+        n, moved = vary(
+            operators[k],
+            u[k],
+            parent,
+            site,
+            others[k, : other_sizes[k]],
+            other_sites[k],
+            lengths[k],
+            limits,
+            child,
+        )
+        if n == 0:
+            continue
+        expected[:] = vector
+        there = place + moved * step
+        failures = known
+        if operators[k] == MIRROR:
+            expected[ROAD_SIZE : ROAD_SIZE + STATES] *= -1.0
+            failures = opposite
+        elif len(weights):
+            predict(weights, child[:n], step, there - BEHIND, after)
+            for i in range(STATES):
+                expected[ROAD_SIZE + STATES + i] += (after[i] - before[i]) * STATE_SCALE
+        is_new = True
+        for slack in (0.0, -SLACK, SLACK):
+            lay_road(expected, child[:n], step, there + slack)
+            if is_near(failures, expected, same * same):
+                is_new = False
+                break
+        if is_new:
+            return k, n
+    return -1, 0
