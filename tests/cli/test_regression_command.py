@@ -38,6 +38,16 @@ def test_the_campaigns_own_driver_still_fails_and_exits_1(
     assert f"{suite.get('tests')} of {suite.get('tests')} ended exactly as before" in answer.out
 
 
+def test_a_summary_comes_first_and_rows_on_request(frenetic: Frenetic, campaign: str) -> None:
+    summary = frenetic("regression", campaign).out.splitlines()
+    with_rows = frenetic("regression", campaign, "--rows").out.splitlines()
+    assert "driven again" in summary[0]
+    assert summary[-1] == "Test by test: --rows"
+    assert with_rows[0] == summary[0]
+    failures = int(summary[0].split()[0])
+    assert sum("still failing" in line for line in with_rows[1:]) == failures > len(summary)
+
+
 def test_a_fixed_driver_exits_0(frenetic: Frenetic, campaign: str) -> None:
     Path("mine.py").write_text(DRIVER)
     answer = frenetic("replay", campaign, "--driver", "mine.py:Fixed", "--junit", "replay.xml")
@@ -54,6 +64,7 @@ def test_a_driver_that_crashes_is_an_error_and_exits_1(frenetic: Frenetic, campa
     answer = frenetic("replay", campaign, "--driver", "mine.py:Crashing", "--junit", "replay.xml")
     assert answer.code == 1
     assert "not judged" in answer.out
+    assert "Not passing: " in answer.out
     suite = ET.parse("replay.xml").getroot()
     assert suite.get("errors") == suite.get("tests")
     messages = {error.get("message", "") for error in suite.iter("error")}

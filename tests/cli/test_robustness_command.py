@@ -35,10 +35,11 @@ def failures_of(folder: str) -> list[int]:
 
 
 def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--times", "20")
+    answer = frenetic("rerun", campaign, "--times", "20", "--rows")
     assert answer.code == 0
     ids = failures_of(campaign)
-    assert answer.out.count("20 of 20") == len(ids)
+    rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
+    assert len(rows) == len(ids), "each fails every time, and at the same place"
     assert "20 drives of each, the same each time" in answer.out
     assert f"{len(ids)} robust" in answer.out
     assert str(Path(campaign) / "campaign.sqlite") in answer.out
@@ -75,10 +76,23 @@ def test_several_ranges_follow_one_vary(frenetic: Frenetic, campaign: str) -> No
 
 
 def test_what_matters_is_said(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--top", "1", "--vary", "friction=0.8:1.3")
+    again = ("rerun", campaign, "--top", "1", "--vary", "friction=0.8:1.3")
+    answer = frenetic(*again, "--rows")
     assert answer.code == 0
+    assert "friction matters in 1 of 1" in answer.out
     assert "20 drives of each, friction 0.8 to 1.3" in answer.out
     assert "less friction is worse (Spearman 0." in answer.out
+
+
+def test_a_summary_comes_first_and_rows_on_request(frenetic: Frenetic, campaign: str) -> None:
+    total = 2 * len(failures_of(campaign))
+    summary = frenetic("robustness", campaign, "--times", "2").out.splitlines()
+    assert f"{total} of {total} drives fail, {total} of {total} at the same place" in summary
+    assert not any("interval" in line for line in summary)
+    with_rows = frenetic("robustness", campaign, "--times", "2", "--rows").out.splitlines()
+    hint = summary.index("Test by test: --rows")
+    assert with_rows[:hint] == summary[:hint]
+    assert "interval" in with_rows[hint]
 
 
 def test_ids_choose_tests_and_an_unknown_one_is_refused(frenetic: Frenetic, campaign: str) -> None:

@@ -111,6 +111,30 @@ def test_once_says_how_it_goes_and_leaves(
     assert out.splitlines()[-1].endswith("error: test 5 broke: [red]odd[/red] [2J")
 
 
+def test_a_campaign_of_a_second_has_no_bars_and_no_rate_now(
+    campaign: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = Path("short")
+    short.mkdir()
+    with CampaignLog(short) as log:
+        log.write(Event.STARTED, "started", seed=3)
+        few = Progress(passed=1, failed=2, roads=3, seconds=0.4, budget_spent=1.0)
+        log.progress(few, force=True)
+        log.write(Event.FINISHED, "finished")
+    code, out, _ = call(capsys, "short")
+    assert code == 0
+    assert "results    3 tests of 3 different roads: 1 passed, 2 failed" in out
+    assert "rate       7.5 tests/s overall" in out
+    assert "failures " not in out
+    with CampaignLog(short) as log:
+        log.write(Event.STARTED, "started", seed=4)
+        log.progress(Progress(), force=True)
+    code, out, _ = call(capsys, "short", "--once")
+    assert code == 0
+    assert "results    0 tests: 0 passed" in out
+    assert "status     running" in out
+
+
 @pytest.mark.parametrize("event", [Event.FINISHED, Event.INTERRUPTED, Event.GAVE_UP])
 def test_once_leaves_with_0_however_it_ended(
     campaign: Path, capsys: pytest.CaptureFixture[str], event: Event

@@ -81,6 +81,8 @@ if IS_COMPILED:
             self._depth = 0  # threads and kernels of kernels that compile
             self._file: int | None = None
             self._waits = self._folder is not None
+            self.is_waiting = False
+            """Whether another process compiles, and this one waits for it."""
 
         def on_start(self, _: event.Event) -> None:
             """Waits for this process's turn."""
@@ -104,9 +106,15 @@ if IS_COMPILED:
             except OSError:  # nobody can write there
                 return
             end = time.monotonic() + PATIENCE
+            try:
+                self._wait_for_turn(self._file, end)
+            finally:
+                self.is_waiting = False
+
+        def _wait_for_turn(self, file: int, end: float) -> None:
             while True:
                 try:
-                    try_to_lock(self._file)
+                    try_to_lock(file)
                 except (BlockingIOError, PermissionError):
                     if time.monotonic() > end:
                         self._waits = False
@@ -116,6 +124,28 @@ if IS_COMPILED:
                     return
                 else:
                     return
+                self.is_waiting = True
                 time.sleep(_PAUSE)
 
-    event.register("numba:compiler_lock", Turns())  # type: ignore[no-untyped-call]
+    class Compilation(event.Listener):
+        """Notices kernels that are compiled: a kernel that is found on disk is not."""
+
+        def __init__(self) -> None:
+            self.under_way = 0
+
+        def on_start(self, _: event.Event) -> None:
+            """Counts one more."""
+            self.under_way += 1
+
+        def on_end(self, _: event.Event) -> None:
+            """Counts one less."""
+            self.under_way -= 1
+
+    _TURNS, _COMPILATION = Turns(), Compilation()
+    event.register("numba:compiler_lock", _TURNS)  # type: ignore[no-untyped-call]
+    event.register("numba:compile", _COMPILATION)  # type: ignore[no-untyped-call]
+
+
+def is_compiling() -> bool:
+    """Whether kernels are compiled now, by this process or by one for which it waits."""
+    return IS_COMPILED and (_COMPILATION.under_way > 0 or _TURNS.is_waiting)

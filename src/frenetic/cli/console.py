@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from frenetic.oracle import Result
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
+LOOK_EVERY = 0.1  # s between two looks whether something is compiled
 PLAIN_INTERVAL = 5.0  # s between two lines of progress where there is no terminal
 
 
@@ -57,15 +58,29 @@ class Log(Console):
 
 @contextmanager
 def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
-    """Says that the simulator is being compiled, unless the returned function is called soon."""
-    text = "Starting; the first time, the simulator is compiled: about 20 s, then it is cached."
-    timer = threading.Timer(ANNOUNCE_AFTER, log.print, [text])
-    timer.daemon = True
-    timer.start()
+    """Says that the simulator is compiled, if that takes a while; the returned function stops it.
+
+    Where the compiled simulator is found on disk, nothing is said.
+    """
+    over = threading.Event()
+
+    def look() -> None:
+        spent = 0.0
+        while not over.wait(LOOK_EVERY):
+            # Not imported here: numba takes its time, and whoever compiles has imported it.
+            compiled = sys.modules.get("frenetic._support.compiled")
+            if compiled is None or not compiled.is_compiling():
+                continue
+            spent += LOOK_EVERY
+            if spent >= ANNOUNCE_AFTER:
+                log.print("The simulator is compiled: about 20 s this time, then it is cached.")
+                return
+
+    threading.Thread(target=look, daemon=True).start()
     try:
-        yield timer.cancel
+        yield over.set
     finally:
-        timer.cancel()
+        over.set()
 
 
 def progress_text(progress: Progress) -> str:

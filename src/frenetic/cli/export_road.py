@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from frenetic.cli.options import lane_option
+from frenetic.cli.options import json_option, lane_option
 
 if TYPE_CHECKING:
     from frenetic.export import ExportedRoad
@@ -49,6 +50,7 @@ EXPORTS: Final = "exports"
     help="OpenDRIVE: where on the globe x = y = 0 lies, in degrees. [default: 49 8.4]",
 )
 @lane_option
+@json_option
 def export_road(
     source: Path,
     test_id: int | None,
@@ -57,6 +59,7 @@ def export_road(
     shoulder: float | None,
     origin: tuple[float, float] | None,
     lane: int | None,
+    as_json: bool,
 ) -> None:
     """Write the road of a CAMPAIGN's test, or of a ROAD file, for other tools.
 
@@ -64,6 +67,8 @@ def export_road(
     """
     from frenetic.export import format_of, road_format, write_road
 
+    if as_json and str(out) == "-":
+        raise click.UsageError("--json and --out - exclude each other: both write to stdout")
     if name is None:
         if out is None or str(out) == "-":
             raise click.UsageError(
@@ -88,7 +93,7 @@ def export_road(
     if path.exists() and source.exists() and path.samefile(source):
         raise click.UsageError(f"{path} is the road itself: choose another file with --out")
     write_road(exported, name, path)
-    click.echo(path)
+    click.echo(json.dumps({"file": str(path), "format": name}) if as_json else path)
 
 
 def _exported(source: Path, test_id: int | None, lane: int | None) -> tuple[ExportedRoad, Path]:

@@ -23,6 +23,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+rows_option = click.option(
+    "--rows", "with_rows", is_flag=True, help="Print a row per test after the summary."
+)
+
+
 def redriving_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that choose parts and workers, and --json."""
     workers = click.option(

@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import GroupedCommand
-from frenetic.cli.redrive import interrupted, recorded_spec, redriving_options, shown_driving
+from frenetic.cli.redrive import (
+    interrupted,
+    recorded_spec,
+    redriving_options,
+    rows_option,
+    shown_driving,
+)
 
 if TYPE_CHECKING:
     from frenetic.redrive.regression import Replay
+
+NAMED: Final = 10
+"""Most tests that the summary names."""
 
 
 @click.command(cls=GroupedCommand)
@@ -28,11 +37,13 @@ if TYPE_CHECKING:
     metavar="FILE",
     help="Write the results as JUnit XML, one test case per road.",
 )
+@rows_option
 @redriving_options
 def regression(
     campaign: Path,
     everything: bool,
     junit: Path | None,
+    with_rows: bool,
     workers: int,
     drive_limit: float | None,
     as_json: bool,
@@ -71,7 +82,7 @@ def regression(
         click.echo(json.dumps(replay_document(replayed)))
     else:
         is_the_same_drive = all(value in (None, ()) for value in given.values())
-        _print(replayed, everything, is_the_same_drive)
+        _print(replayed, everything, is_the_same_drive, with_rows)
     if replayed.missing:
         raise interrupted(log, replayed.missing)
     if junit is not None:
@@ -80,14 +91,29 @@ def regression(
         raise click.exceptions.Exit(1)
 
 
-def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
+def _print(replayed: Replay, everything: bool, is_the_same_drive: bool, with_rows: bool) -> None:
     from frenetic.outcome import Outcome
     from frenetic.redrive.record import Change
 
+    what = "road" if everything else "failure"
+    counts = [(change, replayed.count(change)) for change in Change]
+    told = ", ".join(f"{number} {change}" for change, number in counts if number)
+    total = len(replayed.tests)
+    if not total:
+        click.echo(f"no {what} to drive again")
+        return
+    click.echo(f"{counted(total, what)} driven again: {told}")
+    if is_the_same_drive:
+        click.echo(f"{replayed.same} of {total} ended exactly as before")
     listed = [test for test in replayed.tests if test.change is not Change.STILL_PASSING]
-    if listed:
+    if not with_rows:
+        if bad := [str(test.test_id) for test in listed if test.after is not Outcome.PASS]:
+            more = f" and {len(bad) - NAMED} more" if len(bad) > NAMED else ""
+            click.echo(f"Not passing: {', '.join(bad[:NAMED])}{more}")
+        click.echo("Test by test: --rows")
+    elif listed:
         print_table(
-            (">test", "before", "now", ">MOOBD before (m)", ">now (m)", "it is", "how", "why"),
+            (">test", "before", "now", ">MOOBD before (m)", ">now (m)", "it is", "why"),
             [
                 (
                     test.test_id,
@@ -96,17 +122,8 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool) -> None:
                     two_digits(test.moobd_before),
                     two_digits(test.moobd_after),
                     test.change,
-                    test.match,
                     "" if test.after is Outcome.PASS else test.reason,
                 )
                 for test in listed
             ],
         )
-    what = "road" if everything else "failure"
-    total = len(replayed.tests)
-    if not total:
-        click.echo(f"no {what} to drive again")
-        return
-    click.echo(f"{counted(total, what)} driven again: {replayed}")
-    if is_the_same_drive:
-        click.echo(f"{replayed.same} of {total} ended exactly as before")

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import webbrowser
 from pathlib import Path
 
 import click
+
+from frenetic.cli.options import json_option
 
 
 @click.command()
@@ -17,7 +20,8 @@ import click
     help="Where to. [default: report.html in the campaign's folder]",
 )
 @click.option("--open", "shown", is_flag=True, help="Show it in the browser.")
-def report(campaign: Path, out: Path | None, shown: bool) -> None:
+@json_option
+def report(campaign: Path, out: Path | None, shown: bool, as_json: bool) -> None:
     """Write the report of a CAMPAIGN: its failures, with pictures and replays.
 
     It is one file that you can keep, send, and open without a network. 'frenetic run' and 'frenetic
@@ -26,7 +30,7 @@ def report(campaign: Path, out: Path | None, shown: bool) -> None:
     from frenetic.report.html import write_report
 
     path = write_report(campaign, out)
-    click.echo(f"Report:      {path}")
+    click.echo(json.dumps({"report": str(path)}) if as_json else f"Report:      {path}")
     if shown and not _show(path):
         click.echo("There is no browser here: open the file in one.", err=True)
 

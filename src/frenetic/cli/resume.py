@@ -11,7 +11,7 @@ import click
 
 from frenetic.cli.beamng import moved, place_options
 from frenetic.cli.options import Duration, GroupedCommand, as_usage_error, json_option
-from frenetic.cli.search import make_campaign, search, worker_options
+from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
 from frenetic.spec import Budget, Spec
 
 
@@ -28,6 +28,7 @@ from frenetic.spec import Budget, Spec
     " on.",
 )
 @place_options
+@fail_on_failure_option
 @json_option
 def resume(
     campaign: Path,
@@ -38,6 +39,7 @@ def resume(
     cluster: str | None,
     drive_limit: float | None,
     accept_changed: bool,
+    fail_on_failure: bool,
     as_json: bool,
 ) -> None:
     """Resume the CAMPAIGN in a folder after Ctrl-C, a crash, or the end of its budget.
@@ -93,4 +95,4 @@ def resume(
     )
     text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
     how = partial(the_campaign.resume, accept_changed=accept_changed)
-    search(the_campaign, how, text, as_json, spec.seed)
+    search(the_campaign, how, text, as_json, spec.seed, fail_on_failure=fail_on_failure)

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import AskedRange, GroupedCommand, Range
-from frenetic.cli.redrive import chosen_tests, recorded_spec, redriving_options, shown_driving
+from frenetic.cli.redrive import (
+    chosen_tests,
+    recorded_spec,
+    redriving_options,
+    rows_option,
+    shown_driving,
+)
 
 if TYPE_CHECKING:
     from frenetic.redrive.conditions import Variation
@@ -76,6 +84,7 @@ class VaryingCommand(GroupedCommand):
     metavar="N",
     help="Only the N most telling failures. [default: all failures]",
 )
+@rows_option
 @redriving_options
 def robustness(
     campaign: Path,
@@ -84,6 +93,7 @@ def robustness(
     asked: tuple[AskedRange, ...],
     seed: int,
     top: int | None,
+    with_rows: bool,
     workers: int,
     drive_limit: float | None,
     as_json: bool,
@@ -93,9 +103,9 @@ def robustness(
 
     Without --vary each drive is the same, so a failure repeats every time unless the driver or the
     simulator is not repeatable. With it, each drive is in its own world, drawn from the ranges: the
-    command prints the share that fails, its 95 % interval, and which of the ranges matter. A
-    failure is fragile if it surely repeats in less than half of the worlds, robust if in half or
-    more. Results are kept in the campaign's database.
+    command prints how many drives fail and which of the ranges matter, and with --rows for each
+    failure its share and the 95 % interval. A failure is fragile if it surely repeats in less than
+    half of the worlds, robust if in half or more. Results are kept in the campaign's database.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
@@ -139,7 +149,7 @@ def robustness(
 
         click.echo(json.dumps([rerun_document(one) for one in reruns]))
     elif reruns:
-        _print(reruns, times, variations)
+        _print(reruns, times, variations, with_rows)
         if is_judged:
             kept = campaign / DATABASE
             click.echo(f"Kept in {kept}; to see it: frenetic report {shell(campaign)}")
@@ -151,12 +161,35 @@ def robustness(
         raise click.exceptions.Exit(1)
 
 
-def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation]) -> None:
-    from frenetic.redrive.record import matches_text
+def _print(
+    reruns: Sequence[Rerun], times: int, variations: Sequence[Variation], with_rows: bool
+) -> None:
     from frenetic.redrive.robustness import Stability
 
     how = ", ".join(str(one) for one in variations) or "the same each time"
-    click.echo(f"{times} drives of each, {how}")
+    click.echo(f"{counted(len(reruns), 'test')}, {times} drives of each, {how}")
+    counts = [(kind, sum(one.stability is kind for one in reruns)) for kind in Stability]
+    if any(number for _, number in counts):
+        click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
+    failed, judged = (sum(getattr(one, name) for one in reruns) for name in ("failed", "judged"))
+    alike = sum(one.alike for one in reruns)
+    alike_text = f", {alike} of {failed} at the same place" if failed else ""
+    click.echo(f"{failed} of {judged} drives fail{alike_text}")
+    influences = [one for rerun in reruns for one in rerun.influences if one.matters]
+    for name, number in Counter(one.quantity for one in influences).items():
+        click.echo(f"{name} matters in {number} of {len(reruns)}")
+    if fine := [str(one.test_id) for one in reruns if one.stability is None]:
+        click.echo(f"No failure in the campaign, so neither robust nor fragile: {', '.join(fine)}")
+    troubles = [drive.trouble for one in reruns for drive in one.drives if drive.trouble]
+    if troubles:
+        click.echo(f"{len(troubles)} drives could not be judged, the first one: {troubles[0]}")
+    if with_rows:
+        _print_rows(reruns)
+    else:
+        click.echo("Test by test: --rows")
+
+
+def _print_rows(reruns: Sequence[Rerun]) -> None:
     rows = []
     for one in reruns:
         low, high = one.interval
@@ -166,23 +199,12 @@ def _print(reruns: Sequence[Rerun], times: int, variations: Sequence[Variation])
                 one.test_id,
                 two_digits(one.recorded.moobd),
                 f"{one.failed} of {one.judged}",
-                one.alike,
+                f"{one.alike} of {one.failed}",
                 None if one.share is None else f"{100.0 * one.share:.0f} %",
                 f"{100.0 * low:.0f} to {100.0 * high:.0f} %",
                 one.stability,
                 ", ".join(matters) or None,
             )
         )
-    numbers = (">test", ">MOOBD (m)", ">fails", ">same failure", ">share", ">95 % interval")
+    numbers = (">test", ">MOOBD (m)", ">fails", ">same place", ">share", ">95 % interval")
     print_table((*numbers, "it is", "what matters"), rows)
-    counts = [(kind, sum(one.stability is kind for one in reruns)) for kind in Stability]
-    if any(number for _, number in counts):
-        click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
-    drives = [drive for one in reruns for drive in one.drives]
-    if told := matches_text(drives):
-        click.echo(f"Of all drives that fail: {told}")
-    if fine := [str(one.test_id) for one in reruns if one.stability is None]:
-        click.echo(f"No failure in the campaign, so neither robust nor fragile: {', '.join(fine)}")
-    troubles = [drive.trouble for drive in drives if drive.trouble]
-    if troubles:
-        click.echo(f"{len(troubles)} drives could not be judged, the first one: {troubles[0]}")

@@ -16,7 +16,7 @@ from frenetic.cli.options import (
     json_option,
 )
 from frenetic.cli.parts import driver_options, part_choice
-from frenetic.cli.search import make_campaign, search, worker_options
+from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
 from frenetic.spec import Budget, Spec
 
 DEFAULT_SIMULATIONS: Final = 1000
@@ -50,6 +50,7 @@ DEFAULT_SIMULATIONS: Final = 1000
     metavar="DIR",
     help="Folder for the results. [default: a new one under campaigns/]",
 )
+@fail_on_failure_option
 @json_option
 def run(
     simulations: int | None,
@@ -62,6 +63,7 @@ def run(
     lookahead: int | None,
     seed: int | None,
     out: Path | None,
+    fail_on_failure: bool,
     as_json: bool,
     **how: Any,
 ) -> None:
@@ -98,4 +100,4 @@ def run(
         f"Searching with {spec.strategy.name} for roads on which {spec.driver.name} fails,"
         f" seed {seed}"
     )
-    search(campaign, campaign.run, text, as_json, seed)
+    search(campaign, campaign.run, text, as_json, seed, fail_on_failure=fail_on_failure)

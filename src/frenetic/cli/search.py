@@ -50,6 +50,13 @@ def worker_options(command: Callable[P, R]) -> Callable[P, R]:
     return with_options(options, command)
 
 
+fail_on_failure_option = click.option(
+    "--fail-on-failure",
+    is_flag=True,
+    help="End with exit code 1 if a test failed, for CI.",
+)
+
+
 def make_campaign(
     spec: Spec,
     folder: Path,
@@ -85,6 +92,8 @@ def search(
     announcement: str,
     as_json: bool,
     seed: object,
+    *,
+    fail_on_failure: bool = False,
 ) -> None:
     """Runs a campaign, and shows its progress and failures.
 
@@ -94,6 +103,7 @@ def search(
         announcement: the first line.
         as_json: whether to print the result as JSON.
         seed: of the strategy.
+        fail_on_failure: whether a failure ends the command with exit code 1.
     """
     from frenetic.analysis.failures import (
         distinct_failures,
@@ -149,6 +159,8 @@ def search(
         raise trouble
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
+    if summary is not None and summary.failed and fail_on_failure:
+        raise click.exceptions.Exit(1)
     if summary is not None and summary.errors and not summary.passed + summary.failed:
         raise click.exceptions.Exit(1)
 

@@ -166,7 +166,7 @@ def live_view(
     if question := doubt(state, now):
         parts.append(Text(question, style=_STYLES["silent"]))
     parts += [_budget_bar(state, inner), Text(), _counts(state, inner)]
-    if state.progress.failed:
+    if state.progress.failed and state.progress.seconds >= 2.0 * BAR:
         parts += [Text(), *_failures_over_time(state, inner, console.options.ascii_only)]
     if state.workers and not state.status.is_end:
         parts += [Text(), _workers(state.workers)]
@@ -328,11 +328,13 @@ def _facts(
         "results",
         progress.in_words(),
     )
-    yield "rate", f"{_rate(state.rate)} now, {_rate(progress.tests_per_second)} overall"
+    now_rate = "" if state.status.is_end else f"{_rate(state.rate)} now, "
+    yield "rate", f"{now_rate}{_rate(progress.tests_per_second)} overall"
     if progress.min_moobd is not None:
         yield "best MOOBD", f"{progress.min_moobd:.2f} m"
-    if progress.failed:
-        (bars,) = sparkline(state.failures_per_interval(60).tolist(), ascii_only=ascii_only)
+    intervals = min(int(progress.seconds / BAR), 60)
+    if progress.failed and intervals > 1:
+        (bars,) = sparkline(state.failures_per_interval(intervals).tolist(), ascii_only=ascii_only)
         yield "failures", f"{bars}  (over time)"
     if state.workers and not state.status.is_end:
         yield "workers", _census(state.workers)

@@ -1,0 +1,60 @@
+"""Messages about compiling: only where something is compiled."""
+
+from __future__ import annotations
+
+import io
+import threading
+
+import pytest
+from rich.console import Console
+
+from frenetic._support import compiled
+from frenetic.cli import console
+from frenetic.cli.console import announced_compilation
+
+
+@pytest.mark.parametrize("is_compiling", [True, False])
+def test_compiling_is_announced_only_where_it_happens(
+    monkeypatch: pytest.MonkeyPatch, is_compiling: bool
+) -> None:
+    looks = 0
+    looked, said = threading.Event(), threading.Event()
+
+    def look() -> bool:
+        nonlocal looks
+        looks += 1
+        if looks == 5:
+            looked.set()
+        return is_compiling
+
+    class Log(Console):
+        def print(self, *texts: object, **how: object) -> None:
+            super().print(*texts)
+            said.set()
+
+    monkeypatch.setattr(console, "ANNOUNCE_AFTER", 0.002)
+    monkeypatch.setattr(console, "LOOK_EVERY", 0.001)
+    monkeypatch.setattr(compiled, "is_compiling", look)
+    log = Log(file=io.StringIO())
+    with announced_compilation(log):
+        assert (said if is_compiling else looked).wait(60.0)
+    assert said.is_set() is is_compiling
+
+
+def test_a_kernel_is_noticed_while_it_is_compiled_and_not_when_it_is_run_again() -> None:
+    seen = []
+
+    class Noticing(compiled.event.Listener):  # type: ignore[misc]
+        def on_start(self, _: object) -> None:
+            seen.append(compiled.is_compiling())
+
+        def on_end(self, _: object) -> None:
+            pass
+
+    kernel = compiled.numba.njit(lambda x: x + 1)
+    assert not compiled.is_compiling()
+    with compiled.event.install_listener("numba:compile", Noticing()):
+        assert kernel(1) == 2
+        assert kernel(2) == 3
+    assert seen == [True]
+    assert not compiled.is_compiling()
