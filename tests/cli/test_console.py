@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import threading
 
+import numba
 import pytest
+from numba.core import event
 from rich.console import Console
 
 from frenetic._support import compiled
@@ -44,16 +46,16 @@ def test_compiling_is_announced_only_where_it_happens(
 def test_a_kernel_is_noticed_while_it_is_compiled_and_not_when_it_is_run_again() -> None:
     seen = []
 
-    class Noticing(compiled.event.Listener):  # type: ignore[misc]
+    class Noticing(event.Listener):
         def on_start(self, _: object) -> None:
             seen.append(compiled.is_compiling())
 
         def on_end(self, _: object) -> None:
             pass
 
-    kernel = compiled.numba.njit(lambda x: x + 1)
+    kernel = numba.njit(lambda x: x + 1)
     assert not compiled.is_compiling()
-    with compiled.event.install_listener("numba:compile", Noticing()):
+    with event.install_listener("numba:compile", Noticing()):
         assert kernel(1) == 2
         assert kernel(2) == 3
     assert seen == [True]

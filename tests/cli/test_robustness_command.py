@@ -39,7 +39,7 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
     assert answer.code == 0
     ids = failures_of(campaign)
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
-    assert len(rows) == len(ids), "each fails every time, and at the same place"
+    assert len(rows) == len(ids), "each fails every time, and in the same way"
     assert "20 drives of each, the same each time" in answer.out
     assert f"{len(ids)} robust" in answer.out
     assert str(Path(campaign) / "campaign.sqlite") in answer.out
@@ -87,7 +87,7 @@ def test_what_matters_is_said(frenetic: Frenetic, campaign: str) -> None:
 def test_a_summary_comes_first_and_rows_on_request(frenetic: Frenetic, campaign: str) -> None:
     total = 2 * len(failures_of(campaign))
     summary = frenetic("robustness", campaign, "--times", "2").out.splitlines()
-    assert f"{total} of {total} drives fail, {total} of {total} at the same place" in summary
+    assert f"{total} of {total} drives fail: {total} same failure" in summary
     assert not any("interval" in line for line in summary)
     with_rows = frenetic("robustness", campaign, "--times", "2", "--rows").out.splitlines()
     hint = summary.index("Test by test: --rows")

@@ -15,12 +15,14 @@ from frenetic._support.words import capitalised, counted
 from frenetic.cli.beamng import moved, place_options
 from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import (
+    CampaignFolder,
     GroupedCommand,
     Setting,
     as_usage_error,
     drive_limit_option,
     json_option,
 )
+from frenetic.cli.parts import names_of
 from frenetic.cli.redrive import recorded_spec, shown_driving
 from frenetic.errors import CampaignError
 
@@ -35,9 +37,14 @@ _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
 
 
 @click.command(name="back-to-back", cls=GroupedCommand)
-@click.argument("old", type=click.Path(path_type=Path))
-@click.argument("new", type=click.Path(path_type=Path), required=False)
-@click.option("--driver", metavar="D", help="The new version, in place of NEW's driver.")
+@click.argument("old", type=CampaignFolder())
+@click.argument("new", type=CampaignFolder(), required=False)
+@click.option(
+    "--driver",
+    metavar="D",
+    shell_complete=names_of("driver"),
+    help="The new version, in place of NEW's driver.",
+)
 @click.option(
     "--driver-option",
     "driver_options",
@@ -45,7 +52,12 @@ _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
     multiple=True,
     help="An option of the new version, such as aggression=1.2; may be repeated.",
 )
-@click.option("--old-driver", metavar="D", help="The old version, in place of OLD's driver.")
+@click.option(
+    "--old-driver",
+    metavar="D",
+    shell_complete=names_of("driver"),
+    help="The old version, in place of OLD's driver.",
+)
 @click.option(
     "--old-driver-option",
     "old_driver_options",

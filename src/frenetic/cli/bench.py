@@ -25,7 +25,7 @@ from frenetic.cli.options import (
     as_usage_error,
     json_option,
 )
-from frenetic.cli.parts import driver_options, was_given
+from frenetic.cli.parts import driver_options, names_of, was_given
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_options
 
@@ -109,6 +109,7 @@ class _AskedEntrant:
     "--strategy",
     multiple=True,
     metavar="S",
+    shell_complete=names_of("strategy"),
     cls=GroupedOption,
     group=_ENTRANTS,
     help="A search strategy, by name or package.module:Class; may be repeated."

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli.console import Log, counted_progress, print_facts
-from frenetic.cli.options import json_option
+from frenetic.cli.options import CampaignFolder, json_option
 
 if TYPE_CHECKING:
     from frenetic.campaign.check import CheckReport, Holdings
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.option("--quick", is_flag=True, help="Do not judge every drive again.")
 @json_option
 def check(campaign: Path, quick: bool, as_json: bool) -> None:

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from frenetic.cli.console import Log, Results
-from frenetic.cli.options import json_option
+from frenetic.cli.options import complete_campaign, json_option
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
@@ -29,7 +29,9 @@ _MOST_MEASURES: Final = 4
 
 
 @click.command()
-@click.argument("places", nargs=-1, required=True, metavar="[NAME=]FOLDER...")
+@click.argument(
+    "places", nargs=-1, required=True, metavar="[NAME=]FOLDER...", shell_complete=complete_campaign
+)
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),

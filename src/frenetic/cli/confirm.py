@@ -10,7 +10,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.options import GroupedCommand
+from frenetic.cli.options import CampaignFolder, GroupedCommand
 from frenetic.cli.redrive import (
     chosen_tests,
     interrupted,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @click.option(
     "--top",

@@ -12,6 +12,7 @@ import click
 from frenetic.cli.beamng import beamng_options, with_beamng
 from frenetic.cli.console import Log, announced_compilation
 from frenetic.cli.options import GroupedCommand, Setting, as_usage_error, json_option
+from frenetic.cli.parts import names_of
 
 if TYPE_CHECKING:
     from frenetic.doctor import Check, Examination
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 @click.option(
     "--simulator",
     metavar="S",
+    shell_complete=names_of("simulator"),
     is_eager=True,
     help="Check only this one, and in full. [default: all that are installed, in short]",
 )

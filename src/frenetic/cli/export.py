@@ -9,7 +9,7 @@ from typing import Any, Final
 import click
 
 from frenetic.cli.console import Log, counted_progress
-from frenetic.cli.options import Folder, json_option
+from frenetic.cli.options import CampaignFolder, Folder, json_option
 from frenetic.outcome import Outcome
 
 # `Format`, `Which` and `Sides` of `frenetic.export`, which take longer to import than help may.
@@ -19,7 +19,7 @@ SIDES: Final = ("geometry", "competition")
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.option(
     "--format",
     "name",

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ParamSpec, TypeAlias, TypeVar
+from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from frenetic._support.durations import parse_duration
 from frenetic.spec import read_setting
+
+DATABASE: Final = "campaign.sqlite"
+"""`frenetic.campaign.store.DATABASE`, which takes longer to import than completing may."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -52,6 +57,46 @@ class Folder(click.ParamType):  # type: ignore[type-arg]
         if not str(value):
             self.fail("an empty name; write . for the current folder", param, ctx)
         return Path(value)
+
+
+class CampaignFolder(click.Path):
+    """The folder of a campaign; shells complete it."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def shell_complete(
+        self,
+        ctx: click.Context,
+        param: click.Parameter,
+        incomplete: str,
+    ) -> list[CompletionItem]:
+        """The campaigns whose folders begin so, or else the shell's own folders."""
+        return complete_campaign(ctx, param, incomplete)
+
+
+def complete_campaign(
+    ctx: click.Context,  # noqa: ARG001  # click's
+    param: click.Parameter,  # noqa: ARG001
+    incomplete: str,
+) -> list[CompletionItem]:
+    """The campaigns whose folders begin with a text, up to one folder deeper.
+
+    Where there are none, the shell completes folders itself.
+    """
+    head, start = os.path.split(incomplete)
+    parent = Path(head)
+    with suppress(OSError):
+        places = [place for place in sorted(parent.iterdir()) if place.name.startswith(start)]
+        found = [
+            campaign
+            for place in places
+            for campaign in (place, *(sorted(place.iterdir()) if place.is_dir() else ()))
+            if (campaign / DATABASE).is_file()
+        ]
+        if found:
+            return [CompletionItem(campaign.as_posix()) for campaign in found]
+    return [CompletionItem(incomplete, type="dir")]
 
 
 class Setting(click.ParamType):  # type: ignore[type-arg]

@@ -6,10 +6,12 @@ from collections.abc import Callable
 from typing import Any, Final, ParamSpec, TypeVar
 
 import click
+from click.shell_completion import CompletionItem
 
 from frenetic.cli.beamng import beamng_options, with_beamng
 from frenetic.cli.options import Decorator, Setting, with_options
 from frenetic.drivers.loading import LAYERS
+from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
 from frenetic.spec import NUMBERS, Spec, drive_options, usual_wall_limit
 
 P = ParamSpec("P")
@@ -20,6 +22,25 @@ _EXAMPLES: Final = {
     "driver": "aggression=1.2",
     "simulator": "friction=0.7",
 }
+
+
+_REGISTRIES: Final = {"strategy": STRATEGIES, "driver": DRIVERS, "simulator": SIMULATORS}
+
+
+def names_of(
+    kind: str,
+) -> Callable[[click.Context, click.Parameter, str], list[CompletionItem]]:
+    """Completes the names of a kind of part; anything else is a file, as in file.py:Class."""
+
+    def complete(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        names = [
+            CompletionItem(entry.name, help=entry.summary or None)
+            for entry in _REGISTRIES[kind].entries()
+            if entry.name.startswith(incomplete)
+        ]
+        return names or [CompletionItem(incomplete, type="file")]
+
+    return complete
 
 
 def part_choice(kind: str, help: str, default: str | None = None) -> Decorator:  # noqa: A002
@@ -33,6 +54,7 @@ def part_choice(kind: str, help: str, default: str | None = None) -> Decorator: 
             is_eager=is_simulator,
             metavar=kind[0].upper(),
             help=help,
+            shell_complete=names_of(kind),
         ),
         click.option(
             f"--{kind}-option",

@@ -10,7 +10,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, two_digits
-from frenetic.cli.options import GroupedCommand
+from frenetic.cli.options import CampaignFolder, GroupedCommand
 from frenetic.cli.redrive import (
     interrupted,
     recorded_spec,
@@ -27,7 +27,7 @@ NAMED: Final = 10
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.option(
     "--all", "everything", is_flag=True, help="All roads that were driven, not only the failures."
 )
@@ -96,13 +96,11 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool, with_row
     from frenetic.redrive.record import Change
 
     what = "road" if everything else "failure"
-    counts = [(change, replayed.count(change)) for change in Change]
-    told = ", ".join(f"{number} {change}" for change, number in counts if number)
     total = len(replayed.tests)
     if not total:
         click.echo(f"no {what} to drive again")
         return
-    click.echo(f"{counted(total, what)} driven again: {told}")
+    click.echo(f"{counted(total, what)} driven again: {replayed}")
     if is_the_same_drive:
         click.echo(f"{replayed.same} of {total} ended exactly as before")
     listed = [test for test in replayed.tests if test.change is not Change.STILL_PASSING]
@@ -113,7 +111,7 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool, with_row
         click.echo("Test by test: --rows")
     elif listed:
         print_table(
-            (">test", "before", "now", ">MOOBD before (m)", ">now (m)", "it is", "why"),
+            (">test", "before", "now", ">MOOBD before (m)", ">now (m)", "it is", "how", "why"),
             [
                 (
                     test.test_id,
@@ -122,6 +120,7 @@ def _print(replayed: Replay, everything: bool, is_the_same_drive: bool, with_row
                     two_digits(test.moobd_before),
                     two_digits(test.moobd_after),
                     test.change,
+                    test.match,
                     "" if test.after is Outcome.PASS else test.reason,
                 )
                 for test in listed

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import click
 
-from frenetic.cli.options import json_option
+from frenetic.cli.options import CampaignFolder, json_option
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.option(
     "--out",
     type=click.Path(path_type=Path),

@@ -10,13 +10,19 @@ from typing import Any
 import click
 
 from frenetic.cli.beamng import moved, place_options
-from frenetic.cli.options import Duration, GroupedCommand, as_usage_error, json_option
+from frenetic.cli.options import (
+    CampaignFolder,
+    Duration,
+    GroupedCommand,
+    as_usage_error,
+    json_option,
+)
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
 from frenetic.spec import Budget, Spec
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")

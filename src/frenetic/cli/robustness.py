@@ -12,7 +12,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.options import AskedRange, GroupedCommand, Range
+from frenetic.cli.options import AskedRange, CampaignFolder, GroupedCommand, Range
 from frenetic.cli.redrive import (
     chosen_tests,
     recorded_spec,
@@ -58,7 +58,7 @@ class VaryingCommand(GroupedCommand):
 
 
 @click.command(cls=VaryingCommand)
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @click.option(
     "--times",
@@ -164,6 +164,7 @@ def robustness(
 def _print(
     reruns: Sequence[Rerun], times: int, variations: Sequence[Variation], with_rows: bool
 ) -> None:
+    from frenetic.redrive.record import matches_text
     from frenetic.redrive.robustness import Stability
 
     how = ", ".join(str(one) for one in variations) or "the same each time"
@@ -172,15 +173,15 @@ def _print(
     if any(number for _, number in counts):
         click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
     failed, judged = (sum(getattr(one, name) for one in reruns) for name in ("failed", "judged"))
-    alike = sum(one.alike for one in reruns)
-    alike_text = f", {alike} of {failed} at the same place" if failed else ""
-    click.echo(f"{failed} of {judged} drives fail{alike_text}")
+    drives = [drive for one in reruns for drive in one.drives]
+    told = matches_text(drives)
+    click.echo(f"{failed} of {judged} drives fail{': ' if told else ''}{told}")
     influences = [one for rerun in reruns for one in rerun.influences if one.matters]
     for name, number in Counter(one.quantity for one in influences).items():
         click.echo(f"{name} matters in {number} of {len(reruns)}")
     if fine := [str(one.test_id) for one in reruns if one.stability is None]:
         click.echo(f"No failure in the campaign, so neither robust nor fragile: {', '.join(fine)}")
-    troubles = [drive.trouble for one in reruns for drive in one.drives if drive.trouble]
+    troubles = [drive.trouble for drive in drives if drive.trouble]
     if troubles:
         click.echo(f"{len(troubles)} drives could not be judged, the first one: {troubles[0]}")
     if with_rows:
@@ -206,5 +207,5 @@ def _print_rows(reruns: Sequence[Rerun]) -> None:
                 ", ".join(matters) or None,
             )
         )
-    numbers = (">test", ">MOOBD (m)", ">fails", ">same place", ">share", ">95 % interval")
+    numbers = (">test", ">MOOBD (m)", ">fails", ">same failure", ">share", ">95 % interval")
     print_table((*numbers, "it is", "what matters"), rows)

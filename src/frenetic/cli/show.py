@@ -20,7 +20,7 @@ from frenetic.cli.console import (
     shell,
     two_digits,
 )
-from frenetic.cli.options import AskedRange, Range, as_usage_error, json_option
+from frenetic.cli.options import AskedRange, CampaignFolder, Range, as_usage_error, json_option
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import short_version
 from frenetic.outcome import Outcome
@@ -33,7 +33,7 @@ LISTED_TESTS: Final = 20
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.argument("test_id", type=int, required=False, metavar="[ID]")
 @click.option(
     "--outcome",

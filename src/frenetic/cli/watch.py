@@ -22,7 +22,7 @@ from rich.text import Text
 
 from frenetic._support.durations import format_duration
 from frenetic.cli.console import Results, print_facts
-from frenetic.cli.options import Duration, json_option
+from frenetic.cli.options import CampaignFolder, Duration, json_option
 from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ _STYLES: Final = {
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@click.argument("campaign", type=CampaignFolder())
 @click.option("--once", is_flag=True, help="Print how it goes now, and leave.")
 @click.option(
     "--interval",

@@ -1,0 +1,87 @@
+"""Completion in a shell, as click offers it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.shell_completion import ShellComplete
+
+from frenetic.cli import COMMANDS, cli
+from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
+
+
+def completed(*words: str) -> list[tuple[str, str]]:
+    """Type and value of what completes the last word."""
+    *before, incomplete = words
+    shell = ShellComplete(cli, {}, "frenetic", "_FRENETIC_COMPLETE")
+    return [(item.type, item.value) for item in shell.get_completions(before, incomplete)]
+
+
+def values(*words: str) -> list[str]:
+    return [value for kind, value in completed(*words) if kind == "plain"]
+
+
+def test_commands_and_options_are_completed() -> None:
+    assert values("re") == ["regression", "report", "resume"]
+    assert "--fail-on-failure" in values("run", "--fail")
+    for name in COMMANDS:
+        assert "--json" in values(name, "--js"), name
+
+
+def test_names_of_parts_are_completed() -> None:
+    every = {"--strategy": STRATEGIES, "--driver": DRIVERS, "--simulator": SIMULATORS}
+    for option, registry in every.items():
+        names = [entry.name for entry in registry.entries()]
+        assert values("run", option, "") == names
+        assert values("run", option, names[0][:2]) == [
+            name for name in names if name.startswith(names[0][:2])
+        ]
+    assert "beamng" in values("doctor", "--simulator", "b")
+    assert "random" in values("bench", "--strategy", "ra")
+    assert completed("run", "--driver", "my_driver.p") == [("file", "my_driver.p")]
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["show", "resume", "report", "check", "export", "robustness", "regression", "watch", "compare"],
+)
+def test_folders_of_campaigns_are_completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for folder in ("night", "campaigns/one", "campaigns/two", "notes"):
+        Path(folder).mkdir(parents=True)
+    assert completed(command, "n") == [("dir", "n")]
+    for folder in ("night", "campaigns/one", "campaigns/two"):
+        Path(folder, "campaign.sqlite").touch()
+    assert values(command, "") == ["campaigns/one", "campaigns/two", "night"]
+    assert values(command, "n") == ["night"]
+    assert values(command, "campaigns/t") == ["campaigns/two"]
+    assert completed(command, "nowhere/") == [("dir", "nowhere/")]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_each_documented_shell_gets_its_script_and_its_answers(shell: str) -> None:
+    page = Path(__file__).parents[2] / "docs" / "command-line.md"
+    assert f"_FRENETIC_COMPLETE={shell}_source frenetic" in page.read_text(encoding="utf-8")
+
+    def answer(instruction: str, **more: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-c", "from frenetic.cli import main; main()"],
+            env=os.environ | {"_FRENETIC_COMPLETE": f"{shell}_{instruction}"} | more,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert "Traceback" not in done.stderr
+        return done.stdout
+
+    if shell != "bash" or sys.platform != "win32":  # which looks for bash to ask its version
+        assert f"_FRENETIC_COMPLETE={shell}_complete" in answer("source")
+    last = "rand" if shell == "fish" else "3"
+    words = {"COMP_WORDS": "frenetic run --strategy rand", "COMP_CWORD": last}
+    assert "random" in answer("complete", **words)

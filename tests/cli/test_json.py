@@ -1,0 +1,88 @@
+"""Every command gives one JSON document on stdout, and each mistake is one line on stderr."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+import pytest
+
+from frenetic.cli import COMMANDS, cli
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+ROAD: Final = {"curvatures": [0.0, 0.02, 0.03, 0.0, -0.02, -0.02, 0.0, 0.0]}
+ONE: Final = ("--workers", "1")
+CALLS: Final[dict[str, tuple[str, ...]]] = {
+    "run": ("--simulations", "3", "--seed", "1", *ONE, "--out", "new"),
+    "resume": ("c", "--simulations", "2", *ONE),
+    "watch": ("c",),
+    "show": ("c",),
+    "report": ("c",),
+    "check": ("c",),
+    "export": ("c", "--format", "csv"),
+    "robustness": ("c", "--top", "1", "--times", "2"),
+    "confirm": ("c", "--top", "1", "--simulator-option", "friction=0.9"),
+    "regression": ("c",),
+    "back-to-back": ("c", "--driver-option", "aggression=0.5", "--fresh", "20", "--top", "1"),
+    "minimise": ("c", "--max-drives", "5"),
+    "compare": ("one=c", "two=d"),
+    "bench": ("--strategy", "random", "--simulations", "3", "--repeats", "1", *ONE, "--out", "b"),
+    "drive": ("road.json",),
+    "validate": ("road.json",),
+    "export-road": ("road.json", "--format", "csv"),
+    "drivers": (),
+    "strategies": (),
+    "simulators": (),
+    "doctor": ("--simulator", "embedded"),
+}
+"""Command -> its arguments, in a folder with a road and the campaigns c and d."""
+MISTAKES: Final[dict[str, tuple[str, ...]]] = {
+    "run": ("--simulations", "0"),
+    "compare": ("nowhere", "nowhere"),
+    "bench": ("--simulations", "0"),
+    "back-to-back": ("nowhere", "--driver", "planner"),
+    "export": ("nowhere", "--format", "csv"),
+    "export-road": ("nowhere", "--format", "csv"),
+    "confirm": ("nowhere", "--simulator", "embedded"),
+    "doctor": ("--simulator", "nowhere"),
+    "validate": ("road.json", "--map-size", "1"),
+    "drivers": ("nowhere",),
+    "strategies": ("nowhere",),
+    "simulators": ("nowhere",),
+}
+"""Command -> arguments that are a mistake; of the others, the folder or file nowhere."""
+
+
+def test_every_command_has_its_call_here() -> None:
+    assert CALLS.keys() == COMMANDS.keys()
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_takes_json(name: str) -> None:
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None
+    (option,) = (p for p in command.params if "--json" in p.opts)
+    assert option.is_flag  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_prints_one_document(frenetic: Frenetic, campaign: str, name: str) -> None:
+    Path("road.json").write_text(json.dumps(ROAD))
+    if name == "compare":
+        frenetic("run", "--simulations", "3", "--seed", "2", *ONE, "--out", "d", "--json")
+    answer = frenetic(name, *CALLS[name], "--json")
+    assert answer.code in (0, 1, 3)
+    document = answer.json  # raises if there is anything beside it
+    assert isinstance(document, dict | list)
+    assert document
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_mistake_is_one_line_on_stderr_with_json_too(frenetic: Frenetic, name: str) -> None:
+    assert frenetic(name, *MISTAKES.get(name, ("nowhere",)), "--json").refuses()
