@@ -84,6 +84,7 @@ class Car:
     state: np.ndarray[Any, np.dtype[np.float64]]
     port: int = 0
     steering: float = 0.0  # -1..1, positive to the right
+    asked: float = 0.0  # by a Control message, whose filter lets `steering` follow
     throttle: float = 0.0
     brake: float = 0.0
     parking: float = 0.0
@@ -110,6 +111,12 @@ class World:
     """The simulation."""
 
     vehicle: Vehicle = field(default_factory=Vehicle)
+    control_filter: float = 0.0
+    """Time constant of the filter of the Control message, in s."""
+    takes_lua: bool = True
+    """Whether the vehicle runs Lua commands."""
+    sign_shown: float = 1.0
+    """Sign of `steering_input` in the electrics for a positive input; 0: none is shown."""
     clock_error: float = 0.0
     """Share by which the clock is too fast."""
     scenarios: dict[str, Scenario] = field(default_factory=dict)
@@ -182,6 +189,7 @@ class World:
         at_rest = abs(car.state[SPEED]) < 0.05
         if at_rest and car.brake > 0.1 and car.parking == 0.0 and car.throttle == 0.0:
             self.was_reversing = True
+        car.steering += (car.asked - car.steering) * min(STEP / max(self.control_filter, STEP), 1.0)
         angle = -car.steering * self.vehicle.steering_limit
         advance(car.state, angle, car.throttle, brake, parameters, STEP)
 
@@ -194,7 +202,7 @@ class World:
         observer.see(self.ai_moves * 0.05, state[X], state[Y], state[HEADING])
         seen = observer.observation(state[SPEED], state[YAW_RATE], state[STEERING])
         controls = driver.act(seen)
-        car.steering = -controls.steering / self.vehicle.steering_limit
+        car.asked = car.steering = -controls.steering / self.vehicle.steering_limit
         car.throttle, car.brake = controls.throttle, controls.brake
         self.ai_moves += 1
 
@@ -254,7 +262,7 @@ class World:
         angle = float(car.state[STEERING])
         return {
             "steering": -math.degrees(angle) * 16.0,
-            "steering_input": -angle / self.vehicle.steering_limit,
+            "steering_input": -self.sign_shown * angle / self.vehicle.steering_limit,
             "throttle_input": car.throttle,
             "brake_input": car.brake,
             "wheelspeed": float(car.state[SPEED]),
@@ -482,10 +490,15 @@ class StandIn:
         if kind == "SensorRequest":
             return {"type": "SensorData", "data": self._sensors(request["sensors"])}
         if kind == "Control":
-            for ours, theirs in (("parking", "parkingbrake"), *((k, k) for k in _CONTROLS)):
+            for ours, theirs in _CONTROLS.items():
                 if theirs in request:
                     setattr(car, ours, float(request[theirs]))
             return {"type": "Controlled"}
+        if kind == "QueueLuaCommandVE" and self.world.takes_lua:
+            event = re.fullmatch(r"input\.event\('steering', (\S+), 2\)", request["chunk"])
+            assert event is not None, request
+            car.asked = car.steering = float(event[1])
+            return {"type": "ExecutedLuaChunkVE"}
         if kind == "SetAiSpeed":
             car.ai_speed = request["speed"]
             return {"type": "AiSpeedSet"}
@@ -515,7 +528,12 @@ class StandIn:
         return data
 
 
-_CONTROLS: Final = ("steering", "throttle", "brake")
+_CONTROLS: Final = {
+    "asked": "steering",
+    "throttle": "throttle",
+    "brake": "brake",
+    "parking": "parkingbrake",
+}
 
 
 def _exactly(client: socket.socket, length: int) -> bytes:

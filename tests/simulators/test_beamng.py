@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import pickle
+import re
 import socket
 import subprocess
 import sys
@@ -32,7 +33,7 @@ from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, Rules
 from frenetic.simulators.beamng import BeamngError, BeamngSimulator
-from frenetic.simulators.beamng.link import _free_port, _is_taken
+from frenetic.simulators.beamng.link import _end, _free_port, _is_taken
 from frenetic.testing import DummyDriver, SimulatorContract
 
 ROAD = Road([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, 0.0], pose=Pose(80.0, 50.0, 1.0))
@@ -664,6 +665,37 @@ def test_home_without_a_program(tmp_path: Path, make: Callable[[Path], Path], te
         pass
 
 
+class Stubborn:
+    """A process that ends only when its tree is killed."""
+
+    pid = 4711
+    stdin = None
+
+    def __init__(self) -> None:
+        self.is_killed = False
+
+    def wait(self, timeout: float) -> int:
+        if not self.is_killed:
+            raise subprocess.TimeoutExpired("BeamNG.tech", timeout)
+        return 1
+
+
+def test_windows_ends_the_whole_tree_of_beamng(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There a process that was started by another outlives it."""
+    process = Stubborn()
+    calls: list[list[str]] = []
+
+    def run(command: list[str], **_: object) -> None:
+        calls.append(command)
+        process.is_killed = True
+
+    monkeypatch.setattr(subprocess, "run", run)
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setenv("SYSTEMROOT", "/windows")
+    _end(process)  # type: ignore[arg-type]
+    assert calls == [["/windows/System32/taskkill.exe", "/F", "/T", "/PID", "4711"]]
+
+
 # Its own checks
 
 
@@ -678,6 +710,8 @@ def test_doctor_finds_nothing_wrong(stand_in: StandIn) -> None:
         "level",
         "vehicle",
         "car",
+        "steering sign",
+        "steering lag",
         "straight road, BeamNG.AI",
         "curve, BeamNG.AI",
         "straight road, Stanley",
@@ -695,6 +729,13 @@ def test_doctor_finds_nothing_wrong(stand_in: StandIn) -> None:
         ({}, {"protocol": "v1.22"}, "port", "install the version of beamngpy"),
         ({}, {"trouble": on("Step", 5, DROP)}, "car", "the connection to BeamNG.tech was lost"),
         ({}, {"world": World(clock_error=0.1)}, "straight road, BeamNG.AI", "does not keep 60"),
+        (
+            {},
+            {"world": World(control_filter=0.4, takes_lua=False)},
+            "steering lag",
+            "through the filter of the Control message: at most 0.2 s would be fine",
+        ),
+        ({}, {"world": World(sign_shown=0.0)}, "steering sign", "does not report the steering"),
     ],
 )
 def test_doctor_says_what_is_wrong(
@@ -708,6 +749,47 @@ def test_doctor_says_what_is_wrong(
     assert text in f"{first.found}; {first.remedy}"
     assert first.remedy
     assert first.remedy not in first.found
+
+
+def found_by_doctor(world: World, name: str) -> str:
+    with StandIn(world=world) as running:
+        checks = examine("beamng", {"port": running.port}).checks
+    return next(check.found for check in checks if check.name == name)
+
+
+def test_steering_passes_by_the_filter_where_that_is_possible() -> None:
+    """The filter of the Control message would let the car steer 0.4 s late."""
+    found = found_by_doctor(World(control_filter=0.4), "steering lag")
+    assert re.fullmatch(r"0\.1\d s at 54 km/h, directly", found)
+    world = World(control_filter=0.4, takes_lua=False)
+    slow = re.search(r"takes (0\.\d\d) s", found_by_doctor(world, "steering lag"))
+    assert slow is not None
+    assert 0.4 < float(slow[1]) < 0.7
+
+
+def test_a_filter_is_felt_on_the_road() -> None:
+    offs = []
+    for takes_lua in (True, False):
+        with (
+            StandIn(world=World(control_filter=0.4, takes_lua=takes_lua)) as running,
+            connected(running) as simulator,
+        ):
+            assert simulator.measured.steers_directly is takes_lua
+            offs.append(judge(ROAD, simulator.drive(ROAD, Stanley())).moobd or 0.0)
+    direct, filtered = offs
+    assert filtered < direct - 0.05
+
+
+def test_a_sign_that_differs_is_said_and_allowed_for() -> None:
+    records = []
+    for sign in (1.0, -1.0):
+        with StandIn(world=World(sign_shown=sign)) as running, connected(running) as simulator:
+            assert simulator.measured.sign_shown == sign
+            records.append(simulator.drive(ROAD, Stanley()).trajectory.to_rows())
+    np.testing.assert_allclose(*records, atol=1e-9)
+    assert found_by_doctor(World(sign_shown=-1.0), "steering sign") == (
+        "BeamNG.tech reports the opposite of what it is told; records allow for that"
+    )
 
 
 @linux

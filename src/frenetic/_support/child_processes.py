@@ -10,6 +10,7 @@ import multiprocessing
 import os
 import platform
 import signal
+import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 if sys.platform == "linux":
@@ -99,13 +101,23 @@ def _without_ctrl_c() -> Iterator[None]:
 def kill_process(process: BaseProcess) -> None:
     """Kills a child with all that it has started."""
     assert process.pid is not None
-    _kill_group(process.pid)
+    kill_tree(process.pid)
     process.kill()
 
 
-def _kill_group(process_id: int) -> None:
-    """Kills the processes of the group that a child heads; nothing where there are no groups."""
-    if hasattr(os, "killpg"):
+def kill_tree(process_id: int) -> None:
+    """Kills a process with all that it has started.
+
+    On POSIX these are the group that it heads, on Windows its children, theirs and so on, as long
+    as it lives.
+    """
+    if sys.platform == "win32":
+        tool = Path(os.environ.get("SYSTEMROOT", r"C:\Windows"), "System32", "taskkill.exe")
+        with suppress(OSError):  # there is none
+            subprocess.run(  # noqa: S603 - our own numbers
+                [str(tool), "/F", "/T", "/PID", str(process_id)], capture_output=True, check=False
+            )
+    else:
         with suppress(OSError):  # gone already, or not yet a group
             os.killpg(process_id, signal.SIGKILL)
 
@@ -250,7 +262,7 @@ def _die_with_parent() -> None:
     if parent is not None:
         _die_with(parent.sentinel)
         wait([parent.sentinel])
-        _kill_group(os.getpid())
+        kill_tree(os.getpid())
         os._exit(LOST_PARENT)
 
 

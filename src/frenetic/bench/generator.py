@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import IO, Any, Final, Self
 
 import frenetic
+from frenetic._support.child_processes import kill_tree
 from frenetic.bench.hosting.messages import Assignment
 from frenetic.competition.settings import SEED
 
@@ -198,15 +199,6 @@ class GeneratorProcess:
         return f"its process ended with exit code {code}"
 
     def _kill_group(self) -> None:
-        number = self._process.pid
-        if sys.platform == "win32":
-            tool = Path(os.environ.get("SYSTEMROOT", r"C:\Windows"), "System32", "taskkill.exe")
-            with suppress(OSError):
-                subprocess.run(  # noqa: S603
-                    [str(tool), "/F", "/T", "/PID", str(number)], capture_output=True, check=False
-                )
-            self._process.kill()
-        else:
-            # The process id stays taken until it is waited for, so the group is surely its own.
-            with suppress(ProcessLookupError, PermissionError):
-                os.killpg(number, signal.SIGKILL)
+        # The process id stays taken until it is waited for, so the group is surely its own.
+        kill_tree(self._process.pid)
+        self._process.kill()

@@ -71,6 +71,10 @@ class MeasuredCar:
     """Distance by which it lies to the left, in m."""
     steering: float
     """Front wheels' angle at steering input 1, in rad; negative if that turns to the right."""
+    steers_directly: bool = False
+    """Whether steering can pass by the filter of BeamNG.tech's Control message."""
+    sign_shown: float = 1.0
+    """Sign of the steering input that BeamNG.tech reports at input 1; 0 if it reports none."""
 
     @property
     def body(self) -> CarBody:
@@ -86,6 +90,10 @@ class MeasuredCar:
         """Middle of the car's box, in m."""
         x, y, _ = state.position + self.ahead * state.forward + self.left * state.left
         return float(x), float(y)
+
+    def angle_shown(self, steering_input: float) -> float:
+        """Front wheels' angle in rad, positive to the left, at a reported steering input."""
+        return self.steering * (self.sign_shown or 1.0) * steering_input
 
     def input_of(self, angle: float) -> float:
         """Steering input -1..1 for an angle of the front wheels in rad, positive to the left."""

@@ -19,6 +19,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from itertools import count
 from pathlib import Path
@@ -27,6 +28,7 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.child_processes import kill_tree
 from frenetic.errors import describe_error
 from frenetic.simulators.beamng.car import CarState
 from frenetic.simulators.beamng.errors import BeamngError
@@ -52,6 +54,7 @@ EGO: Final = "ego"
 _SURFACE: Final = "track_editor_C_center"
 _LINE: Final = "m_line_white"
 _ALL_WAYS: Final = (0.0, 0.0, 0.0, 1.0)
+_DIRECT: Final = 2  # BeamNG.tech's number of the filter for steering wheels; a gamepad's is 1
 _POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
 _CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
 _QUIT_LIMIT: Final = 10.0  # s to end when asked, and as much again when told
@@ -418,11 +421,31 @@ class Link:
             corners = self._ego.get_bbox()
             return np.array([corners[name] for name in _CORNERS], dtype=float)
 
-    def control(self, steering: float, throttle: float, brake: float, parking: float = 0.0) -> None:
-        """Steers, -1..1, and moves the pedals and the parking brake, 0..1."""
+    def control(
+        self,
+        steering: float,
+        throttle: float,
+        brake: float,
+        parking: float = 0.0,
+        *,
+        directly: bool = False,
+    ) -> None:
+        """Steers, -1..1, and moves the pedals and the parking brake, 0..1.
+
+        Args:
+            steering: to one side.
+            throttle: pedal.
+            brake: pedal.
+            parking: brake.
+            directly: whether steering passes by the filter of BeamNG.tech's Control message, which
+                smooths as for a gamepad, the more the faster the car is.
+        """
         with _asking("steering the car"):
+            if directly:
+                event = f"input.event('steering', {float(steering)!r}, {_DIRECT})"
+                self._ego.queue_lua_command(event)
             self._ego.control(
-                steering=float(steering),
+                steering=None if directly else float(steering),
                 throttle=float(throttle),
                 brake=float(brake),
                 parkingbrake=float(parking),
@@ -564,7 +587,9 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     if process.stdin is not None:
         with suppress(OSError):
             process.stdin.close()
-    for tell in (None, process.terminate, process.kill):
+    tree = partial(kill_tree, process.pid)  # what it has started would outlive it on Windows
+    ways = (None, tree) if sys.platform == "win32" else (None, process.terminate, process.kill)
+    for tell in ways:
         if tell is not None:
             tell()
         with suppress(subprocess.TimeoutExpired):

@@ -59,6 +59,16 @@ _MORE: Final = "see the message; 'frenetic --debug doctor' says more"
 
 logger = logging.getLogger(__name__)
 
+STEP_SPEED: Final = 15.0
+"""Speed at which the lag of steering is measured, in m/s."""
+STEP_ANGLE: Final = 0.03
+"""Step of the front wheels' angle there, in rad: 2.5 m/s^2 to the side."""
+STEP_SHARE: Final = 0.63
+"""Share of the step after which it counts as done, as of a first-order lag after its time."""
+STEERING_LAG: Final = 0.2
+"""Most lag that is fine, in s: twice that of the embedded simulator; the car goes 3 m meanwhile."""
+_TRIED: Final = 0.5  # steering input of a car at rest, to find out how it steers
+
 
 class BeamngSimulator:
     """BeamNG.tech, started or already running; a drive takes about as long as on a real road.
@@ -99,7 +109,7 @@ class BeamngSimulator:
     usual_workers: Final = 1
     """One worker by default: a BeamNG.tech takes a whole graphics card."""
 
-    BEHAVIOUR: ClassVar[int] = 1
+    BEHAVIOUR: ClassVar[int] = 2
     """Raised when its drives change; campaigns record it."""
 
     def __init__(
@@ -363,6 +373,7 @@ class BeamngSimulator:
                 yield Check(name, True, f"{wanted}, one of {len(known)}")
             self.measure()
             car = self.measured
+            lag = self._steering_lag()
         except BeamngError as error:
             yield _broken("car", error)
             return
@@ -373,6 +384,7 @@ class BeamngSimulator:
             f"{car.length:g} by {car.width:g} m, steers by {abs(car.steering):.2f} rad, a positive"
             f" input to the {side}",
         )
+        yield from _steering_checks(car, lag)
         for driver, who in ((BeamngAi(), "BeamNG.AI"), (None, "Stanley")):
             yield from drive_checks(self, driver, who=who)
 
@@ -451,17 +463,59 @@ class BeamngSimulator:
                 f"the box of {self.vehicle} is {length:g} by {width:g} m, not {given.length:g} by"
                 f" {given.width:g} m: give car_length={length:g} and car_width={width:g}"
             )
-        car = MeasuredCar(length, width, ahead, left, steering=1.0)
+        car = MeasuredCar(length, width, ahead, left, 1.0, *self._found_steering())
         self._measured = replace(car, steering=self._measured_steering(car))
         if not self._given_car:
             self.car = self._measured.body
         self.link.unload()
 
+    def _found_steering(self) -> tuple[bool, float]:
+        """Whether the car at rest can be steered directly, and the sign that it reports."""
+        for directly in (True, False):
+            try:
+                self.link.control(_TRIED, 0.0, 0.0, 1.0, directly=directly)
+            except BeamngError as error:
+                if not directly:
+                    raise
+                logger.info("the steering passes a filter: %s", error)
+                continue
+            for _ in range(RECORD_RATE):
+                self.step()
+            shown = self.link.state().steering_input
+            self.link.control(0.0, 0.0, 0.0, 1.0, directly=directly)
+            if abs(shown) > 0.2 * _TRIED:
+                return directly, math.copysign(1.0, shown * _TRIED)
+        return False, 0.0
+
+    def _steering_lag(self) -> float:
+        """Time in s until a small step of steering at speed is done by `STEP_SHARE`.
+
+        Infinite if it is not within 2 s.
+        """
+        car = self.measured
+        self._load(open_field(), 0.0, 0.0)
+        for _ in range(60 * RECORD_RATE):
+            self.link.control(0.0, 1.0, 0.0, directly=car.steers_directly)
+            self.step()
+            if self.link.state().speed >= STEP_SPEED:
+                break
+        else:
+            raise BeamngError(f"{self.vehicle} does not reach {3.6 * STEP_SPEED:g} km/h")
+        start, done = self.link.state(), 0.0
+        for i in range(2 * RECORD_RATE):
+            self.link.control(car.input_of(STEP_ANGLE), 0.2, 0.0, directly=car.steers_directly)
+            self.step()
+            turned = self.link.state().steering_input - start.steering_input
+            before, done = done, car.angle_shown(turned) / STEP_ANGLE
+            if done >= STEP_SHARE:
+                return PERIOD * (i + (STEP_SHARE - before) / (done - before))
+        return math.inf
+
     def _measured_steering(self, car: MeasuredCar) -> float:
         """Front wheels' angle at input 1 in rad, from the circle that the car drives slowly."""
         share, slow = 0.25, 3.0
         for _ in range(10 * RECORD_RATE):
-            self.link.control(share, 0.3, 0.0)
+            self.link.control(share, 0.3, 0.0, directly=car.steers_directly)
             self.step()
             if self.link.state().speed >= slow:
                 break
@@ -470,7 +524,7 @@ class BeamngSimulator:
         turned = driven = 0.0
         before = self.link.state()
         for _ in range(RECORD_RATE):
-            self.link.control(share, 0.05, 0.0)
+            self.link.control(share, 0.05, 0.0, directly=car.steers_directly)
             self.step()
             now = self.link.state()
             turned += wrap(now.heading - before.heading)
@@ -538,7 +592,7 @@ class _Recording:
         # The velocity is that of the car's position; its middle swings round it.
         vx = state.velocity[0] - yaw_rate * (car.ahead * s + car.left * c)
         vy = state.velocity[1] + yaw_rate * (car.ahead * c - car.left * s)
-        steering = car.steering * state.steering_input
+        steering = car.angle_shown(state.steering_input)
         speeds = (c * vx + s * vy, c * vy - s * vx)
         asked = (steering, state.throttle_input, state.brake_input)
         rows[i] = i * PERIOD, x, y, heading, *speeds, yaw_rate, steering, *asked
@@ -562,7 +616,11 @@ class _Recording:
         # The automatic gearbox takes the brake of a car at rest for the wish to drive backwards.
         holds = brake > 0.0 and throttle == 0.0 and speed < _CREEP
         self._simulator.link.control(
-            self._car.input_of(asked), throttle, 0.0 if holds else brake, 1.0 if holds else 0.0
+            self._car.input_of(asked),
+            throttle,
+            0.0 if holds else brake,
+            1.0 if holds else 0.0,
+            directly=self._car.steers_directly,
         )
 
     def _ask(self, call: Any, *arguments: Any) -> Any:
@@ -576,6 +634,32 @@ class _Recording:
 
 def _broken(name: str, error: BeamngError) -> Check:
     return Check(name, False, error.found, error.remedy or _MORE)
+
+
+def _steering_checks(car: MeasuredCar, lag: float) -> Iterator[Check]:
+    """Checks of the sign and the lag of steering."""
+    if car.sign_shown == 0.0:
+        found = "BeamNG.tech does not report the steering input, so records lack the wheels' angle"
+        yield Check("steering sign", False, found, "look at electrics.steering_input; is it 0?")
+        return
+    found = "BeamNG.tech reports the sign that it is told"
+    if car.sign_shown < 0.0:
+        found = "BeamNG.tech reports the opposite of what it is told; records allow for that"
+    yield Check("steering sign", True, found)
+    way = "directly" if car.steers_directly else "through the filter of the Control message"
+    speed = f"at {3.6 * STEP_SPEED:.0f} km/h"
+    if lag > STEERING_LAG:
+        took = f"{lag:.2f} s" if math.isfinite(lag) else "more than 2 s"
+        yield Check(
+            "steering lag",
+            False,
+            f"{STEP_SHARE:.0%} of a step {speed} takes {took}, {way}: at most {STEERING_LAG:g} s"
+            " would be fine",
+            "your drivers steer late, so they leave the lane sooner than elsewhere: lower"
+            " --speed-limit, or search elsewhere with as much --delay",
+        )
+    else:
+        yield Check("steering lag", True, f"{lag:.2f} s {speed}, {way}")
 
 
 def _licence(link: Link) -> Check:
