@@ -786,7 +786,8 @@ def test_a_sign_that_differs_is_said_and_allowed_for() -> None:
         with StandIn(world=World(sign_shown=sign)) as running, connected(running) as simulator:
             assert simulator.measured.sign_shown == sign
             records.append(simulator.drive(ROAD, Stanley()).trajectory.to_rows())
-    np.testing.assert_allclose(*records, atol=1e-9)
+    as_told, opposite = records
+    np.testing.assert_allclose(as_told, opposite, atol=1e-9)
     assert found_by_doctor(World(sign_shown=-1.0), "steering sign") == (
         "BeamNG.tech reports the opposite of what it is told; records allow for that"
     )
