@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shlex
 import signal
 import sqlite3
 import subprocess
@@ -39,12 +40,14 @@ from faulty import (
     sys_exit,
 )
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
+from small_disk import Bounded
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers.local.workers import PREFETCH
+from frenetic.cli import main
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -655,3 +658,87 @@ def test_a_second_ctrl_c_within_a_write_loses_nothing(
     assert check_campaign(tmp_path).findings == ()
     campaign(tmp_path).resume()
     assert contents(tmp_path) == contents(finished)
+
+
+# The command line
+
+
+def command(*words: str) -> int:
+    """Exit code of a command line."""
+    with pytest.raises(SystemExit) as stop:
+        main(list(words))
+    assert isinstance(stop.value.code, int)
+    return stop.value.code
+
+
+RUN = ("run", "--simulations", "40", "--seed", "3", "--workers", "1", "--drive-limit", "50s")
+
+
+def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    connect = sqlite3.connect
+    monkeypatch.setattr(sqlite3, "connect", lambda *a, **k: connect(*a, **k, factory=Bounded))
+    monkeypatch.setattr(Bounded, "pages", 40)
+    assert command(*RUN, "--out", "a b") == 2
+    with CampaignStore.open(Path("a b")) as store:
+        stored = store.counts().told
+    assert 0 < stored < 40
+    message = capsys.readouterr().err.splitlines()[-1]
+    assert "the disk is full" in message
+    assert f"; {stored} results stored, " in message
+    assert "% of the budget spent; go on: frenetic resume 'a b' --workers 1" in message
+    words = shlex.split(message.partition("go on: ")[2])
+    assert words == ["frenetic", "resume", "a b", "--workers", "1", "--drive-limit", "50s"]
+    monkeypatch.setattr(Bounded, "pages", None)
+    assert command(*words[1:]) == 0
+    with CampaignStore.open(Path("a b")) as store:
+        assert store.counts().simulations == 40
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
+@pytest.mark.parametrize(
+    ("place", "state"),
+    [
+        (
+            "frenetic.campaign.store.CampaignStore.finish",
+            "unfinished though its budget is spent; what is missing: frenetic resume c",
+        ),
+        (
+            "frenetic.report.html.write_report",
+            "finished, but there is no report: frenetic report c",
+        ),
+    ],
+)
+def test_what_a_kill_after_the_last_result_leaves_is_finished(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    place: str,
+    state: str,
+) -> None:
+    code = (
+        "import os, signal, sys; from unittest.mock import patch; from frenetic.cli import main\n"
+        f"with patch({place!r}, lambda *a, **k: os.kill(os.getpid(), signal.SIGKILL)):\n"
+        "    main(sys.argv[1:])"
+    )
+    run = [sys.executable, "-c", code, *RUN, "--out", "c"]
+    killed = subprocess.run(run, cwd=tmp_path, capture_output=True, check=False, timeout=LIMIT)
+    assert killed.returncode == -signal.SIGKILL
+    monkeypatch.chdir(tmp_path)
+    left = contents(Path("c"))
+    assert command("check", "c") == 0
+    assert f"state      {state}\n" in capsys.readouterr().out
+    assert command("report", "c") == 0
+    page = Path("c/report.html").read_text(encoding="utf-8")
+    assert ("Killed after its last result" in page) is ("unfinished" in state)
+    Path("c/report.html").unlink()
+    assert command("resume", "c", "--workers", "1") == 0
+    assert contents(Path("c")) == left
+    assert Path("c/report.html").is_file()
+    capsys.readouterr()
+    assert command("check", "c") == 0
+    assert "state      finished\n" in capsys.readouterr().out
+    assert command("resume", "c") == 2
+    assert "the budget of c is spent" in capsys.readouterr().err

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
+from frenetic._support.words import counted
 from frenetic.campaign.changes import CHANGES, PARTS, PartChange, changed_parts, present_parts
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order
@@ -270,8 +271,10 @@ class Campaign:
             store = stack.enter_context(CampaignStore.create(self.folder, self.configuration()))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
-            self._log_start(log, Event.STARTED, Tally())
-            return self._search(store, log, Tally(), {}, on_progress, on_start, on_interrupt)
+            tally = Tally()
+            self._log_start(log, Event.STARTED, tally)
+            stack.enter_context(_saying_what_is_stored(store, tally))
+            return self._search(store, log, tally, {}, on_progress, on_start, on_interrupt)
 
     def resume(
         self,
@@ -316,6 +319,7 @@ class Campaign:
             self._log_start(log, Event.RESUMED, tally)
             for note in self.notes:
                 log.write(Event.LOG, note, level="warning", logger=__name__)
+            stack.enter_context(_saying_what_is_stored(store, tally))
             return self._search(store, log, tally, outstanding, on_progress, on_start, on_interrupt)
 
     def _keep_margin(self) -> None:
@@ -493,6 +497,17 @@ _LOGGED: Final = (
     "versions",
 )
 """The configuration in the log's first line."""
+
+
+@contextmanager
+def _saying_what_is_stored(store: CampaignStore, tally: Tally) -> Iterator[None]:
+    """Adds to an error how far the campaign came."""
+    try:
+        yield
+    except CampaignError as error:
+        stored = counted(store.stored(), "result")
+        spent = f"{tally.budget_spent:.0%} of the budget spent"
+        raise CampaignError(f"{error}; {stored} stored, {spent}") from error
 
 
 @contextmanager

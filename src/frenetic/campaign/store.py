@@ -58,6 +58,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Trajectory
+from frenetic.spec import decode_budget
 
 Order: TypeAlias = Literal["told", "moobd"]
 
@@ -598,6 +599,25 @@ class CampaignStore:
             len(roads),
             asked=asked + len(self._held_candidates),
         )
+
+    def stored(self) -> int:
+        """Return the number of results on disk, without held ones; 0 if it cannot be read."""
+        with suppress(CampaignError), translated(self._path):
+            (number,) = self._connection.execute("SELECT count(*) FROM test").fetchone()
+            return int(number)
+        return 0
+
+    def budget_spent(self) -> float:
+        """Return the share of the campaign's last budget that its results have spent, 0..1.
+
+        It is 0 without a usable budget.
+        """
+        try:
+            budget = decode_budget(self.facts.get("budget", self.config.get("budget")))
+        except ValueError:
+            return 0.0
+        counts = self.counts()
+        return budget.spent(counts.simulations, self.elapsed(), counts.failed)
 
     def elapsed(self) -> float:
         """Return the campaign's time at the last result, in s."""

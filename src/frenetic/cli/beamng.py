@@ -7,6 +7,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 import click
 
+from frenetic.cli.console import shell
 from frenetic.cli.options import Decorator, GroupedOption, with_options
 
 P = ParamSpec("P")
@@ -17,6 +18,7 @@ GROUP: Final = "BeamNG.tech options (with --simulator beamng)"
 _GIVEN: Final = "frenetic.beamng"
 # Options of a BeamNG.tech that is started.
 _STARTING: Final = ("home", "user", "headless", "no_gpu", "restart_every")
+_PLACE: Final = ("home", "user", "headless", "no_gpu", "host", "port")
 # Name of the parameter -> of the simulator's option.
 _OPTIONS: Final = {
     "beamng_home": "home",
@@ -107,6 +109,16 @@ def with_beamng(
     assert param.name is not None
     ctx.set_parameter_source(param.name, click.core.ParameterSource.COMMANDLINE)
     return (*value, *given.items())
+
+
+def place_words(context: click.Context) -> list[str]:
+    """The given options of `place_options` as words of a command line."""
+    given: dict[str, tuple[str, Any]] = context.meta.get(_GIVEN, {})
+    words = []
+    for name, (option, value) in given.items():
+        if _OPTIONS[name] in _PLACE:
+            words += [option] if value is True else [option, shell(str(value))]
+    return words
 
 
 def moved(simulator: str | None, recorded: Mapping[str, Any]) -> dict[str, Any]:

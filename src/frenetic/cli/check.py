@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.console import Log, counted_progress, print_facts
+from frenetic.cli.console import Log, counted_progress, print_facts, shell
 from frenetic.cli.options import CampaignFolder, json_option
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def _facts(report: CheckReport) -> list[tuple[str, str]]:
     return [
         ("campaign", str(report.folder)),
         ("made", holds.created_at.replace("T", " ") or "unknown"),
-        ("state", f"{holds.state}{_written_by(holds)}"),
+        ("state", f"{holds.state}{_written_by(holds)}{_left_to_do(report)}"),
         ("results", counts.in_words()),
         ("waiting", f"{holds.outstanding:,} asked and not told"),
         ("drives", f"{holds.trajectories:,} trajectories"),
@@ -64,6 +64,21 @@ def _written_by(holds: Holdings) -> str:
     return "" if holds.writer is None else f": {holds.writer} writes it right now"
 
 
+def _left_to_do(report: CheckReport) -> str:
+    """The command that finishes what a kill left, if it did."""
+    from frenetic.campaign.check import State
+    from frenetic.report.html import REPORT
+
+    holds, folder = report.holdings, shell(report.folder)
+    if holds.state is State.UNFINISHED and holds.is_spent:
+        return f" though its budget is spent; what is missing: frenetic resume {folder}"
+    if holds.state in (State.UNFINISHED, State.INTERRUPTED):
+        return f"; go on: frenetic resume {folder}"
+    if holds.state is State.FINISHED and not (report.folder / REPORT).is_file():
+        return f", but there is no report: frenetic report {folder}"
+    return ""
+
+
 def _as_json(report: CheckReport) -> dict[str, Any]:
     holds = report.holdings
     return {
@@ -74,6 +89,7 @@ def _as_json(report: CheckReport) -> dict[str, Any]:
             for f in report.findings
         ],
         "state": holds.state,
+        "budget_spent": holds.is_spent,
         "writer": holds.writer,
         "created_at": holds.created_at,
         "asked": holds.counts.asked,

@@ -269,8 +269,8 @@ def print_facts(facts: Sequence[tuple[str, str]]) -> None:
         click.echo(f"{name:<11}{value}")
 
 
-def shell(path: Path) -> str:
-    """A path for pasting into a shell."""
+def shell(path: Path | str) -> str:
+    """A path or word for pasting into a shell."""
     import shlex
 
     text = str(path)

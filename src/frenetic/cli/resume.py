@@ -17,7 +17,13 @@ from frenetic.cli.options import (
     as_usage_error,
     json_option,
 )
-from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
+from frenetic.cli.search import (
+    fail_on_failure_option,
+    is_finished,
+    make_campaign,
+    search,
+    worker_options,
+)
 from frenetic.spec import Budget, Spec
 
 
@@ -53,7 +59,8 @@ def resume(
     Its log is replayed to a fresh strategy, so an interrupted campaign ends as if it had never been
     interrupted: exactly so if it has one worker or is ordered and its budget counts simulations or
     failures. A part that was changed since, such as a driver's source, a module that it imports or
-    a file that is its argument, is refused. A given budget is added to what is spent. If
+    a file that is its argument, is refused. A campaign that was killed between its last result and
+    its report gets what is missing. A given budget is added to what is spent. If
     BeamNG.tech has moved, give its new place, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
@@ -89,7 +96,8 @@ def resume(
         spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
         assert spec.budget is not None
         budget = spec.budget
-        if budget.spent(done["simulations"], spent, done["failures"]) >= 1.0:
+        is_spent = budget.spent(done["simulations"], spent, done["failures"]) >= 1.0
+        if is_spent and is_finished(campaign, facts):
             raise ValueError(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
@@ -100,5 +108,7 @@ def resume(
         replace(spec, simulator=simulator), campaign, workers, cluster, drive_limit
     )
     text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
+    if is_spent:
+        text = f"Finishing after {counts.tests} tests, which spent the budget"
     how = partial(the_campaign.resume, accept_changed=accept_changed)
     search(the_campaign, how, text, as_json, spec.seed, fail_on_failure=fail_on_failure)

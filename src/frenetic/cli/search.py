@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 
 import click
 
 from frenetic._support.durations import format_duration
 from frenetic._support.words import counted
+from frenetic.cli.beamng import place_words
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -21,11 +23,15 @@ from frenetic.cli.console import (
 )
 from frenetic.cli.options import as_usage_error, drive_limit_option, with_options
 from frenetic.errors import CampaignError, FreneticError
+from frenetic.spec import number_word
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import Campaign, CampaignStore, Summary
     from frenetic.spec import Spec
+
+_TO_GO_ON: Final = ("workers", "cluster", "drive_limit")
+"""Options of a search that hold for going on with it, too."""
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -86,6 +92,25 @@ def make_campaign(
         )
 
 
+def is_finished(folder: Path, facts: Mapping[str, object]) -> bool:
+    """Whether a campaign with these facts has ended and has its report."""
+    from frenetic.report.html import REPORT
+
+    return "finished_at" in facts and (folder / REPORT).is_file()
+
+
+def _resume_words(folder: Path) -> str:
+    """The command line that goes on with what the present one began."""
+    context = click.get_current_context()
+    words = ["frenetic", "resume", shell(folder)]
+    for parameter in context.command.params:
+        value = context.params.get(parameter.name or "")
+        if parameter.name in _TO_GO_ON and value is not None:
+            unit = "s" if isinstance(value, float) else ""
+            words += [parameter.opts[0], f"{shell(number_word(value))}{unit}"]
+    return " ".join([*words, *place_words(context)])
+
+
 def search(
     campaign: Campaign,
     how: Callable[..., Summary],
@@ -132,7 +157,7 @@ def search(
             if not campaign.started:
                 raise
             trouble = error
-    with CampaignStore.open(folder) as store:
+    with _after(trouble, folder), CampaignStore.open(folder) as store:
         clusters, counts = distinct_failures(store), store.counts()
         found = clusters if counts.failed else nearest_misses(store)
         listed = representative_failures(store, clusters=found)
@@ -155,14 +180,26 @@ def search(
         report = _write_report(log, store, clusters) if counts.tests else None
         if report is not None and not as_json:
             click.echo(f"Report:      {report}")
-    if trouble is not None:
-        raise trouble
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
     if summary is not None and summary.failed and fail_on_failure:
         raise click.exceptions.Exit(1)
     if summary is not None and summary.errors and not summary.passed + summary.failed:
         raise click.exceptions.Exit(1)
+
+
+@contextmanager
+def _after(trouble: FreneticError | None, folder: Path) -> Iterator[None]:
+    """Shows what there is after a trouble; then raises that, with the command that goes on.
+
+    What cannot be shown for the same reason, such as a full disk, is left out.
+    """
+    if trouble is None:
+        yield
+        return
+    with suppress(FreneticError, OSError):
+        yield
+    raise CampaignError(f"{trouble}; go on: {_resume_words(folder)}") from trouble
 
 
 def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | None:

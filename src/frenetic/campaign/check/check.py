@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from pathlib import Path
 from types import MappingProxyType
@@ -160,6 +160,7 @@ def _holdings(
     return Holdings(
         schema=version,
         state=_state(facts, writer, elapsed),
+        is_spent=_is_spent(facts, by_outcome, elapsed),
         writer=writer,
         created_at=facts.created_at,
         counts=StoredCounts.of(by_outcome, lowest, len(roads), asked=asked),
@@ -175,6 +176,15 @@ def _select_roads(tables: Tables) -> str:
     if {"step", "curvatures", "points"} <= set(tables.columns["candidate"]):
         return SELECT_TESTED_ROADS
     return SELECT_TESTED_ROADS.replace("points", "NULL", 1)
+
+
+def _is_spent(facts: Facts, by_outcome: Mapping[Outcome, int], elapsed: object) -> bool:
+    budget = facts.last_budget or facts.first_budget
+    if budget is None:
+        return False
+    simulations = sum(number for outcome, number in by_outcome.items() if outcome.is_simulated)
+    seconds = elapsed if isinstance(elapsed, float) else 0.0
+    return budget.spent(simulations, seconds, by_outcome[Outcome.FAIL]) >= 1.0
 
 
 def _state(facts: Facts, writer: str | None, elapsed: object) -> State:

@@ -114,6 +114,8 @@ class Holdings:
     schema: int
     """Version of its tables."""
     state: State
+    is_spent: bool
+    """Whether its last budget is spent, so that an unfinished one lacks only its end."""
     writer: str | None
     """Its present writer, such as "process 123"; None without one."""
     created_at: str

@@ -105,6 +105,7 @@ def campaign_report(
         clusters,
         folder=str(store.folder),
         elapsed=store.elapsed(),
+        is_spent=store.budget_spent() >= 1.0,
         trouble=" ".join([*(f"Changed {one}." for one in store.changes if one.what), trouble]),
     )
     return Report(

@@ -49,6 +49,7 @@ def headline(
     *,
     folder: str,
     elapsed: float,
+    is_spent: bool = False,
     trouble: str = "",
 ) -> Headline:
     """The headline of a campaign.
@@ -60,6 +61,7 @@ def headline(
         clusters: its distinct failures.
         folder: of the campaign.
         elapsed: s of its spent time.
+        is_spent: whether its budget is.
         trouble: other warnings for the reader.
     """
     failures, tests = counts.failed, counts.tests
@@ -99,7 +101,7 @@ def headline(
     return Headline(
         title=_title(clusters, failures, counts.simulations),
         lead=lead,
-        warning=" ".join(text for text in (_unfinished(facts), trouble) if text),
+        warning=" ".join(text for text in (_unfinished(facts, is_spent), trouble) if text),
         tiles=tuple(tiles),
         facts=(
             Fact("campaign", folder),
@@ -169,9 +171,11 @@ def _budget(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue]) -> 
     return ", ".join(texts)
 
 
-def _unfinished(facts: Mapping[str, JSONValue]) -> str:
+def _unfinished(facts: Mapping[str, JSONValue], is_spent: bool) -> str:
     if facts.get("interrupted"):
         return "Interrupted before its budget was spent; 'frenetic resume' goes on."
+    if "finished_at" not in facts and is_spent:
+        return "Killed after its last result, so that all results are here."
     if "finished_at" not in facts:
         return "Not finished: the campaign was still running, or was killed."
     return ""
