@@ -903,6 +903,12 @@ def test_sections_of_ones_own_are_drawn(
     )
     page = show(write_report(searched, tmp_path / "r.html", sections=[section]))
     ours = page.locator("#bench")
+    ours.locator(".chart-drawing").focus()
+    tip = ours.locator(".chart-tip")
+    for place, value in (("0", "1"), ("1", "2"), ("1", "2")):  # there are two points
+        page.keyboard.press("ArrowRight")
+        expect(tip.locator("p").first).to_have_text(f"{place} runs")
+        expect(tip.locator("b")).to_have_text(value)
     for text in (
         "Two tools.",
         "A paragraph.",

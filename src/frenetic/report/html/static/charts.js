@@ -103,7 +103,9 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
   }
 
   function drawLegend(lines) {
-    if (legend.children.length === lines.length) return;
+    const names = lines.map((line) => line.name).join("\n");
+    if (legend.dataset.names === names) return;
+    legend.dataset.names = names;
     const buttons = lines.map((line) => {
       const button = el("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, inColour(line.role, el("i", { class: line.dashed ? "stroke dashed" : "stroke", "aria-hidden": "true" })), line.name);
       button.addEventListener("click", () => {
@@ -174,13 +176,18 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
     return inner;
   }
 
+  /** Where there are points: those of the line with most. */
+  function pointed() {
+    return shown.lines.reduce((most, line) => (line.x.length > most.length ? line.x : most), []);
+  }
+
   /** Shows the values at a place, as near to one of the points as can be. */
   function point(value, isTouch = false) {
-    const longest = shown.lines.reduce((best, line) => (line.x.length > (best?.x.length ?? 0) ? line : best), null);
-    if (longest === null) return;
-    const i = Math.max(0, lastUpTo(longest.x, value));
-    const next = longest.x[i + 1];
-    const here = next !== undefined && next - value < value - longest.x[i] ? next : longest.x[i];
+    const xs = pointed();
+    if (!xs.length) return;
+    const i = Math.max(0, lastUpTo(xs, value));
+    const next = xs[i + 1];
+    const here = next !== undefined && next - value < value - xs[i] ? next : xs[i];
     const px = shown.x(clamp(here, shown.first, shown.last));
     shown.cursor = here;
     shown.test = shown.found.testAt?.(here) ?? null;
@@ -216,6 +223,14 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
     draw();
   }
 
+  /** Goes on by a hundredth of the points in sight, at least by one. */
+  function walk(by) {
+    const xs = pointed();
+    const [low, high] = [Math.max(0, lastUpTo(xs, shown.first)), lastUpTo(xs, shown.last)];
+    const at = shown.cursor === null ? low - by : lastUpTo(xs, shown.cursor);
+    if (xs.length) point(xs[clamp(at + by * Math.ceil((high - low) / 100 || 1), low, high)]);
+  }
+
   function openTest() {
     if (shown.test !== null && shown.test !== undefined) location.hash = `#test-${shown.test}`;
   }
@@ -223,6 +238,7 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
   const across = (event) => event.clientX - paper.getBoundingClientRect().left - shown.left;
   drawing.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
+    drawing.setPointerCapture(event.pointerId); // a drag may leave the chart
     // The first touch shows the values, the second one there opens the test.
     const wasShown = !tip.hidden && shown.cursor !== null && Math.abs(shown.x(shown.cursor) - across(event)) < 24;
     pressed = { from: across(event), opens: event.pointerType !== "touch" || wasShown };
@@ -238,8 +254,10 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
     if (pressed === null) return;
     const { from, opens } = pressed;
     pressed = null;
-    if (Math.abs(across(event) - from) > DRAG) zoom([from, across(event)].sort((a, b) => a - b).map(shown.at));
-    else {
+    const [low, high] = [from, across(event)].sort((a, b) => a - b);
+    if (high - low > DRAG) {
+      if (shown.at(low) < shown.at(high)) zoom([low, high].map(shown.at));
+    } else {
       point(shown.at(across(event)), !opens);
       if (opens) openTest();
     }
@@ -249,7 +267,7 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
   }
   drawing.addEventListener("keydown", (event) => {
     const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-    if (step !== undefined) point(shown.at(shown.x(shown.cursor ?? shown.first) + (step * shown.wide) / 100));
+    if (step !== undefined) walk(step);
     else if (event.key === "Enter") openTest();
     else if (event.key === "Escape" && range !== null) zoom(null);
     else return;
