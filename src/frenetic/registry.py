@@ -7,6 +7,7 @@ Other packages add theirs with an entry point in the group ``frenetic.strategies
 
 from __future__ import annotations
 
+import ast
 import difflib
 import hashlib
 import importlib
@@ -174,6 +175,19 @@ class Registry:
             " your own goes as package.module:Class or path/to/file.py:Class"
         )
 
+    def is_harmless(self, spec: str, options: Mapping[str, Any]) -> bool:
+        """Whether a part that a file names can be made unasked, whoever wrote the file.
+
+        Built-in parts can. Importing any other runs code, and a text among its options may name a
+        file that it loads: it has to be installed under a name, or a class that a file below the
+        current folder defines, and to take numbers only.
+        """
+        if spec in self.built_in:
+            return True
+        is_named = spec in {entry.name for entry in self.entries()}
+        simple = all(isinstance(value, (int, float, type(None))) for value in options.values())
+        return simple and (is_named or _is_defined_here(spec))
+
     def make(self, spec: str, **options: Any) -> Any:
         """An instance of the part that `spec` names, made with the given options.
 
@@ -321,6 +335,21 @@ def _is_own(name: str) -> bool:
         not _INSTALLED.isdisjoint(place.parts) or any(map(place.is_relative_to, standard))
         for place in places
     )
+
+
+def _is_defined_here(spec: str) -> bool:
+    """Whether a file below the current folder defines the class; nothing is imported."""
+    place, _, name = spec.rpartition(":")
+    here = Path.cwd().resolve()
+    is_file = place.endswith(".py")
+    path = (here / (place if is_file else f"{place.replace('.', '/')}.py")).resolve()
+    try:
+        if here not in path.parents:
+            return False
+        tree = ast.parse(path.read_bytes())
+    except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):
+        return False
+    return any(isinstance(item, ast.ClassDef) and item.name == name for item in tree.body)
 
 
 def user_files() -> list[str]:

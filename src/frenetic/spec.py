@@ -51,6 +51,8 @@ logger = logging.getLogger(__name__)
 _ADDRESS: Final = re.compile(r" at 0x[0-9a-fA-F]+")
 _DEEPEST: Final = 3  # nesting of arguments in a record
 _LONGEST: Final = 200  # characters of an argument in a record
+DRIVEN: Final = "driven"
+"""Entry of a road's file with its `drive_record`."""
 _SHOWN_OPTIONS: Final = 3
 _PARTS: Final = ("strategy", "driver", "simulator")
 
@@ -302,6 +304,28 @@ class Spec:
             simulator=replace(named.simulator, made=simulator.made),
         )
 
+    @classmethod
+    def from_drive_record(cls, record: Any, *, source: object) -> Spec:
+        """The spec with which the road in a file was driven.
+
+        Args:
+            record: as `drive_record` makes it.
+            source: name of the file for messages.
+
+        Raises:
+            FreneticError: it is none.
+        """
+        entries = {**command_entries(), "map_size": CONFIGURATION["map_size"]}
+        entries = {name: entry for name, entry in entries.items() if name in drive_options()}
+        is_record = isinstance(record, Mapping)
+        values, faults = _decode(entries, record) if is_record else ({}, ("it is no object",))
+        if faults:
+            raise FreneticError(
+                f"{source}: its entry {DRIVEN!r} does not say with what the road was driven"
+                f" ({'; '.join(faults)}); remove the entry and give --driver"
+            )
+        return cls.from_options(values)
+
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
         command = self.command()
@@ -440,6 +464,18 @@ class Spec:
             return self.layers.get(name)
         value: float | None = getattr(self, name, getattr(self.rules, name, None))
         return value
+
+
+def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
+    """What a road's file keeps of a campaign's record, to drive the road again.
+
+    None if the campaign was started from Python, so that its parts have no names.
+    """
+    command = config.get("command")
+    if not isinstance(command, Mapping):
+        return None
+    known = {**command, "map_size": config.get("map_size")}
+    return {name: known[name] for name in drive_options() if name in known}
 
 
 def usual_wall_limit(simulator: str) -> float:

@@ -38,6 +38,11 @@ def is_beamng(simulator: str) -> bool:
     return simulator == NAME or simulator.endswith(":BeamngSimulator")
 
 
+def without_place(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Recorded options of the simulator without those that `place_options` give."""
+    return {k: v for k, v in options.items() if k not in (*_STARTING, "host", "port")}
+
+
 def place_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that say where BeamNG.tech is and change no drive."""
     options = [

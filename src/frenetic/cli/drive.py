@@ -12,7 +12,7 @@ import click
 from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
 from frenetic.cli.options import GroupedCommand, check_map_size, json_option, lane_option
 from frenetic.cli.parts import driver_options
-from frenetic.spec import Spec
+from frenetic.cli.redrive import file_spec
 
 if TYPE_CHECKING:
     from frenetic.oracle import Result
@@ -31,30 +31,43 @@ if TYPE_CHECKING:
 @lane_option
 @click.option("--anyway", is_flag=True, help="Drive the road even if it is invalid.")
 @json_option
+@click.pass_context
 def drive(
+    context: click.Context,
+    /,
     road: Path,
     plot: Path | None,
     anyway: bool,
     lane: int | None,
     as_json: bool,
-    **how: Any,
+    **_: Any,
 ) -> None:
     """Drive one road from a file and say what happened.
 
     ROAD is JSON with curvatures (1/m) and optionally a step (m), or with road_points, or a test
     file of the competition or of a campaign's failures; or it is OpenDRIVE with a single road
-    or a chain of linked ones (.xodr). A road that lies elsewhere is moved into the map; an invalid
-    one is not driven. The exit code is 0 if it was driven, 1 if it is INVALID or the simulator or
-    driver broke (ERROR).
+    or a chain of linked ones (.xodr). A failing road of a campaign is driven as the campaign drove
+    it: its file says with which driver, layers, simulator, rules and map. Options change that. A
+    road that lies elsewhere is moved into the map; an invalid one is not driven. The exit code is 0
+    if it was driven, 1 if it is INVALID or the simulator or driver broke (ERROR).
     """
     from frenetic.campaign import RoadTester
+    from frenetic.fingerprint import differences
     from frenetic.oracle import Result, judge
     from frenetic.outcome import Outcome
     from frenetic.road.files import read_road
+    from frenetic.spec import describe, part_text
 
-    spec = Spec.from_options(how)
+    file = read_road(road, lane=lane)
+    spec, loaded = file_spec(context, file), file.road()
     the_driver, the_simulator = spec.make_parts(isolate=True)
-    loaded = read_road(road, lane=lane).road()
+    driver, simulator = describe(the_driver), describe(the_simulator)
+    who = f"{part_text(driver)} in {part_text(simulator)}"
+    recorded = file.entries.get("driver")
+    if isinstance(recorded, dict) and (changed := differences("driver", recorded, driver).changed):
+        before = part_text(recorded, driver)
+        is_named = before != part_text(driver, recorded)
+        who += f"; recorded with {before}" if is_named else f"; changed since: {'; '.join(changed)}"
     check_map_size(spec.map_size)
     fitted, verdict = loaded.placed(spec.map_size)
     the_road = fitted or loaded
@@ -76,18 +89,19 @@ def drive(
             draw_drive(the_road, the_drive, plot, title=f"{road.name}: {result.outcome}")
     if as_json:
         document = {"road": str(road), "length": the_road.length, **asdict(result)}
+        document |= {"driver": driver, "simulator": simulator}
         if plot is not None:
             document["plot"] = str(plot)
         click.echo(json.dumps(document))
     else:
-        _print_drive(result, the_road, road, plot)
+        _print_drive(result, the_road, road, plot, who)
     if not result.outcome.is_driven:
         raise click.exceptions.Exit(1)
 
 
-def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None) -> None:
+def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None, who: str) -> None:
     click.echo(f"{result.outcome}  {result.reason}")
-    facts: list[tuple[str, str]] = [("road", f"{the_road.length:.1f} m, {road}")]
+    facts = [("road", f"{the_road.length:.1f} m, {road}"), ("driver", who)]
     facts += facts_of_drive(result, result.duration if result.outcome.is_driven else None)
     if plot is not None:
         facts.append(("picture", str(plot)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -26,9 +26,9 @@ from frenetic.cli.console import (
 from frenetic.cli.messages import complain
 from frenetic.cli.options import GroupedCommand, as_usage_error, check_map_size, json_option
 from frenetic.cli.parts import driver_options, given_options
-from frenetic.cli.redrive import recorded_spec
+from frenetic.cli.redrive import file_spec, recorded_spec
 from frenetic.errors import FreneticError
-from frenetic.spec import Spec
+from frenetic.spec import Spec, drive_record
 
 if TYPE_CHECKING:
     from frenetic.campaign import RoadTester, TestRecord
@@ -124,7 +124,7 @@ def minimise(
     guard: float,
     out: Path | None,
     as_json: bool,
-    **how: Any,
+    **_: Any,
 ) -> None:
     """Reduce failing roads to the shortest and plainest ones that still have the same failure.
 
@@ -145,7 +145,7 @@ def minimise(
     elif test_ids or top is not None:
         raise click.UsageError(f"{source} is no folder: an ID or --top needs that of a campaign")
     else:
-        spec, works = _of_file(source, out, how)
+        spec, works = _of_file(context, source, out)
     driver, simulator = spec.make_parts(isolate=True)
     with as_usage_error():
         tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
@@ -178,6 +178,7 @@ def minimise(
                     simulator=describe(tester.simulator),
                     guard=guard,
                     test_id=work.test_id,
+                    driven=drive_record(spec.with_limit().to_json()),
                 )
                 there = shorter_there(work.files.road, document)
                 if there is None:
@@ -257,14 +258,14 @@ def _of_campaign(
     return spec, works
 
 
-def _of_file(path: Path, out: Path | None, how: Mapping[str, Any]) -> tuple[Spec, list[Work]]:
+def _of_file(context: click.Context, path: Path, out: Path | None) -> tuple[Spec, list[Work]]:
     """The same for a road file and the options given with it."""
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road.files import read_road
 
-    spec = Spec.from_options(how)
+    file = read_road(path)
+    spec, road = file_spec(context, file), file.road()
     check_map_size(spec.map_size)
-    road = read_road(path).road()
     target = out or path.with_name(f"{path.name.removesuffix('.json')}.min.json")
     if target.exists() and target.samefile(path):
         raise click.UsageError(f"{target} is the road itself: choose another file with --out")

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
-from frenetic.cli.console import Log, announced_compilation, counted_progress
+from frenetic.cli.beamng import is_beamng, without_place
+from frenetic.cli.console import Log, announced_compilation, counted_progress, shell
 from frenetic.cli.options import as_usage_error, drive_limit_option, json_option
-from frenetic.cli.parts import part_options
-from frenetic.errors import CampaignError
-from frenetic.spec import Spec
+from frenetic.cli.parts import given_options, part_options
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.spec import DRIVEN, Spec, drive_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from frenetic.campaign import CampaignStore
+    from frenetic.road.files import RoadFile
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -62,6 +66,38 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any]) -> Spec:
             " give --driver and --simulator, or do it from Python"
         )
     return spec
+
+
+def file_spec(context: click.Context, file: RoadFile) -> Spec:
+    """The spec with which a road's file was driven, with replacements from the command line.
+
+    Files that do not say it are driven as the options and their defaults say.
+
+    Raises:
+        FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
+    """
+    from frenetic.registry import DRIVERS, SIMULATORS
+
+    if DRIVEN not in file.entries:
+        return Spec.from_options({name: context.params[name] for name in drive_options()})
+    given = given_options(context)
+    recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
+    simulator = recorded.simulator
+    if is_beamng(simulator.name or ""):  # which program is started, no file says
+        simulator = replace(simulator, options=without_place(simulator.options))
+    spec = replace(recorded, simulator=simulator).replaced(given)
+    spec = replace(spec, map_size=given.get("map_size", spec.map_size))
+    for registry, part in ((DRIVERS, spec.driver), (SIMULATORS, spec.simulator)):
+        name = part.name or ""
+        if registry.kind not in given and not registry.is_harmless(name, part.options):
+            words = shlex.join(part.words(registry.kind))
+            raise FreneticError(
+                f"{file.path} was driven with the {registry.kind} {name!r}; unasked, a file's own"
+                " code is loaded only if a file below the current folder defines that class and its"
+                " options are numbers: go to its folder, or if you trust it, say so with 'frenetic"
+                f" {context.info_name} {shell(file.path)} {words}'"
+            )
+    return spec.with_limit()  # which loads the simulator
 
 
 def chosen_tests(

@@ -13,6 +13,7 @@ from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.spec import DRIVEN, drive_record
 
 FAILURES: Final = "failures"
 """Folder in a campaign's folder that holds its failing roads."""
@@ -33,6 +34,7 @@ def file_stem(candidate_id: int) -> str:
 def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[str, Any]:
     """A test as a JSON object that `frenetic drive` and the competition's tools can read."""
     candidate, road = record.candidate, record.road
+    driven = drive_record(config)
     return {
         "id": candidate.id,
         "is_valid": record.outcome is not Outcome.INVALID,
@@ -50,6 +52,7 @@ def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[s
         },
         "driver": config.get("driver"),
         "rules": config.get("rules"),
+        **({} if driven is None else {DRIVEN: driven}),
         "step": road.step,
         "curvatures": road.curvatures.tolist(),
         "pose": list(road.pose),

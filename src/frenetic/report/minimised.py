@@ -14,6 +14,7 @@ from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import differences
 from frenetic.redrive.minimise import OPERATOR, Minimised
+from frenetic.spec import DRIVEN
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""
@@ -59,6 +60,7 @@ def minimised_document(
     simulator: JSONValue,
     guard: float,
     test_id: int | None = None,
+    driven: JSONValue = None,
 ) -> dict[str, Any]:
     """A minimised road as a JSON object that `frenetic drive` and the competition's tools can read.
 
@@ -68,6 +70,7 @@ def minimised_document(
         simulator: where, likewise.
         guard: share by which its curvatures may differ.
         test_id: of the campaign's test that was minimised, if it was one.
+        driven: its `frenetic.spec.drive_record`, if the parts have names.
     """
     smallest = minimised.smallest
     road, result = smallest.road, smallest.result
@@ -86,6 +89,7 @@ def minimised_document(
         "driver": driver,
         "simulator": simulator,
         "rules": asdict(smallest.drive.rules),
+        **({} if driven is None else {DRIVEN: driven}),
         "minimised": {
             "reason": str(minimised.reason),
             "difference": minimised.difference,

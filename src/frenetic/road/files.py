@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,6 +27,8 @@ class RoadFile:
     pose: Pose | None
     road_points: object | None
     lane_width: object
+    entries: Mapping[str, Any] = field(default_factory=dict)
+    """All entries of its JSON object, unchecked."""
 
     def road(self) -> Road:
         """The road; one given by points stays in place.
@@ -107,6 +109,7 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
         _pose(path, content.get("pose")),
         points,
         content.get("lane_width", 4.0),
+        content,
     )
 
 

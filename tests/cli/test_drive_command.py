@@ -1,0 +1,134 @@
+"""`frenetic drive` of a campaign's failing road: who drives, and what no file makes it load."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+MINE = """
+from frenetic import Planner
+
+class Bold(Planner):
+    def __init__(self, extra=0.0):
+        super().__init__(aggression=1.2 + extra)
+"""
+PARTS = ("--driver", "mine.py:Bold", "--driver-option", "extra=0.1")
+TERMS = ("--delay", "0.02", "--speed-limit", "75", "--map-size", "210")
+
+
+@pytest.fixture
+def road(frenetic: Frenetic) -> Path:
+    """The file of a road on which a driver of one's own fails."""
+    Path("mine.py").write_text(MINE, encoding="utf-8")
+    budget = ("--failures", "1", "--seed", "1", "--workers", "1", "--out", "c")
+    assert frenetic("run", *budget, *PARTS, *TERMS).code == 0
+    (found,) = Path("c/failures").glob("test-*.json")
+    return found
+
+
+def changed(road: Path, **entries: Any) -> str:
+    """The file with other entries of its record."""
+    document = json.loads(road.read_text(encoding="utf-8"))
+    document["driven"] |= entries
+    Path("changed.json").write_text(json.dumps(document), encoding="utf-8")
+    return "changed.json"
+
+
+def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, road: Path) -> None:
+    document = json.loads(road.read_text(encoding="utf-8"))
+    again = frenetic("drive", str(road), "--json").json
+    for entry in ("moobd", "departure"):
+        assert again[entry] == document[entry]
+    assert again["outcome"] == "FAIL"
+    assert again["driver"] == document["driver"]
+    assert "driver     Bold, delayed (seconds 0.02) in Emb" in frenetic("drive", str(road)).out
+
+
+def test_another_driver_is_named_beside_the_recorded_one(frenetic: Frenetic, road: Path) -> None:
+    answer = frenetic("drive", str(road), "--driver", "planner", "--delay", "0")
+    assert "driver     Planner in EmbeddedSimulator; recorded with Bold, delayed" in answer.out
+    Path("mine.py").write_text(MINE.replace("1.2", "0.5"), encoding="utf-8")
+    assert "; changed since: driver Bold: " in frenetic("drive", str(road)).out
+
+
+def test_a_file_of_an_older_version_says_who_drove(frenetic: Frenetic, road: Path) -> None:
+    document = json.loads(road.read_text(encoding="utf-8"))
+    del document["driven"]
+    road.write_text(json.dumps(document), encoding="utf-8")
+    answer = frenetic("drive", str(road))
+    assert "driver     Planner in EmbeddedSimulator; recorded with Bold, delayed" in answer.out
+
+
+def test_minimising_a_failing_road_drives_as_the_campaign_did(
+    frenetic: Frenetic, road: Path
+) -> None:
+    options = ("--max-drives", "3", "--out", "least.json", "--json")
+    (item,) = frenetic("minimise", str(road), *options).json
+    least = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
+    assert least["driver"]["driver"]["class"] == "mine.py:Bold"
+    assert frenetic("drive", "least.json", "--json").json["moobd"] == least["moobd"]
+
+
+def test_a_driver_that_is_not_here_is_one_line(frenetic: Frenetic, road: Path) -> None:
+    Path("mine.py").unlink()
+    answer = frenetic("drive", str(road))
+    assert answer.refuses("was driven with the driver 'mine.py:Bold'", "--driver mine.py:Bold")
+    assert "--driver mine.py:Bold --driver-option extra=0.1'" in answer.err
+
+
+@pytest.mark.parametrize(
+    "entries",
+    [
+        {"driver": "os:system", "driver_options": {"command": "touch here"}},
+        {"driver": "mine.py:Bold", "driver_options": {"extra": "model.pickle"}},
+        {"driver": "evil.py:Evil", "driver_options": {}},
+        {"driver": "elsewhere/../../evil.py:Evil", "driver_options": {}},
+        {"driver": "mine.py:Planner", "driver_options": {}},
+        {"simulator": "evil:Evil", "simulator_options": {"extra": [1]}},
+    ],
+)
+def test_code_that_a_file_names_is_not_run_unasked(
+    frenetic: Frenetic, road: Path, entries: dict[str, Any]
+) -> None:
+    Path("evil.py").write_text("open('here', 'w').close()\nEvil = type('Evil', (), {})\n")
+    answer = frenetic("drive", changed(road, **entries))
+    assert answer.refuses("unasked", "if you trust it")
+    assert not Path("here").exists()
+
+
+def test_which_program_is_started_no_file_says(frenetic: Frenetic, road: Path) -> None:
+    options = {"home": str(Path.cwd()), "host": "203.0.113.1", "port": 1}
+    name = changed(road, simulator="beamng", simulator_options=options)
+    answer = frenetic("drive", name)
+    assert answer.code == 2
+    assert str(Path.cwd()) not in answer.err
+    assert "203.0.113.1" not in answer.err
+
+
+@pytest.mark.parametrize(
+    ("entries", "words"),
+    [
+        ({"driver": 3}, "driver is 3: a text is needed"),
+        ({"delay": "long"}, "delay is 'long'"),
+        ({"speed_limit": -1}, "speed_limit is -1: a number above 0 is needed"),
+        ({"map_size": None}, "map_size is None"),
+    ],
+)
+def test_a_damaged_record_is_one_line(
+    frenetic: Frenetic, road: Path, entries: dict[str, Any], words: str
+) -> None:
+    assert frenetic("drive", changed(road, **entries)).refuses("its entry 'driven'", words)
+
+
+def test_a_record_that_is_no_object_is_one_line(frenetic: Frenetic, road: Path) -> None:
+    document = json.loads(road.read_text(encoding="utf-8")) | {"driven": 3}
+    road.write_text(json.dumps(document), encoding="utf-8")
+    assert frenetic("drive", str(road)).refuses("its entry 'driven'", "it is no object")
