@@ -77,9 +77,11 @@ def test_minimising_a_failing_road_drives_as_the_campaign_did(
     assert frenetic("drive", "least.json", "--json").json["moobd"] == least["moobd"]
 
 
-def test_a_driver_that_is_not_here_is_one_line(frenetic: Frenetic, road: Path) -> None:
-    Path("mine.py").unlink()
-    answer = frenetic("drive", str(road))
+def test_a_driver_that_is_not_here_is_one_line(
+    frenetic: Frenetic, road: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir("c")
+    answer = frenetic("drive", str(Path("..", road)))
     assert answer.refuses("was driven with the driver 'mine.py:Bold'", "--driver mine.py:Bold")
     assert "--driver mine.py:Bold --driver-option extra=0.1'" in answer.err
 
