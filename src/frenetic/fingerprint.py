@@ -216,7 +216,9 @@ def _changed_content(old: Mapping[str, Any], new: Mapping[str, Any]) -> Iterator
         if name not in files:
             yield f"{name} is gone"
         elif name not in known:
-            yield f"{name} is new"
+            # A file that is an argument and was not there is what the part writes.
+            if not name.endswith(")"):
+                yield f"{name} is new"
         elif files[name] != known[name]:
             yield f"{name} was changed"
 
