@@ -11,7 +11,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
@@ -71,7 +70,7 @@ def take_pictures(browser: Browser, report: Path) -> None:
     page.mouse.move(0, 0)
     page.evaluate("document.getElementById('failures').scrollIntoView({behavior: 'instant'})")
     save(page, "report-failures")
-    dark = opened(browser, report, 1180, 860, dark=True)
+    dark = opened(browser, report, 1180, 940, dark=True)
     dark.locator(".gallery .card").nth(2).click()
     dark.keyboard.press("End")
     for _ in range(2):
@@ -88,17 +87,13 @@ def opened(browser: Browser, report: Path, width: int, height: int, *, dark: boo
         reduced_motion="reduce",
     ).new_page()
     page.goto(report.as_uri())
-    page.locator(".main-svg").first.wait_for()
+    page.locator(".series").first.wait_for()
     return page
 
 
 def save(page: Page, name: str) -> None:
-    """A picture of the visible part, with few colours."""
-    path = IMAGES / f"{name}.png"
-    page.screenshot(path=path)
-    with Image.open(path) as picture:
-        small = picture.convert("RGB").quantize(200, dither=Image.Dither.NONE)
-    small.save(path, optimize=True)
+    """A picture of the visible part."""
+    page.screenshot(path=IMAGES / f"{name}.png")
 
 
 if __name__ == "__main__":
