@@ -22,7 +22,6 @@ import inspect
 import json
 import os
 import sys
-import sysconfig
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.machinery import ModuleSpec
@@ -33,7 +32,7 @@ from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue
 from frenetic.errors import describe_error
-from frenetic.registry import USER_MODULE, made_by
+from frenetic.registry import USER_MODULE, is_local, made_by
 
 FIRST_VERSION: Final = "version 1"
 """Version of a built-in behaviour that campaigns of before there were versions have, too."""
@@ -42,8 +41,6 @@ SHORT: Final = 8
 _OURS: Final = "frenetic"
 _DISTRIBUTION: Final = "frenetic-roads"
 _MAIN: Final = frozenset({"__main__", "__mp_main__"})
-_INSTALLED: Final = frozenset({"site-packages", "dist-packages"})
-_STANDARD: Final = tuple({sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")})
 _CUT: Final = 200  # characters of a long argument in older records
 _SHOWN: Final = 60  # characters of an argument for people
 _CHUNK: Final = 1 << 20
@@ -417,10 +414,7 @@ def _is_local(spec: ModuleSpec | None) -> bool:
     """Whether a module is neither of the standard library nor installed."""
     if spec is None or spec.origin is None or not spec.has_location:
         return False
-    parts = Path(spec.origin).parts
-    if not _INSTALLED.isdisjoint(parts):
-        return False
-    return not any(Path(spec.origin).is_relative_to(place) for place in _STANDARD)
+    return is_local(Path(spec.origin))
 
 
 def _content(spec: ModuleSpec) -> tuple[str | None, bytes]:

@@ -28,6 +28,7 @@ from frenetic.errors import FreneticError, UnknownNameError, describe_raised
 USER_MODULE: Final = "frenetic_user_"
 """Prefix of the names of modules loaded from a user's file."""
 _INSTALLED: Final = frozenset({"site-packages", "dist-packages"})
+_STANDARD: Final = tuple({sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")})
 
 
 @runtime_checkable
@@ -323,18 +324,20 @@ def own_modules() -> Iterator[None]:
 
 
 def _is_own(name: str) -> bool:
-    """Whether a loaded module is neither ours, nor installed, nor of the standard library."""
+    """Whether a loaded module is local, and not ours."""
     module = sys.modules[name]
     file = getattr(module, "__file__", None)
     # A folder without __init__.py is a package, too.
     places = [Path(place) for place in ([file] if file else getattr(module, "__path__", ()))]
     if name.partition(".")[0] == __package__ or not places:
         return False
-    standard = sysconfig.get_path("stdlib"), sysconfig.get_path("platstdlib")
-    return not any(
-        not _INSTALLED.isdisjoint(place.parts) or any(map(place.is_relative_to, standard))
-        for place in places
-    )
+    return all(map(is_local, places))
+
+
+def is_local(file: Path) -> bool:
+    """Whether a module's file is neither installed nor of the standard library."""
+    is_installed = not _INSTALLED.isdisjoint(file.parts)
+    return not is_installed and not any(file.is_relative_to(place) for place in _STANDARD)
 
 
 def _is_defined_here(spec: str) -> bool:

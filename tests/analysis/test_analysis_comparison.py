@@ -75,6 +75,7 @@ def test_all_measures_are_compared_and_those_that_say_the_same_told_once(
     told = {one.measure.name for one in comparison.telling}
     of_the_same = {"failures_per_100", "distinct_failures"}
     neither = {"tests", "simulations", "invalid", "errors", "dropped", "roads"}
+    neither |= {"expected_failures", "expected_distinct"}
     assert told == set(known) - of_the_same - neither
     for one in comparison.measures:
         assert one.p_overall is None

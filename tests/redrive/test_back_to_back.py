@@ -208,10 +208,27 @@ def test_only_the_driver_may_differ(campaign: Path, tmp_path: Path) -> None:
         budget=Budget(simulations=2),
         folder=tmp_path / "new",
     ).run()
-    with pytest.raises(CampaignError, match=r"differ in simulator, map size: only versions"):
+    with pytest.raises(CampaignError, match=r"differ in simulator Emb.*, map size: only"):
         plan(campaign, tmp_path / "new")
     with pytest.raises(CampaignError, match="is there twice"):
         plan(campaign, campaign)
+
+
+def test_an_older_version_of_the_simulator_does_not_matter(
+    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as older:
+        older.setattr(EmbeddedSimulator, "BEHAVIOUR", 0)
+        Campaign(
+            strategy=Frenetic(seed=4),
+            simulator=EmbeddedSimulator(),
+            driver=Planner(),
+            budget=Budget(simulations=2),
+            folder=tmp_path / "new",
+        ).run()
+    with CampaignStore.open(campaign) as one, CampaignStore.open(tmp_path / "new") as other:
+        assert one.config["simulator"] != other.config["simulator"]
+    assert plan(campaign, tmp_path / "new").seed == 0
 
 
 def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
@@ -322,6 +339,13 @@ def test_a_version_that_passes_roads_on_which_it_failed_is_noticed() -> None:
     own = paired((3, PASS, PASS), (7, FAIL, PASS), roads=RoadSet.OLD)
     notes = result(paired((20, PASS, PASS)), own).notes
     assert any("old passes 3 of the 10 roads on which its campaign failed" in one for one in notes)
+
+
+def test_versions_under_other_layers_are_noted() -> None:
+    roads = paired((20, PASS, PASS))
+    noisy: Any = {"class": "l:Noisy", "options": {"offset": 0.1}, "driver": {"class": "a:New"}}
+    assert "different noise" in BackToBack({"class": "a:Old"}, noisy, {}, 0, (roads,)).notes[0]
+    assert not any("different noise" in note for note in result(roads).notes)
 
 
 def test_half_of_the_repeats_decide_on_a_road() -> None:

@@ -295,6 +295,10 @@ def test_timeline_ends_with_the_counts_and_continues_the_random_share() -> None:
     assert (simulations.expected.low, simulations.expected.high) == proportion_interval(5, 20)
     assert number.expected.share == pytest.approx(5 / 25)
     assert simulations.expected.of == simulations.x
+    # The random roads found two of the three distinct failures, in two and three roads.
+    assert simulations.expected.distinct[19] == pytest.approx(2.0)
+    assert simulations.expected.distinct[-1] >= 2.0
+    assert "failed (25.0\u00a0%), 2 distinct failures" in block.caption
     assert "5 of the 20 random roads" in block.caption
 
 

@@ -24,6 +24,7 @@ from frenetic.analysis.competition import (
     competition_features,
     competition_segment,
 )
+from frenetic.analysis.expectation import RandomRoads
 from frenetic.analysis.failures import Failure, cluster_failures
 from frenetic.analysis.features import FEATURES, Feature, features_of
 from frenetic.analysis.segments import Segment, segments_of
@@ -33,6 +34,7 @@ from frenetic.campaign.progress import Tally
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
+from frenetic.search.random_search import RANDOM
 
 Cell: TypeAlias = tuple[int, ...]
 """Cell of a feature map: a bin of each of its features."""
@@ -101,6 +103,11 @@ class CampaignMeasures:
     """Wall time that the strategy itself took, in s; None if the campaign does not say."""
     seconds_per_test: float | None = None
     """Virtual time that a simulation costs on a bench, in s; None elsewhere."""
+    expected_failures: float | None = None
+    """Failures if all simulated roads were random, see `frenetic.analysis.expectation`; None if the
+    campaign drove no random road."""
+    expected_distinct: float | None = None
+    """Distinct failures, likewise."""
     unused: int = 0
     """Simulations that a run of a bench had left when it ended by itself; 0 elsewhere.
 
@@ -287,6 +294,28 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 "failures",
                 Topic.FOUND,
                 more_is_better=True,
+            ),
+            Measure(
+                "expected_distinct",
+                "distinct failures if all roads were random",
+                "What the campaign's own random roads would find, were there as many as"
+                " simulations: beyond their number an estimate by how many distinct failures they"
+                " found once and twice (Chao et al. 2014), rather too low beyond two or three times"
+                " as many. Without random roads there is none.",
+                "0..simulations",
+                "distinct if random",
+                Topic.FOUND,
+                decimals=1,
+            ),
+            Measure(
+                "expected_failures",
+                "failures if all roads were random",
+                "The share of the campaign's own random roads that failed, times simulations."
+                " Without random roads there is none.",
+                "0..simulations",
+                "failures if random",
+                Topic.FOUND,
+                decimals=1,
             ),
             Measure(
                 "failures_per_100",
@@ -478,6 +507,8 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         seconds_to_failure = math.inf
         tally = Tally()
         spent = 0.0
+        drawn = 0
+        failed_by_chance = []
         for record in store.tests():
             # Logs of old versions hold only the time of each test.
             spent = spent + record.seconds if record.elapsed is None else record.elapsed
@@ -485,6 +516,10 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
             tally.count(record.candidate, outcome, record.moobd)
             if outcome.is_simulated:
                 found.append(found[-1] + (outcome is Outcome.FAIL))
+                if record.candidate.origin.operator == RANDOM:
+                    drawn += 1
+                    if outcome is Outcome.FAIL:
+                        failed_by_chance.append(record.id)
                 if outcome is Outcome.FAIL:
                     found_at[record.candidate.id] = len(found) - 1
                     if len(found_at) == 1:
@@ -494,6 +529,13 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
     counts = tally.counts()
     unused = _unused(facts, counts.simulations)
     clusters = cluster_failures(failure.compared for failure in failures)
+    expected_failures = expected_distinct = None
+    if drawn:
+        random = RandomRoads.of(drawn, failed_by_chance, clusters)
+        expected_failures, expected_distinct = (
+            float(after(len(found) - 1).value)
+            for after in (random.failures_after, random.distinct_after)
+        )
     # A curve rises at the first failure in a cell or cluster.
     cells = {failure.cell: found_at[failure.id] for failure in reversed(failures)}
     return CampaignMeasures(
@@ -522,6 +564,8 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
         generator_seconds=_seconds(facts.get("strategy_seconds")),
         seconds_per_test=_seconds(facts.get("seconds_per_test")),
         unused=unused,
+        expected_failures=expected_failures,
+        expected_distinct=expected_distinct,
     )
 
 

@@ -174,6 +174,7 @@ def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]
 def _driven(
     plan: Plan, old_spec: Spec, new_spec: Spec, workers: int, drive_limit: float | None
 ) -> BackToBack:
+    from frenetic.fingerprint import other_version
     from frenetic.redrive.back_to_back import (
         Driving,
         check_differ,
@@ -193,7 +194,15 @@ def _driven(
     for spec in (old_spec, new_spec):
         with own_modules():
             made.append(describe(spec.make_driver()))
+    changed = other_version("driver", old_spec.driver.made, made[0])
+    if changed:
+        raise CampaignError(
+            f"{plan.old}: {changed}; bring the old version back in a file of its own and name it"
+            " with --old-driver"
+        )
     check_differ(*made)
+    if plan.new is not None and (note := other_version("driver", new_spec.driver.made, made[1])):
+        log.print(f"Note: {plan.new}: {note}", markup=False)
 
     def driving(spec: Spec, hooks: Mapping[str, Any]) -> Driving:
         driver = spec.make_driver()
@@ -217,6 +226,7 @@ def _interrupted(log: Log, missing: int) -> click.exceptions.Exit:
 
 
 def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
+    from frenetic.fingerprint import innermost, short_version
     from frenetic.redrive.paired import Version
     from frenetic.redrive.record import Change
 
@@ -226,7 +236,8 @@ def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
     click.echo(result.answer)
     for version, spec in specs.items():
         _, *words = spec.driver.words("driver")
-        click.echo(f"{version}: {shlex.join(words)}")
+        driver = result.old if version is Version.OLD else result.new
+        click.echo(f"{version}: {shlex.join(words)} ({short_version(innermost(driver))})")
     print_table(
         ("", ">judged", ">old fails", ">new fails", *(f">{change}" for change in shown)),
         [

@@ -26,6 +26,7 @@ from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.drivers import Driver, Noisy
 from frenetic.drivers.driver import inner_driver
 from frenetic.errors import CampaignError
+from frenetic.fingerprint import comparable, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import campaign_tester, drive_again
 from frenetic.redrive.paired import BackToBack, Pair, PairedRoads, RoadSet
@@ -40,8 +41,9 @@ FRESH: Final = 200
 """Default number of fresh roads."""
 FOLDER: Final = "fresh"
 """Folder, in that of the old version's campaign, of the campaigns with fresh roads."""
-TERMS: Final = ("simulator", "rules", "map_size", "margin", "lane_width")
-"""Parts of a configuration that both campaigns share."""
+TERMS: Final = ("rules", "map_size", "margin", "lane_width")
+"""Parts of a configuration that both campaigns share, beside the simulator."""
+_OF_PART: Final = ("class", "options")
 
 
 @dataclass(frozen=True)
@@ -114,11 +116,7 @@ def plan(
             else:
                 failing = iter(representative_failures(store, top) if top else [])
             failures[roads] = tuple(sorted(record.id for record in failing))
-    differing = [
-        term.replace("_", " ")
-        for term in TERMS
-        if len({_same(configuration.get(term)) for configuration in configurations}) > 1
-    ]
+    differing = _differing(configurations[0], configurations[-1])
     if differing:
         raise CampaignError(
             f"{old} and {new} differ in {', '.join(differing)}: only versions of a driver can be"
@@ -134,9 +132,22 @@ def plan(
     return Plan(Path(old), None if new is None else Path(new), fresh, seed, repeats, failures)
 
 
-def _same(part: Any) -> str:
-    """A part of a configuration in a form that is equal for equal parts."""
-    return json.dumps(part, sort_keys=True)
+def _differing(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """In what two configurations differ, beside the driver.
+
+    Versions of the simulator do not matter, since both drivers drive in the present one.
+    """
+    simulators = [
+        {name: value for name, value in (config.get("simulator") or {}).items() if name in _OF_PART}
+        for config in (old, new)
+    ]
+    differing = [name.replace("_", " ") for name in TERMS if old.get(name) != new.get(name)]
+    return [*differences("simulator", *simulators).changed, *differing]
+
+
+def _key(*described: object) -> str:
+    """Parts as `describe` gives them in a form that is equal for equal ones."""
+    return json.dumps([comparable(part) for part in described], sort_keys=True)
 
 
 @dataclass(frozen=True)
@@ -206,7 +217,7 @@ def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> 
     Raises:
         CampaignError: they are.
     """
-    if old == new:
+    if _key(old) == _key(new):
         raise CampaignError(
             f"both versions are the same, {part_text(old)}: keep each in a file of its own, or give"
             " them other options"
@@ -279,7 +290,7 @@ class _VersionDriver:
         plan, driving = self._plan, self._driving
         with CampaignStore.open(plan.old) as store:
             setting = store.setting
-        parts = _same([describe(driving.driver), describe(driving.simulator)])
+        parts = _key(describe(driving.driver), describe(driving.simulator))
         key = hashlib.sha256(parts.encode()).hexdigest()[:8]
         folder = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
         exists, done = (folder / DATABASE).exists(), 0
@@ -397,10 +408,10 @@ class _VersionDriver:
 
 def _stored(folder: Path, driving: Driving) -> dict[int, tuple[Redrive, ...]]:
     """Test -> stored and judged drives of a version."""
-    parts = _same([describe(driving.driver), describe(driving.simulator)])
+    parts = _key(describe(driving.driver), describe(driving.simulator))
     stored: dict[int, tuple[Redrive, ...]] = {}
     for run in read_runs(folder, Purpose.BACK_TO_BACK):
-        if _same([run.driver, run.simulator]) == parts and run.rules == driving.simulator.rules:
+        if _key(run.driver, run.simulator) == parts and run.rules == driving.simulator.rules:
             own: dict[int, list[Redrive]] = {}
             for drive in run.drives:
                 own.setdefault(drive.test_id, []).append(drive)

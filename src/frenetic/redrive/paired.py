@@ -15,11 +15,10 @@ from enum import StrEnum
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from frenetic._support.words import counted
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
-from frenetic.analysis.segments import segment_of
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import JSONValue
@@ -309,8 +308,9 @@ def _failure(number: int, redrive: Redrive) -> Failure:
     assert setting is not None
     assert redrive.trajectory is not None
     drive = Drive(redrive.trajectory, setting.car, setting.rules)
-    segment = segment_of(road, drive, judge(road, drive).departure)
-    return Failure.of(segment, id=number, moobd=redrive.moobd or 0.0)
+    failure = Failure.of_drive(road, drive, judge(road, drive), id=number)
+    assert failure is not None
+    return failure
 
 
 # The whole
@@ -407,6 +407,10 @@ class BackToBack:
 
     def _notes(self) -> Iterator[str]:
         fresh = self.fresh
+        if _layers(self.old) != _layers(self.new):
+            yield (
+                "the versions have different noise, delay or view: the answer is about these, too"
+            )
         if any(roads.pairs for roads in self.sets[1:]):
             yield (
                 "the answer rests on the fresh roads; failing roads were found by searching against"
@@ -437,6 +441,15 @@ class BackToBack:
         if self.verdict is Verdict.UNKNOWN and fresh.pairs:
             more = 4 * len(fresh.pairs)
             yield f"four times as many fresh roads (--fresh {more}) halve the interval"
+
+
+def _layers(driver: Mapping[str, Any]) -> list[tuple[object, object]]:
+    """Classes and options of the layers over a driver."""
+    layers = []
+    while isinstance(driver.get("driver"), Mapping):
+        layers.append((driver["class"], driver.get("options")))
+        driver = driver["driver"]
+    return layers
 
 
 def _slower_by(result: BackToBack) -> str:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.thinning import evenly
+from frenetic.analysis.expectation import RandomRoads
 from frenetic.analysis.failures import Clusters
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.outcome import Outcome
@@ -35,6 +36,11 @@ class Expectation:
     high: float
     of: tuple[float, ...]
     """Number of roads to multiply the share with, per point."""
+    distinct: tuple[float, ...]
+    """Expected distinct failures, per point."""
+    distinct_low: tuple[float, ...]
+    """Ends of their 95 % interval."""
+    distinct_high: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -71,26 +77,30 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
     simulations = np.cumsum(driven)[shown]
     numbers = np.arange(1, len(tested) + 1)[shown]
     random = np.array([test.origin.operator == RANDOM for test in tested])
-    failures = int((failed & random).sum())
+    failing = [test.id for test, is_it in zip(tested, failed & random, strict=True) if is_it]
+    drawn, drawn_and_driven = (
+        RandomRoads.of(number, failing, clusters) if number else None
+        for number in (int(random.sum()), int((driven & random).sum()))
+    )
     axes = [
         Axis(
             "simulations",
             "simulations",
             _floats(simulations),
-            _expectation(failures, int((driven & random).sum()), simulations),
+            _expectation(drawn_and_driven, simulations),
         ),
         Axis(
             "tests",
             "tests, roads that were refused included",
             _floats(numbers),
-            _expectation(failures, int(random.sum()), numbers),
+            _expectation(drawn, numbers),
         ),
     ]
     elapsed = [test.elapsed for test in tested]
     if None not in elapsed:
         # Results may be told in another order than timed.
         seconds = np.maximum.accumulate(np.array(elapsed, dtype=np.float64))[shown]
-        expected = _expectation(failures, int((driven & random).sum()), simulations)
+        expected = _expectation(drawn_and_driven, simulations)
         unit, length = next(one for one in _UNITS if seconds[-1] >= 3.0 * one[1] or one[1] == 1.0)
         axes.append(Axis("time", f"wall time ({unit})", _floats(seconds / length, 4), expected))
     timeline = Timeline(
@@ -98,17 +108,24 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
         distinct=_distinct(tested, clusters, shown),
         latest=_latest(tested, shown),
         axes=tuple(axes),
-        caption=_caption(failures, int((driven & random).sum()), bool(random.all()), clusters)
+        caption=_caption(drawn_and_driven, bool(random.all()), clusters)
         + _compared(clusters, int(failed.sum())),
     )
     return Section("time", "Failures over time", (timeline,))
 
 
-def _expectation(failures: int, roads: int, counts: npt.NDArray[np.int64]) -> Expectation | None:
-    if roads == 0:
+def _expectation(random: RandomRoads | None, counts: npt.NDArray[np.int64]) -> Expectation | None:
+    if random is None:
         return None
-    low, high = proportion_interval(failures, roads)
-    return Expectation(failures / roads, low, high, _floats(counts))
+    low, high = proportion_interval(random.failures, random.roads)
+    distinct = random.distinct_after(counts)
+    return Expectation(
+        random.failures / random.roads,
+        low,
+        high,
+        _floats(counts),
+        *(_floats(curve, 2) for curve in (distinct.value, distinct.low, distinct.high)),
+    )
 
 
 def _distinct(
@@ -132,19 +149,23 @@ def _latest(tested: Sequence[TestSummary], shown: npt.NDArray[np.int64]) -> tupl
     return tuple(found[i] for i in shown.tolist())
 
 
-def _caption(failures: int, roads: int, all_random: bool, clusters: Clusters) -> str:
+def _caption(random: RandomRoads | None, all_random: bool, clusters: Clusters) -> str:
     distinct = (
         f"Distinct failures: failures that differ by up to {clusters.threshold:g} m are the same"
         " problem; the curve rises with the first failure of each."
     )
-    if roads == 0:
+    if random is None:
         return f"No candidate was random, so there is no random expectation. {distinct}"
-    low, high = proportion_interval(failures, roads)
+    low, high = proportion_interval(random.failures, random.roads)
     share = (
-        f"Random expectation: {failures} of the {roads} random roads that were driven failed"
-        f" ({percent(failures / roads)}); the line continues that share over all simulations, the"
-        f" band the 95 % Wilson interval of the share, {percent(low)} to {percent(high)}. The band"
-        " holds what is not known of the share, not the scatter of the counts."
+        f"Random expectation: {random.failures} of the {random.roads} random roads that were driven"
+        f" failed ({percent(random.failures / random.roads)}), {len(random.found)} distinct"
+        " failures. The line of failures continues that share over all simulations, the band the"
+        f" 95 % Wilson interval of the share, {percent(low)} to {percent(high)}. The line of"
+        " distinct failures is what that many of these roads find on average, and beyond"
+        f" {random.roads} an estimate by how many distinct failures they found once and twice (Chao"
+        " et al. 2014), rather too low beyond two or three times as many. The bands hold what is"
+        " not known of the expectation, not the scatter of the counts."
     )
     if all_random:
         share += " Here all candidates are random."

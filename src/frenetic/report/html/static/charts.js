@@ -1,6 +1,6 @@
 // Charts: lines over a number and bars, drawn as SVG and elements that take the page's colours.
 
-const EXPECTED = "failures if all roads were random";
+const EXPECTED = "if all roads were random";
 const charts = []; // what is drawn again when the page's width changes
 const DRAG = 6; // px, below it a drag is a click
 
@@ -353,9 +353,10 @@ function drawTimeline(element, block) {
   const lines = () => {
     const found = [];
     if (axis.expected !== null) {
-      const { share, low, high, of } = axis.expected;
+      const { share, low, high, of, distinct, distinct_low, distinct_high } = axis.expected;
       const times = (factor) => of.map((roads) => roads * factor);
-      found.push({ name: EXPECTED, x: axis.x, y: times(share), low: times(low), high: times(high), role: "quiet", dashed: true });
+      found.push({ name: `failures ${EXPECTED}`, x: axis.x, y: times(share), low: times(low), high: times(high), role: "fail", dashed: true });
+      found.push({ name: `distinct failures ${EXPECTED}`, x: axis.x, y: distinct, low: distinct_low, high: distinct_high, role: "accent", dashed: true });
     }
     found.push({ name: "failures", x: axis.x, y: block.failures, low: [], high: [], role: "fail", stepped: true, width: isHidden ? 6 : 2.4 });
     found.push({ name: "distinct failures", x: axis.x, y: block.distinct, low: [], high: [], role: "accent", stepped: true });
