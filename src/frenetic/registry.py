@@ -438,6 +438,23 @@ DRIVERS: Final = Registry(
     ("reset", "act"),
 )
 
+OBJECTIVES: Final = Registry(
+    "objective",
+    "frenetic.objectives",
+    {
+        "moobd": ("frenetic.campaign.objective:moobd", "minimum oob distance, lower is worse"),
+        "oob-share": (
+            "frenetic.campaign.objective:oob_share",
+            "largest share of the car outside its lane, higher is worse",
+        ),
+        "lateral-acceleration": (
+            "frenetic.campaign.objective:lateral_acceleration",
+            "largest speed times yaw rate, higher is worse",
+        ),
+    },
+    (),
+)
+
 SIMULATORS: Final = Registry(
     "simulator",
     "frenetic.simulators",

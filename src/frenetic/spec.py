@@ -191,6 +191,8 @@ class Spec:
     """Seed of the strategy; a user's own strategy may take any JSON but objects."""
     lookahead: int | None = None
     """Number of outstanding candidates in an ordered campaign, None in an unordered one."""
+    objective: str = "moobd"
+    """Name of what the strategy minimises, see `frenetic.campaign.objective`."""
     budget: Budget | None = None
     """Budget, None without a search."""
     workers: int = 1
@@ -343,6 +345,7 @@ class Spec:
             "workers": self.workers,
             "cluster": self.cluster,
             "lookahead": self.lookahead,
+            "objective": self.objective,
             "versions": dict(self.versions),
             "fingerprints": dict(self.fingerprints),
             **({} if command is None else {"command": command}),
@@ -448,6 +451,8 @@ class Spec:
             if value is not None:
                 words += [f"--{name}", number_word(value)]
         words += [*self.strategy.words("strategy"), *self.drive_words()]
+        if self.objective != "moobd":
+            words += ["--objective", self.objective]
         if self.lookahead is None:
             words += ["--unordered"]
         else:
@@ -941,6 +946,7 @@ CONFIGURATION: Final[Mapping[str, Entry]] = MappingProxyType(
         "workers": Entry(_whole_number(1), is_needed=False),
         "cluster": Entry(_or_none(_text), is_needed=False),
         "lookahead": Entry(_or_none(_whole_number(1)), is_needed=False),
+        "objective": Entry(_text, is_needed=False),
         "versions": Entry(_versions),
         "fingerprints": Entry(_fingerprints, is_needed=False),
     }

@@ -19,6 +19,7 @@ from frenetic._support.words import counted
 from frenetic.campaign.changes import CHANGES, PARTS, PartChange, changed_parts, present_parts
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order
+from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.replay import replay
 from frenetic.campaign.store import CampaignStore, JSONValue
@@ -93,10 +94,12 @@ class Campaign:
             workers.
         drive_limit: s of wall time after which a worker that tests one road counts as hanging; by
             default half as long again as the simulator's own ``wall_limit``, and 10 s.
+        objective: name of what the strategy minimises, see `frenetic.campaign.objective`.
         description: other facts for the campaign's configuration.
 
     Raises:
         ValueError: an option is out of range.
+        FreneticError: the objective cannot be loaded.
     """
 
     def __init__(
@@ -115,6 +118,7 @@ class Campaign:
         ordered: bool = False,
         lookahead: int = LOOKAHEAD,
         drive_limit: float | None = None,
+        objective: str = MOOBD,
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
         for name, number in (("workers", workers), ("lookahead", lookahead)):
@@ -139,6 +143,7 @@ class Campaign:
             raise ValueError("the strategy observes drives: it needs one worker, in this process")
         self.strategy = strategy
         self.tester = RoadTester(simulator, driver, map_size, margin, lane_width)
+        self.objective = Objective.load(objective)
         self.budget = budget
         self.workers = workers
         self.cluster = cluster
@@ -202,6 +207,7 @@ class Campaign:
             ordered=spec.lookahead is not None,
             lookahead=spec.lookahead or LOOKAHEAD,
             drive_limit=drive_limit,
+            objective=spec.objective,
         )
         campaign.named = spec
         return campaign
@@ -228,6 +234,7 @@ class Campaign:
             workers=self.workers,
             cluster=self.cluster,
             lookahead=self.order.lookahead,
+            objective=self.objective.name,
             versions=package_versions(),
             fingerprints=describe_terms(),
         )
@@ -311,7 +318,7 @@ class Campaign:
                 self._keep_margin()
             changes = self._changes(store, accept_changed=accept_changed)
             store.require_whole()
-            tally, outstanding = replay(store, self.strategy, self.budget)
+            tally, outstanding = replay(store, self.strategy, self.budget, self.objective)
             # However this process ends, the campaign is resumed to this budget.
             store.reopen(budget=asdict(self.budget), **changes)
             log = stack.enter_context(CampaignLog(self.folder))
@@ -341,8 +348,8 @@ class Campaign:
             CampaignError: the log was made by other parts, and that is not accepted.
         """
         ours = json.loads(json.dumps(self.configuration()))
-        for name in ("rules", "map_size", "margin", "lane_width", "lookahead"):
-            theirs = store.config.get(name)
+        for name in ("rules", "map_size", "margin", "lane_width", "lookahead", "objective"):
+            theirs = store.config.get(name, MOOBD if name == "objective" else None)
             if ours[name] != theirs:
                 raise CampaignError(
                     f"{self.folder} was made with another {name.replace('_', ' ')}:"
@@ -413,6 +420,7 @@ class Campaign:
                         store=store,
                         log=log,
                         budget=self.budget,
+                        objective=self.objective,
                         order=self.order,
                         interrupt=interrupt,
                         tally=tally,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
+from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import TestRecord
 from frenetic.search.records import Evaluation, Trace
 from frenetic.simulators.drive import Trajectory
@@ -15,7 +17,7 @@ _END: Final = 1e-3  # [s] after the end of a drive, for the rounding of its time
 
 
 def evaluation_of(
-    record: TestRecord, read_trajectory: Callable[[], Trajectory | None]
+    record: TestRecord, read_trajectory: Callable[[], Trajectory | None], objective: Objective
 ) -> Evaluation:
     """The evaluation of a test.
 
@@ -24,7 +26,15 @@ def evaluation_of(
     Args:
         record: the test, with its setting.
         read_trajectory: gives its trajectory as it is stored, None if nothing was driven.
+        objective: what the strategy minimises.
+
+    Raises:
+        CampaignError: the objective has no value for it.
     """
+    severity = None
+    if record.outcome.is_driven and objective.name != MOOBD:
+        drive = replace(record, trajectory=read_trajectory()).drive
+        severity = None if drive is None else objective.severity(record.road, drive)
     departure = record.departure
     return Evaluation(
         record.candidate,
@@ -34,6 +44,7 @@ def evaluation_of(
         place=record.moobd_distance if departure is None else departure.distance,
         side=None if departure is None else departure.side,
         duration=record.duration,
+        objective=severity,
         read_trace=lambda: _trace(record, read_trajectory()),
     )
 

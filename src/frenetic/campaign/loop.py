@@ -15,6 +15,7 @@ from frenetic._support.interrupt import Interrupt
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.log import CampaignLog, Event
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore
@@ -74,6 +75,7 @@ class Dispatcher:
         store: CampaignStore,
         log: CampaignLog,
         budget: Budget,
+        objective: Objective,
         order: Order,
         interrupt: Interrupt,
         tally: Tally,
@@ -86,6 +88,7 @@ class Dispatcher:
         self._store = store
         self._log = log
         self._budget = budget
+        self._objective = objective
         self._lookahead = order.lookahead
         self._interrupt = interrupt
         self._tally = tally
@@ -292,7 +295,7 @@ class Dispatcher:
         del self._outstanding[candidate.id]
         if self._observing is not None:
             self._observing.observe(attempt)
-        evaluation = evaluation_of(record, attempt.stored_trajectory)
+        evaluation = evaluation_of(record, attempt.stored_trajectory, self._objective)
         tell(self._strategy, evaluation, tally)
         self._log_notice()
         progress = tally.progress(time.perf_counter() - self._start)

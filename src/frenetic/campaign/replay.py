@@ -9,6 +9,7 @@ import numpy as np
 
 from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.loop import ObservingStrategy, ask, tell
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.progress import Tally
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.versions import package_versions
@@ -20,7 +21,7 @@ from frenetic.spec import Budget
 
 
 def replay(
-    store: CampaignStore, strategy: Strategy, budget: Budget
+    store: CampaignStore, strategy: Strategy, budget: Budget, objective: Objective
 ) -> tuple[Tally, dict[int, Candidate]]:
     """Replays the log to a fresh strategy, asking and telling in the same order.
 
@@ -56,7 +57,8 @@ def replay(
                 f"{store.folder} is damaged: candidate {record.candidate.id} was told before it"
                 " was asked"
             )
-        tell(strategy, evaluation_of(record, partial(_stored_trajectory, store, record.id)), tally)
+        read_trajectory = partial(_stored_trajectory, store, record.id)
+        tell(strategy, evaluation_of(record, read_trajectory, objective), tally)
         tally.count(candidate, record.outcome, record.moobd)
         tally.seconds = record.elapsed or tally.seconds + record.seconds
     ask_until(tally.told)

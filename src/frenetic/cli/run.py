@@ -43,6 +43,14 @@ DEFAULT_SIMULATIONS: Final = 1000
     help="Propose N roads ahead in an ordered campaign; more workers are of no use then."
     " [default: 16, with frenetic-2021 1]",
 )
+@click.option(
+    "--objective",
+    default="moobd",
+    show_default=True,
+    metavar="NAME",
+    help="What the search minimises: moobd; oob-share and lateral-acceleration, which it maximises;"
+    " or your own function of a drive as package.module:function or path/to/file.py:function.",
+)
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @click.option(
     "--out",
@@ -61,6 +69,7 @@ def run(
     drive_limit: float | None,
     ordered: bool | None,
     lookahead: int | None,
+    objective: str,
     seed: int | None,
     out: Path | None,
     fail_on_failure: bool,
@@ -91,6 +100,7 @@ def run(
         how,
         seed=seed,
         budget=budget,
+        objective=objective,
         lookahead=(lookahead or usual or LOOKAHEAD) if ordered else None,
     )
     campaign = make_campaign(
