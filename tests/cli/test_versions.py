@@ -88,12 +88,19 @@ def test_compare_never_takes_them_for_repeats(frenetic: Frenetic, versions: Path
 def test_resume_refuses_the_other_one_and_marks_it_when_it_is_accepted(
     frenetic: Frenetic, versions: Path
 ) -> None:
+    first = digest(versions / "old")
     more = ("resume", "old", "--simulations", "5")
     assert frenetic(*more).refuses("driver Mpc: gains.py was changed", "--accept-changed")
     accepted = frenetic(*more, "--accept-changed")
     assert accepted.code == 0
     assert "Note: changed from result" in accepted.err
     assert "changed    from result" in frenetic("show", "old").out
+    with CampaignStore.open(versions / "old") as store:
+        told = {record.told: record.id for record in store.tests()}
+        (change,) = store.changes
+    for number, version in ((1, first), (change.first, digest(versions / "old"))):
+        document = frenetic("show", "old", str(told[number]), "--json").json
+        assert document["driver"]["fingerprint"]["digest"] == version
     assert frenetic("check", "old").code == 0
     noted = frenetic("compare", "old", "new")
     assert "old changed from result" in noted.err

@@ -590,7 +590,9 @@ def read_test(
     Raises:
         RowError: the row is damaged.
     """
-    return record_of(read_row(TEST_COLUMNS, row), candidate, trajectory, setting)
+    values = dict(zip(TEST_COLUMNS, row, strict=True))
+    read = read_row(RECORD_COLUMNS, (values[name] for name in RECORD_COLUMNS))
+    return record_of(read, candidate, trajectory, setting)
 
 
 def record_of(

@@ -429,6 +429,11 @@ class CampaignStore:
         """The configuration with the parts that the campaign was resumed with last."""
         return MappingProxyType(present_parts(self.config, self.changes))
 
+    def parts_of(self, told: int) -> Mapping[str, JSONValue]:
+        """Return the configuration with the parts that gave the result told as this number."""
+        changes = [change for change in self.changes if change.first <= told]
+        return MappingProxyType(present_parts(self.config, changes))
+
     def asked(self, candidate: Candidate) -> None:
         """Record `candidate`, to be written together with the next result (or on closing).
 

@@ -256,7 +256,8 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
             raise
         drawn = f"not drawn, {error}; choose a place with --plot"
     if as_json:
-        document = road_document(test, store.config) | {"picture": drawn, "told": record.told}
+        document = road_document(test, store.parts_of(test.told))
+        document |= {"picture": drawn, "told": record.told}
         click.echo(json.dumps(document))
         return
     origin = record.candidate.origin

@@ -86,7 +86,7 @@ def write_failures(
     try:
         folder.mkdir(exist_ok=True)
         for record in store.tests(Outcome.FAIL, order_by="moobd", limit=MOST_FILES):
-            document = road_document(record, store.config)
+            document = road_document(record, store.parts_of(record.told))
             path = folder / f"{file_stem(record.candidate.id)}.json"
             with replacing(path) as partial:
                 partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
