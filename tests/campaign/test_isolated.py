@@ -18,6 +18,7 @@ from pids import LIMIT, children, ending, until_gone
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.log import LOG
 from frenetic.drivers import Delayed, Driver, Noisy, Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
@@ -228,6 +229,21 @@ def test_a_simulator_is_left_as_it_was_entered(marks: Marks) -> None:
         simulator.drive(ROAD, DummyDriver())
         assert os.getpid() not in marks.pids()
     assert marks.numbers("start") == marks.numbers("end") == [1]
+    until_gone(marks.pids())
+
+
+def test_a_simulator_that_raised_is_ended_in_order_and_started_again(
+    tmp_path: Path, marks: Marks
+) -> None:
+    fault = Fault(faulty.raise_error, marks.folder, times=1)
+    simulator = IsolatedSimulator(FaultySimulator(marks.folder, drive=fault))
+    summary = search(tmp_path / "c", simulator, DummyDriver()).run()
+    assert summary.errors == 0
+    assert marks.numbers("start") == marks.numbers("end") == [1, 2]
+    log = (tmp_path / "c" / LOG).read_text().splitlines()
+    retried = [line for line in log if "test_retried" in line]
+    assert len(retried) == 1
+    assert faulty.STALLED.replace('"', '\\"') in retried[0]
     until_gone(marks.pids())
 
 

@@ -108,8 +108,8 @@ class IsolatedSimulator:
             FreneticError: it does not start, or cannot be copied.
         """
         self._child = _Child(self.simulator_inside)
-        compile_kernels()  # meanwhile: roads are checked here
         try:
+            compile_kernels()  # meanwhile: roads are checked here
             car = self._child.await_start()
         except BaseException:
             self._kill()
@@ -144,7 +144,8 @@ class IsolatedSimulator:
         try:
             return self._child.drive(road, driver, self._drive_limit)
         except BrokenDriveError:
-            self._kill()
+            if self._child.is_driving:  # it is lost; otherwise the simulator is there to be ended
+                self._kill()
             raise
 
     def _kill(self) -> None:
@@ -160,7 +161,7 @@ class _Child:
         self._simulator = simulator
         self._variable = capabilities(simulator).variable
         self._numbers = 0  # of drives
-        self._is_driving = False
+        self.is_driving = False
         self._last: Driver | None = None  # whom it has
         self._own: Driver | None = None  # the same, without layers
         self._process: BaseProcess
@@ -184,7 +185,7 @@ class _Child:
             self._last, self._own = driver, under_layers(driver)
         values = {name: getattr(self._simulator, name) for name in self._variable}
         self._numbers += 1
-        self._is_driving = True
+        self.is_driving = True
         task = _Task(self._numbers, road, values, payload)
         with suppress(OSError):  # it has died, as will be heard
             self._connection.send_bytes(pickle.dumps(task))
@@ -193,7 +194,7 @@ class _Child:
             if isinstance(message, _Done) and message.number == self._numbers:
                 break
             logger.warning("the driver's process sent what is not counted: does the driver fork?")
-        self._is_driving = False
+        self.is_driving = False
         if isinstance(message.drive, Drive):
             return message.drive
         raise BrokenDriveError(*message.drive)
@@ -227,7 +228,7 @@ class _Child:
 
     def dismiss(self) -> None:
         """Lets the simulator end, if it does not drive."""
-        if self._is_driving or not self._process.is_alive():
+        if self.is_driving or not self._process.is_alive():
             return
         with suppress(OSError):
             self._connection.send_bytes(pickle.dumps(None))
