@@ -83,6 +83,18 @@ def test_run_as_json_prints_one_object(frenetic: Frenetic) -> None:
     assert (summary["seed"], summary["folder"]) == (3, "c")
 
 
+def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic) -> None:
+    run = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--json")
+    failing = frenetic(*run, "--delay", "0.05", "--out", "c", "--fail-on-failure")
+    assert failing.json["failed"] > 0
+    assert failing.code == 1
+    assert frenetic("resume", "c", "--simulations", "1", "--fail-on-failure").code == 1
+    assert frenetic("resume", "c", "--simulations", "1").code == 0
+    calm = ("--driver-option", "aggression=0.3", "--out", "d", "--fail-on-failure")
+    answer = frenetic(*run, *calm)
+    assert (answer.code, answer.json["failed"]) == (0, 0)
+
+
 def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
     run = ["run", "--simulations", "5", "--ordered", "--json"]
     first = frenetic(*run).json
@@ -277,7 +289,8 @@ def test_a_driver_that_crashes_takes_nothing_with_it(frenetic: Frenetic) -> None
     write("bent.json", {"curvatures": [0.0, 0.0, 0.01, 0.06, 0.06, 0.03, 0.0]})
     driver = ("--driver", "mydriver.py:Crashes")
     lost = "the driver's process was lost: it was killed by SIGABRT"
-    search = ("run", *driver, "--simulations", "8", "--seed", "3", "--workers", "1", "--out", "c")
+    search = ("run", *driver, "--strategy", "frenetic-2021", "--simulations", "8", "--seed", "3")
+    search += ("--workers", "1", "--out", "c")
     summary = frenetic(*search, "--json").json
     assert summary["errors"] >= 1
     assert summary["passed"] + summary["failed"] >= 1
