@@ -33,7 +33,7 @@ from frenetic.redrive.record import (
     redrive_document,
     verdict_document,
 )
-from frenetic.redrive.table import read_runs
+from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
@@ -182,13 +182,8 @@ def read_confirmations(folder: Path) -> tuple[Confirmation, ...]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    last: dict[str, Confirmation] = {}
-    for run in read_runs(folder, Purpose.CONFIRMATION):
-        if run.drives:
-            confirmation = _of_run(run)
-            last.pop(confirmation.key, None)  # so that it stands where it was last made
-            last[confirmation.key] = confirmation
-    return tuple(last.values())
+    runs = read_runs(folder, Purpose.CONFIRMATION)
+    return latest((_of_run(run) for run in runs if run.drives), lambda one: one.key)
 
 
 def confirmation_document(confirmation: Confirmation) -> dict[str, JSONValue]:

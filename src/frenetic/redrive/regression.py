@@ -24,7 +24,7 @@ from frenetic.redrive.record import (
     matches_document,
     matches_text,
 )
-from frenetic.redrive.table import read_runs
+from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
 
@@ -141,12 +141,11 @@ def read_replays(folder: Path | str) -> tuple[Replay, ...]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    last: dict[str, Replay] = {}
-    for run in read_runs(folder, Purpose.REGRESSION):
-        key = repr((comparable(run.driver), comparable(run.simulator), run.rules))
-        last.pop(key, None)
-        last[key] = _of_run(Path(folder), run)
-    return tuple(last.values())
+    runs = latest(
+        read_runs(folder, Purpose.REGRESSION),
+        lambda run: repr((comparable(run.driver), comparable(run.simulator), run.rules)),
+    )
+    return tuple(_of_run(Path(folder), run) for run in runs)
 
 
 def replay_document(replay: Replay) -> dict[str, JSONValue]:

@@ -37,7 +37,7 @@ from frenetic.redrive.record import (
     redrive_document,
     verdict_document,
 )
-from frenetic.redrive.table import read_runs
+from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Rules
 from frenetic.simulators.simulator import Simulator
@@ -321,13 +321,9 @@ def read_reruns(folder: Path | str) -> tuple[Rerun, ...]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    last: dict[tuple[object, ...], Rerun] = {}
-    for run in read_runs(folder, Purpose.ROBUSTNESS):
-        for one in _reruns_of(run):
-            if one.judged:
-                last.pop(one._setting, None)  # so that it stands where it was last driven
-                last[one._setting] = one
-    return tuple(sorted(last.values(), key=lambda one: one.test_id))
+    runs = read_runs(folder, Purpose.ROBUSTNESS)
+    judged = (one for run in runs for one in _reruns_of(run) if one.judged)
+    return tuple(sorted(latest(judged, lambda one: one._setting), key=lambda one: one.test_id))
 
 
 # JSON

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
 
+from frenetic.campaign.record import TEST_COLUMNS
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.trajectory_codec import decode
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import (
     Variation,
-    as_number,
     as_whole,
     read_conditions,
     read_numbers,
@@ -143,17 +143,9 @@ def _described(part: Any) -> dict[str, Any]:
 
 
 def _verdict(item: Any) -> dict[str, Any]:
-    moobd, distance, side = (
-        item[name] for name in ("moobd", "departure_distance", "departure_side")
-    )
-    if side not in (None, "left", "right"):
-        raise ValueError(f"a departure_side is {side!r}")
-    return {
-        "outcome": Outcome(item["outcome"]),
-        "moobd": None if moobd is None else as_number(moobd),
-        "departure_distance": None if distance is None else as_number(distance),
-        "departure_side": side,
-    }
+    names = ("outcome", "moobd", "departure_distance", "departure_side")
+    values = {name: TEST_COLUMNS[name].read(item[name]) for name in names}
+    return {**values, "outcome": Outcome(values["outcome"])}
 
 
 SIDE_FILES: Final[Mapping[Purpose, SideFile]] = MappingProxyType(

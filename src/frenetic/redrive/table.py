@@ -11,13 +11,13 @@ from __future__ import annotations
 import json
 import logging
 import sqlite3
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, TypeVar
 
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
@@ -52,6 +52,8 @@ from frenetic.redrive.conditions import (
 from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.redrive.side_files import READ, SIDE_FILES
 from frenetic.simulators.drive import CarBody, Rules
+
+T = TypeVar("T")
 
 logger = logging.getLogger(__name__)
 
@@ -146,6 +148,15 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
         if stored := {name for (name,) in store.rows(_STORED_COLUMNS)}:
             runs += _read_runs(store, purpose, stored)
     return runs
+
+
+def latest(items: Iterable[T], key: Callable[[T], Hashable]) -> tuple[T, ...]:
+    """The last item with each key, in the order of the items."""
+    last: dict[Hashable, T] = {}
+    for item in items:
+        last.pop(key(item), None)  # so that it stands where it was last driven
+        last[key(item)] = item
+    return tuple(last.values())
 
 
 def _read_runs(store: CampaignStore, purpose: Purpose, stored: Collection[str]) -> list[Run]:
