@@ -143,6 +143,7 @@ def test_two_versions_of_one_file_are_told_apart(
     # The same names, other files.
     driven = "--old-driver", "kept/v1.py:Mine", "--driver", "v1/v1.py:Mine", *FEW
     first = frenetic("back-to-back", old, *driven, "--json")
+    assert "another version than the campaign's" not in first.err, "that is what was asked for"
     assert first.json["sets"][0]["changes"]["fixed"] == 0
     Path("v1/gains.py").write_text("AGGRESSION = 0.7\n")
     second = frenetic("back-to-back", old, *driven, "--json")

@@ -164,9 +164,11 @@ def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]
                 " versions there, with frenetic.redrive.back_to_back"
             )
         spec = recorded_spec(store, {"driver": driver, "driver_options": options})
+        recorded: Any = store.parts["driver"]
     simulator = spec.simulator
     return replace(
         spec,
+        driver=replace(spec.driver, made=recorded if spec.driver.made else {}),
         simulator=replace(simulator, options=moved(simulator.name, simulator.options)),
     )
 

@@ -23,12 +23,13 @@ from frenetic.analysis.failures import representative_failures
 from frenetic.campaign.campaign import LOOKAHEAD, Campaign
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver, Noisy
 from frenetic.drivers.driver import inner_driver
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import comparable, differences
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import campaign_tester, drive_again
+from frenetic.redrive.loop import drive_again
 from frenetic.redrive.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.redrive.record import Purpose, Redrive
 from frenetic.redrive.table import read_runs
@@ -110,7 +111,7 @@ def plan(
     failures: dict[RoadSet, tuple[int, ...]] = {}
     for roads, folder in folders.items():
         with CampaignStore.open(folder) as store:
-            configurations.append(store.config)
+            configurations.append(store.parts)
             if top is None:
                 failing = store.tests(Outcome.FAIL)
             else:
@@ -375,7 +376,10 @@ class _VersionDriver:
         if not conditions:
             return found
         with CampaignStore.open(folder) as store:
-            tester = campaign_tester(store, driving.simulator, driving.driver)
+            setting = store.setting
+        # Not `campaign_tester`, which warns of another version than the campaign's.
+        terms = setting.map_size, setting.margin, setting.lane_width
+        tester = RoadTester(driving.simulator, driving.driver, *terms)
         stored = _stored(folder, driving)
         for record in placed:
             known = stored.get(record.id, ())[: len(conditions)]
