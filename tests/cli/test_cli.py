@@ -289,8 +289,8 @@ def test_a_driver_that_crashes_takes_nothing_with_it(frenetic: Frenetic) -> None
     write("bent.json", {"curvatures": [0.0, 0.0, 0.01, 0.06, 0.06, 0.03, 0.0]})
     driver = ("--driver", "mydriver.py:Crashes")
     lost = "the driver's process was lost: it was killed by SIGABRT"
-    search = ("run", *driver, "--strategy", "frenetic-2021", "--simulations", "8", "--seed", "3")
-    search += ("--workers", "1", "--out", "c")
+    strategy = ("--strategy", "frenetic-2021", "--simulations", "8", "--seed", "3")
+    search = ("run", *driver, *strategy, "--workers", "1", "--out", "c")
     summary = frenetic(*search, "--json").json
     assert summary["errors"] >= 1
     assert summary["passed"] + summary["failed"] >= 1
