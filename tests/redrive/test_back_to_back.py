@@ -14,7 +14,7 @@ from redrives import recorded as recorded_test
 from redrives import redriven
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.drivers import Driver, Noisy, Planner
+from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.back_to_back import (
@@ -383,5 +383,35 @@ def test_distinct_failures_are_fixed_remain_or_are_new(campaign: Path) -> None:
         campaign, None, EmbeddedSimulator(), Planner(aggression=0.95), Planner(), fresh=FRESH
     )
     assert {Fate.FIXED, Fate.REMAINS} & {one.fate for one in found.distinct}
-    fixed = sum(one.fate is Fate.FIXED for one in found.distinct)
+    fixed = sum(one.fate in (Fate.FIXED, Fate.REPLACED) for one in found.distinct)
     assert fixed == sum(one.fate is Fate.NEW for one in turned.distinct) > 0
+
+
+class Standing:
+    """Never starts."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Nothing."""
+
+    def act(self, observation: Observation) -> Controls:
+        return Controls(0.0, 0.0, 1.0)
+
+
+class Crashing(Standing):
+    """Breaks at once."""
+
+    def act(self, observation: Observation) -> Controls:
+        raise ValueError("no")
+
+
+def test_a_failure_is_fixed_only_where_the_new_version_passes(campaign: Path) -> None:
+    standing = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(), Standing(), fresh=2, top=3
+    )
+    fates = {one.fate for one in standing.distinct}
+    assert fates == {Fate.REPLACED, Fate.NEW}, "it fails on these roads, though otherwise"
+    broken = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(), Crashing(), fresh=2, top=3
+    )
+    assert broken.distinct == ()
+    assert not any("--fresh" in note for note in broken.notes)

@@ -266,7 +266,7 @@ def _print_distinct(result: BackToBack) -> None:
     distinct = result.distinct
     if not distinct:
         return
-    fates = (Fate.NEW, Fate.REMAINS, Fate.FIXED)
+    fates = (Fate.NEW, Fate.REMAINS, Fate.REPLACED, Fate.FIXED)
     counts = [(fate, sum(one.fate is fate for one in distinct)) for fate in fates]
     told = ", ".join(f"{number} {fate}" for fate, number in counts if number)
     print_table(

@@ -52,7 +52,9 @@ class Fate(StrEnum):
     """Fate of a distinct failure."""
 
     FIXED = "fixed"
-    """Only the old version fails so."""
+    """Only the old version fails so, and the new one passes all these roads."""
+    REPLACED = "replaced"
+    """Only the old version fails so, but the new one fails otherwise on some of these roads."""
     REMAINS = "remaining"
     NEW = "new"
     """Only the new version fails so, possibly on a road on which the old one fails otherwise."""
@@ -257,38 +259,41 @@ class DistinctFailure:
     """Folder of the campaign with the road of the most severe failure."""
     test_id: int
     """Test of that road."""
+    otherwise: int
+    """Number of the old version's roads on which the new one fails, so or otherwise."""
 
     @property
     def fate(self) -> Fate:
-        """Whether it is fixed, remaining or new."""
+        """Whether it is fixed, replaced, remaining or new."""
         if self.new == 0:
-            return Fate.FIXED
+            return Fate.REPLACED if self.otherwise else Fate.FIXED
         return Fate.REMAINS if self.old else Fate.NEW
 
 
 def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...]:
     """The distinct failures of both versions, the most severe first, by `cluster_failures`.
 
-    Of each version the first failing drive on a road counts. Only the most severe failures are
-    compared if there are very many.
+    Of each version the first failing drive on a road counts, if both were judged there. Only the
+    most severe failures are compared if there are very many.
     """
-    found: list[tuple[Version, PairedRoads, Redrive]] = []
+    found: list[tuple[Version, PairedRoads, Pair, Redrive]] = []
     for roads in sets:
-        for pair in roads.pairs:
+        for pair in roads.judged:
             for version in Version:
                 failing = (
                     one
                     for one in pair.drives(version)
                     if one.outcome is Outcome.FAIL and one.trajectory is not None
                 )
-                found += [(version, roads, one) for one in islice(failing, 1)]
-    found.sort(key=lambda one: one[2].moobd or 0.0)
+                found += [(version, roads, pair, one) for one in islice(failing, 1)]
+    found.sort(key=lambda one: one[-1].moobd or 0.0)
     del found[COMPARED:]
-    clusters = cluster_failures(_failure(i, drive) for i, (_, _, drive) in enumerate(found))
+    clusters = cluster_failures(_failure(i, drive) for i, (*_, drive) in enumerate(found))
     distinct = []
     for cluster in clusters:
         versions = Counter(found[i][0] for i in cluster.ids)
-        _, roads, worst = found[cluster.most_severe]
+        _, roads, _, worst = found[cluster.most_severe]
+        failing_pairs = [found[i][2] for i in cluster.ids if found[i][0] is Version.OLD]
         distinct.append(
             DistinctFailure(
                 cluster.description,
@@ -298,6 +303,7 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
                 versions[Version.NEW],
                 roads.folder,
                 worst.test_id,
+                sum(failing_share(pair.new) > 0.0 for pair in failing_pairs),
             )
         )
     return tuple(distinct)
@@ -438,7 +444,7 @@ class BackToBack:
                         " campaign failed: its drives do not repeat (use --repeats), or it has"
                         " changed since"
                     )
-        if self.verdict is Verdict.UNKNOWN and fresh.pairs:
+        if self.verdict is Verdict.UNKNOWN and fresh.judged:
             more = 4 * len(fresh.pairs)
             yield f"four times as many fresh roads (--fresh {more}) halve the interval"
 
