@@ -3,7 +3,7 @@
     python benchmarks/minimise.py [--seeds 5] [--failures 10] [--simulations 1000]
         [--max-drives 500] [--driver planner] [--json FILE]
 
-Every seed 1 .. N is a search with the strategy `frenetic` in the embedded simulator, with its
+Every seed 1 .. N is a search with the strategy `frenetic-2021` in the embedded simulator, with its
 default rules on the default map. Of each search, so many failures are minimised, evenly spaced in
 the order of finding, once with the guard that is the default and once without. The same call prints
 the same figures on the same machine, but for the time.
@@ -47,7 +47,7 @@ from frenetic.redrive.minimise import (
 from frenetic.redrive.shrinking import Ending
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
-from frenetic.search import Candidate, Frenetic
+from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import converse
 
@@ -110,7 +110,7 @@ def find_failures(seed: int, simulations: int, driver: Driver, number: int) -> l
             found.append(Road(candidate.curvatures, candidate.step))
         return result.outcome, result.moobd
 
-    converse(Frenetic(seed=seed), verdict, simulations)
+    converse(Frenetic2021(seed=seed), verdict, simulations)
     count = min(number, len(found))
     return [found[i * len(found) // count] for i in range(count)]
 
