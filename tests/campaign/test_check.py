@@ -33,7 +33,7 @@ from frenetic.export import export_campaign
 from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import confirm
 from frenetic.road import Road
-from frenetic.search import Frenetic, RandomSearch
+from frenetic.search import Frenetic2021, RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Trajectory
 from frenetic.spec import CONFIGURATION, command_entries, decode_config
 from frenetic.testing import DummyDriver, DummySimulator
@@ -59,7 +59,7 @@ COMMAND_LINE: dict[str, Any] = {
 def make_campaign(folder: Path, budget: Budget, **options: Any) -> Campaign:
     """One whose tests end in every way but ERROR."""
     return Campaign(
-        strategy=Frenetic(seed=3, max_redraws=0),
+        strategy=Frenetic2021(seed=3, max_redraws=0),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=budget,
@@ -374,6 +374,7 @@ def test_each_value_of_the_configuration_of_the_wrong_type(tmp_path: Path, name:
         "lookahead": [10**400],
         "versions": [{}],
         "fingerprints": [{}],
+        "objective": ["seven"],
     }
     bads: list[object] = [[], {}, "seven", -1, True, 10**400]
     accepted = []
