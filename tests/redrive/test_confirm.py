@@ -103,6 +103,10 @@ def test_confirmed_is_the_same_failure_at_the_same_place(campaign: Path) -> None
     assert sum(document["matches"].values()) == len(found.tests)
     (kept,) = read_confirmations(campaign)
     assert str(kept) == str(found)
+    passed = replace(found.tests[0], outcome=Outcome.PASS)
+    otherwise = replace(found.tests[0], departure_distance=0.0)
+    told = str(replace(found, tests=(otherwise, passed, otherwise)))
+    assert told == "2 failing otherwise (2 elsewhere), 1 not confirmed"
 
 
 def test_drives_are_judged_by_the_box_of_the_other_car(campaign: Path) -> None:

@@ -87,10 +87,10 @@ class Confirmation:
         return self.count(Agreement.CONFIRMED)
 
     def __str__(self) -> str:
-        counts = [(kind, self.count(kind)) for kind in Agreement]
-        text = ", ".join(f"{number} {kind}" for kind, number in counts if number)
+        texts = [f"{self.count(kind)} {kind}" for kind in Agreement if self.count(kind)]
         others = [test for test in self.tests if test.agreement is Agreement.FAILING_OTHERWISE]
-        return f"{text} ({matches_text(others)})" if others else text
+        kind = f"{len(others)} {Agreement.FAILING_OTHERWISE}"
+        return ", ".join(f"{t} ({matches_text(others)})" if t == kind else t for t in texts)
 
     @cached_property
     def correlation(self) -> Correlation | None:
