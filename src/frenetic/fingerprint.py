@@ -239,7 +239,10 @@ class _Taker:
     def take(self, part: object, arguments: Mapping[str, Any]) -> Fingerprint:
         made = made_by(part)
         self._is_built_in = type(part).__module__.partition(".")[0] == _OURS
-        self._add_class(type(part))
+        if isinstance(part, FunctionType):
+            self._add_used(part)
+        else:
+            self._add_class(type(part))
         if made is not None and made.factory is not type(part):
             self._add_used(made.factory)
         for name, value in arguments.items():

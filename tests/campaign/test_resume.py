@@ -406,3 +406,25 @@ def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -
     assert {told[1] for told in strategy.told} == {"left", "right", None}
     assert resumed.told[: len(strategy.told)] == strategy.told
     assert len(resumed.told) > len(strategy.told)
+
+
+def test_a_changed_objective_of_ones_own_is_refused(tmp_path: Path, driver_file: Path) -> None:
+    def searching(simulations: int) -> Campaign:
+        forget_user_files()
+        return Campaign(
+            strategy=RandomSearch(seed=4),
+            simulator=DummySimulator(drift),
+            driver=DummyDriver(),
+            budget=Budget(simulations=simulations),
+            folder=tmp_path / "c",
+            objective=f"{file}:worst",
+        )
+
+    file = driver_file.with_name("objective.py")
+    source = "def worst(road, drive):\n    return -float(drive.trajectory.speed.max())\n"
+    file.write_text(source, encoding="utf-8")
+    searching(5).run()
+    file.write_text(source.replace("max", "min"), encoding="utf-8")
+    with pytest.raises(CampaignError, match=r"objective: objective\.py was changed"):
+        searching(10).resume()
+    assert searching(10).resume(accept_changed=True).simulations == 10

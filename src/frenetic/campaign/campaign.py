@@ -28,6 +28,7 @@ from frenetic.campaign.versions import package_versions
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, reason_of, traceback_of
+from frenetic.fingerprint import fingerprint_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
@@ -236,7 +237,7 @@ class Campaign:
             lookahead=self.order.lookahead,
             objective=self.objective.name,
             versions=package_versions(),
-            fingerprints=describe_terms(),
+            fingerprints=describe_terms() | self._objective_fingerprint(),
         )
 
     def _described_strategy(self) -> dict[str, JSONValue]:
@@ -338,6 +339,12 @@ class Campaign:
         if margin != MARGIN and isinstance(self.strategy, CheckingStrategy):
             self.strategy.keep_margin(margin)
             self._checked_margin = margin
+
+    def _objective_fingerprint(self) -> dict[str, JSONValue]:
+        """The fingerprint of an objective of your own."""
+        if self.objective.measure.__module__.partition(".")[0] == "frenetic":
+            return {}
+        return {"objective": fingerprint_of(self.objective.measure).to_json()}
 
     def _changes(
         self, store: CampaignStore, *, accept_changed: bool
