@@ -93,6 +93,10 @@ NUMBERS: Final = (
 """The numbers for driving roads, beside the layers of the driver."""
 
 
+MAX_WORKERS: Final = 1024
+"""Most roads that one computer drives at once; a cluster has as many seats as it has."""
+
+
 @dataclass(frozen=True)
 class Budget:
     """The budget of a campaign. Only drives cost simulations; INVALID roads are free.

@@ -319,6 +319,12 @@ def test_map_sizes_have_to_agree(tmp_path: Path) -> None:
         campaign(tmp_path, strategy, Budget(failures=1), map_size=200.0)
 
 
+def test_no_computer_has_so_many_workers(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="workers is 1025: at most 1024 are allowed"):
+        campaign(tmp_path / "c", Scripted(BENT), Budget(simulations=1), workers=1025)
+    assert not (tmp_path / "c").exists()
+
+
 @pytest.mark.parametrize("kind", [RandomSearch, Frenetic])
 def test_the_margin_reaches_the_check_of_the_strategy(
     tmp_path: Path, kind: type[RandomSearch | Frenetic]

@@ -134,7 +134,10 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic) -> None:
         (["--driver-option", "aggression=-1"], ["aggression is -1"]),
         (["--driver-option", "aggression"], ["is not NAME=VALUE"]),
         (["--noise", "-1"], ["offset is -1"]),
+        (["--noise", "1e308"], ["offset is 1e+308: at most 100"]),
         (["--delay", "99"], ["at most 10 s"]),
+        (["--map-size", "1e308"], ["map_size is 1e+308: at most 1e+07 m"]),
+        (["--workers", "1" + "0" * 400], ["'--workers'", "is not in the range 1<=x<=1024"]),
         (
             ["--strategy", "genetic"],
             ["unknown strategy 'genetic'", "frenetic, frenetic-2021, random"],

@@ -488,6 +488,8 @@ def test_layers_reset_the_driver_underneath() -> None:
         (Noisy, {"correlation_time": 0.0}, "correlation_time is 0.0: more than 0 s are needed"),
         (Delayed, {"seconds": -0.1}, "seconds is -0.1: 0 or more s are needed"),
         (Delayed, {"seconds": math.nan}, "seconds is nan: 0 or more s are needed"),
+        (Noisy, {"offset": 1e308}, "offset is 1e+308: at most 100 is allowed"),
+        (Noisy, {"heading": 101.0}, "heading is 101: at most 100 is allowed"),
         (Delayed, {"seconds": 11.0}, "seconds is 11.0: a delay of at most 10 s is allowed"),
         (LimitedView, {"distance": 0.0}, "distance is 0.0: more than 0 m are needed"),
         (LimitedView, {"distance": -5.0}, "distance is -5.0: more than 0 m are needed"),

@@ -37,7 +37,7 @@ from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import isolated
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import Budget, Part, Spec, describe, describe_terms
+from frenetic.spec import MAX_WORKERS, Budget, Part, Spec, describe, describe_terms
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -125,6 +125,8 @@ class Campaign:
         for name, number in (("workers", workers), ("lookahead", lookahead)):
             if isinstance(number, bool) or number != int(number) or number < 1:
                 raise ValueError(f"{name} is {number}: a whole number of at least 1 is needed")
+        if workers > MAX_WORKERS:
+            raise ValueError(f"workers is {workers}: at most {MAX_WORKERS} are allowed")
         if drive_limit is None:
             drive_limit = capabilities(simulator).drive_limit
         if not drive_limit > 0.0:

@@ -18,6 +18,7 @@ from frenetic.errors import RoadError, describe_raised, traceback_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, check_validity
+from frenetic.road.road import MAX_COORDINATE
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Drive, Trajectory
@@ -43,7 +44,7 @@ class RoadTester:
 
     Raises:
         DriverError: the driver cannot drive in the simulator.
-        ValueError: the map is too small for its margin.
+        ValueError: the map is too small for its margin, or too large.
     """
 
     simulator: Simulator
@@ -60,6 +61,10 @@ class RoadTester:
             raise ValueError(
                 f"map_size is {self.map_size:g}: more than twice the margin of"
                 f" {self.margin:g} m is needed"
+            )
+        if self.map_size > MAX_COORDINATE:
+            raise ValueError(
+                f"map_size is {self.map_size:g}: at most {MAX_COORDINATE:g} m are allowed"
             )
         check_pair(self.simulator, self.driver)
 

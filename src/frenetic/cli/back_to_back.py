@@ -15,6 +15,7 @@ from frenetic._support.words import capitalised, counted
 from frenetic.cli.beamng import moved, place_options
 from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import (
+    WORKERS,
     CampaignFolder,
     GroupedCommand,
     Setting,
@@ -96,7 +97,7 @@ _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
 )
 @click.option(
     "--workers",
-    type=click.IntRange(1),
+    type=WORKERS,
     default=1,
     show_default=True,
     metavar="N",

@@ -17,6 +17,7 @@ import click
 from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
 from frenetic.cli.options import (
+    WORKERS,
     Duration,
     Folder,
     GroupedCommand,
@@ -202,7 +203,7 @@ class _AskedEntrant:
 @driver_options
 @click.option(
     "--workers",
-    type=click.IntRange(1),
+    type=WORKERS,
     metavar="N",
     help="Runs at once, in processes of their own. [default: the cores]",
 )

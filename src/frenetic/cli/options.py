@@ -14,10 +14,13 @@ import click
 from click.shell_completion import CompletionItem
 
 from frenetic._support.durations import parse_duration
-from frenetic.spec import read_setting
+from frenetic.spec import MAX_WORKERS, read_setting
 
 DATABASE: Final = "campaign.sqlite"
 """`frenetic.campaign.store.DATABASE`, which takes longer to import than completing may."""
+
+WORKERS: Final = click.IntRange(1, MAX_WORKERS)
+"""Type of a number of workers."""
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -12,7 +12,7 @@ import click
 
 from frenetic.cli.beamng import is_beamng, without_place
 from frenetic.cli.console import Log, announced_compilation, counted_progress, shell
-from frenetic.cli.options import as_usage_error, drive_limit_option, json_option
+from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, json_option
 from frenetic.cli.parts import given_options, part_options
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import DRIVEN, Spec, drive_options
@@ -36,7 +36,7 @@ def redriving_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that choose parts and workers, and --json."""
     workers = click.option(
         "--workers",
-        type=click.IntRange(1),
+        type=WORKERS,
         default=1,
         show_default=True,
         metavar="N",

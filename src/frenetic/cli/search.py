@@ -21,7 +21,7 @@ from frenetic.cli.console import (
     print_failures,
     shell,
 )
-from frenetic.cli.options import as_usage_error, drive_limit_option, with_options
+from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, with_options
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import number_word
 
@@ -42,7 +42,7 @@ def worker_options(command: Callable[P, R]) -> Callable[P, R]:
     options = [
         click.option(
             "--workers",
-            type=click.IntRange(1),
+            type=WORKERS,
             metavar="N",
             help="Drive on N roads at once, in processes of their own. [default: the cores]",
         ),

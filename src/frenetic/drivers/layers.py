@@ -46,6 +46,10 @@ def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None
         ahead[i, 1] = c * y - s * x
 
 
+_LARGEST_ERROR: Final = 100.0
+"""Largest standard deviation of an error about the place, in m and in rad."""
+
+
 def _amount(value: float, name: str, unit: str, allow_zero: bool = True) -> float:
     if not (math.isfinite(value) and (value > 0.0 or (allow_zero and value == 0.0))):
         allowed = "0 or more" if allow_zero else "more than 0"
@@ -83,6 +87,11 @@ class Noisy:
         self.driver = driver
         self.offset = _amount(offset, "offset", "m are")
         self.heading = _amount(heading, "heading", "rad are")
+        for name in ("offset", "heading"):
+            if getattr(self, name) > _LARGEST_ERROR:
+                raise ValueError(
+                    f"{name} is {getattr(self, name):g}: at most {_LARGEST_ERROR:g} is allowed"
+                )
         self.correlation_time = _amount(correlation_time, "correlation_time", "s are", False)
         self.seed = seed
 
