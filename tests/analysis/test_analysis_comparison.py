@@ -23,7 +23,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
-from frenetic.search import Frenetic, RandomSearch
+from frenetic.search import Frenetic2021, RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
 
 SIMULATIONS = 110
@@ -34,7 +34,7 @@ def repeats(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with five campaigns of each of two strategies."""
     parent = tmp_path_factory.mktemp("repeats")
     for seed in range(5):
-        search(parent / f"frenetic-{seed}", Frenetic(seed=seed), SIMULATIONS)
+        search(parent / f"frenetic-{seed}", Frenetic2021(seed=seed, max_redraws=10), SIMULATIONS)
         search(parent / f"random-{seed}", RandomSearch(seed=seed), SIMULATIONS)
     return parent
 
@@ -366,7 +366,13 @@ def test_repeats_that_are_none_are_noted(tmp_path: Path) -> None:
 
 def test_groups_that_differ_in_more_than_one_thing_are_noted(tmp_path: Path) -> None:
     first = made(tmp_path, "a")
-    other = made(tmp_path, "b", driver=DummyDriver(), map_size=None, strategy=Frenetic(seed=1))
+    other = made(
+        tmp_path,
+        "b",
+        driver=DummyDriver(),
+        map_size=None,
+        strategy=Frenetic2021(seed=1, max_redraws=10),
+    )
     about_drivers, note = compare({"x": [first], "y": [other]}).notes
     assert f"'frenetic back-to-back {first} {other}'" in about_drivers
     assert note == "the groups differ in more than one thing: strategy, driver"

@@ -17,7 +17,7 @@ from frenetic.analysis.metrics import measure_campaign
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import CampaignStore
 from frenetic.outcome import Outcome
-from frenetic.search import Frenetic, RandomSearch
+from frenetic.search import Frenetic2021, RandomSearch
 
 # Numbers of roads that found each distinct failure, and roads that found none.
 random_roads = st.builds(
@@ -93,7 +93,9 @@ def test_a_campaign_expects_of_random_roads_what_its_own_found(tmp_path: Path) -
     drawn = measure_campaign(search(tmp_path / "drawn", RandomSearch(seed=1), 60))
     assert drawn.expected_failures == pytest.approx(drawn.failures)
     assert drawn.expected_distinct == pytest.approx(drawn.distinct_failures)
-    searched = measure_campaign(search(tmp_path / "searched", Frenetic(seed=2), 120))
+    searched = measure_campaign(
+        search(tmp_path / "searched", Frenetic2021(seed=2, max_redraws=10), 120)
+    )
     with CampaignStore.open(tmp_path / "searched") as store:
         random = [one for one in store.tests() if one.candidate.origin.operator == "random"]
         failing = {one.id for one in random if one.outcome is Outcome.FAIL}

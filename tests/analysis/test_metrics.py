@@ -30,14 +30,16 @@ from frenetic.analysis.sparseness import diversity
 from frenetic.campaign import CampaignStore
 from frenetic.export import export_campaign
 from frenetic.outcome import Outcome
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 
 SIMULATIONS = 110
 
 
 @pytest.fixture(scope="module")
 def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return search(tmp_path_factory.mktemp("measured") / "c", Frenetic(seed=2), SIMULATIONS)
+    return search(
+        tmp_path_factory.mktemp("measured") / "c", Frenetic2021(seed=2, max_redraws=10), SIMULATIONS
+    )
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search import Candidate, Frenetic, Origin, RandomSearch, SearchEnded
+from frenetic.search import Candidate, Frenetic, Frenetic2021, Origin, RandomSearch, SearchEnded
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -379,7 +379,7 @@ def test_configuration_says_what_was_run(tmp_path: Path) -> None:
             }
 
     configuration = Campaign(
-        strategy=Frenetic(seed=5, threshold=-0.25),
+        strategy=Frenetic2021(seed=5, threshold=-0.25, max_redraws=10),
         simulator=EmbeddedSimulator(friction=0.5),
         driver=Delayed(Part(), seconds=0.2),
         budget=Budget(simulations=3),

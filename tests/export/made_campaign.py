@@ -14,7 +14,7 @@ from checksums import forget_checksums
 from frenetic.campaign import Budget, Campaign
 from frenetic.campaign.store import DATABASE
 from frenetic.drivers import Planner
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator
 
 
@@ -23,7 +23,7 @@ def made_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its folder; nothing in it may be changed."""
     folder = tmp_path_factory.mktemp("exported") / "c"
     Campaign(
-        strategy=Frenetic(seed=3, max_redraws=0),
+        strategy=Frenetic2021(seed=3),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=Budget(simulations=120),

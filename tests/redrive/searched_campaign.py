@@ -8,7 +8,7 @@ import pytest
 
 from frenetic.campaign import Budget, Campaign
 from frenetic.drivers import Planner
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator
 
 
@@ -17,7 +17,7 @@ def searched_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its folder; nothing in it may be changed, but it can be copied."""
     folder = tmp_path_factory.mktemp("searched") / "c"
     Campaign(
-        strategy=Frenetic(seed=3),
+        strategy=Frenetic2021(seed=3, max_redraws=10),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=Budget(simulations=60),

@@ -37,7 +37,7 @@ from frenetic.redrive.paired import (
 )
 from frenetic.redrive.record import Change, Redrive
 from frenetic.road import Road
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.simulators.worlds import USUAL
 
@@ -76,7 +76,7 @@ class Counting(EmbeddedSimulator):
 def test_both_versions_drive_the_same_roads(campaign: Path, tmp_path: Path) -> None:
     newer = tmp_path / "new"
     Campaign(
-        strategy=Frenetic(seed=4),
+        strategy=Frenetic2021(seed=4, max_redraws=10),
         simulator=EmbeddedSimulator(),
         driver=Planner(aggression=1.1),
         budget=Budget(simulations=40),
@@ -202,7 +202,7 @@ def test_repeats_under_noise_have_other_errors_each_the_same_for_both(campaign: 
 
 def test_only_the_driver_may_differ(campaign: Path, tmp_path: Path) -> None:
     Campaign(
-        strategy=Frenetic(seed=4, map_size=250),
+        strategy=Frenetic2021(seed=4, map_size=250, max_redraws=10),
         simulator=EmbeddedSimulator(friction=0.8),
         driver=Planner(),
         budget=Budget(simulations=2),
@@ -220,7 +220,7 @@ def test_an_older_version_of_the_simulator_does_not_matter(
     with monkeypatch.context() as older:
         older.setattr(EmbeddedSimulator, "BEHAVIOUR", 0)
         Campaign(
-            strategy=Frenetic(seed=4),
+            strategy=Frenetic2021(seed=4, max_redraws=10),
             simulator=EmbeddedSimulator(),
             driver=Planner(),
             budget=Budget(simulations=2),

@@ -25,7 +25,7 @@ from frenetic.redrive.minimise import (
 )
 from frenetic.redrive.shrinking import Ending, Shape
 from frenetic.road import Road
-from frenetic.search import Candidate, Frenetic
+from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.testing import DummyDriver, DummySimulator, converse
 
@@ -61,7 +61,7 @@ def failures() -> list[Road]:
                 found.append(Road(candidate.curvatures, candidate.step))
             return result.outcome, result.moobd
 
-        converse(Frenetic(seed=seed), verdict, 300)
+        converse(Frenetic2021(seed=seed, max_redraws=10), verdict, 300)
         roads += [found[i * len(found) // 10] for i in range(10)]
     return roads
 

@@ -30,7 +30,7 @@ from frenetic.redrive.minimise import Minimised, MinimiseProgress, minimise_test
 from frenetic.redrive.record import Match, Purpose, Run
 from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
 from frenetic.redrive.table import RunWriter, read_runs
-from frenetic.search import Frenetic, RandomSearch
+from frenetic.search import Frenetic2021, RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import USUAL
 
@@ -42,7 +42,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign with some failures."""
     folder = tmp_path_factory.mktemp("made") / "c"
     Campaign(
-        strategy=Frenetic(seed=3),
+        strategy=Frenetic2021(seed=3, max_redraws=10),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=Budget(failures=4),

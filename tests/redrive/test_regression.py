@@ -33,7 +33,7 @@ from frenetic.redrive.regression import (
     write_junit,
 )
 from frenetic.road import Pose, Road
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.simulators.worlds import USUAL
 from frenetic.testing import DummyDriver, DummySimulator
@@ -145,7 +145,7 @@ def test_ctrl_c_ends_it_and_says_what_is_missing(campaign: Path) -> None:
 
 def test_a_campaign_without_failures_is_a_success(tmp_path: Path) -> None:
     Campaign(
-        strategy=Frenetic(seed=1),
+        strategy=Frenetic2021(seed=1, max_redraws=10),
         simulator=DummySimulator(),
         driver=DummyDriver(),
         budget=Budget(simulations=3),

@@ -31,7 +31,7 @@ from frenetic.redrive.robustness import (
     telling_reruns,
 )
 from frenetic.road import Road
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.worlds import QUANTITIES, USUAL, Conditions
 from frenetic.testing import DummyDriver, DummySimulator
@@ -42,7 +42,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign with some failures."""
     folder = tmp_path_factory.mktemp("made")
     Campaign(
-        strategy=Frenetic(seed=3),
+        strategy=Frenetic2021(seed=3, max_redraws=10),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=Budget(failures=6),

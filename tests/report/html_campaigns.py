@@ -11,7 +11,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Frenetic, Origin
+from frenetic.search import Candidate, Frenetic2021, Origin
 from frenetic.simulators import EmbeddedSimulator
 
 HOSTILE = (
@@ -23,7 +23,7 @@ HOSTILE = (
 def make_searched(folder: Path) -> Path:
     """A campaign with failures, random roads, and roads that were made from others."""
     Campaign(
-        strategy=Frenetic(seed=1),
+        strategy=Frenetic2021(seed=1, max_redraws=10),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
         budget=Budget(simulations=300),

@@ -20,7 +20,7 @@ from frenetic.drivers import Controls, Observation, Stanley
 from frenetic.errors import FreneticError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.search import Frenetic
+from frenetic.search import Frenetic2021
 from frenetic.simulators import Rules, Simulator
 from frenetic.simulators.metadrive import MetaDriveIdm, MetaDriveSimulator
 from frenetic.testing import SimulatorContract
@@ -153,7 +153,7 @@ def test_campaign_is_the_same_in_one_and_in_two_processes(tmp_path: Path) -> Non
     for workers in (1, 2):
         folder = tmp_path / str(workers)
         Campaign(
-            strategy=Frenetic(seed=4),
+            strategy=Frenetic2021(seed=4, max_redraws=10),
             simulator=MetaDriveSimulator(),
             driver=MetaDriveIdm(target_speed=60.0),
             budget=Budget(simulations=5),
