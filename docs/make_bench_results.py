@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from frenetic import CampaignStore, EmbeddedSimulator, Planner, Stanley
+from frenetic import CampaignStore, EmbeddedSimulator, Planner
 from frenetic.analysis import Comparison
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
 from frenetic.bench import Bench, Entrant, Terms
@@ -62,7 +62,6 @@ BENCHES = (
     Published("planner-200", Planner(), 200, ENTRANTS + ABLATIONS),
     Published("planner-1000", Planner(), 1000),
     Published("gentle-1000", Planner(lateral_acceleration=7.0), 1000),
-    Published("stanley-1000", Stanley(), 1000),
 )
 MEASURES = (
     "distinct_per_100",
