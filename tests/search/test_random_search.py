@@ -129,10 +129,12 @@ def test_a_check_that_accepts_all_changes_nothing() -> None:
         ("map_size", 0.0, "positive (m)"),
         ("map_size", float("inf"), "positive (m)"),
         ("step", -1.0, "positive (m)"),
-        ("length_jitter", -1, "a whole number of at least 0"),
+        ("length_jitter", -1, "a whole number of at least 0 and at most 1000"),
+        ("length_jitter", 10**400, "a whole number of at least 0 and at most 1000"),
         ("max_length", 1, "a whole number of at least 2"),
         ("curvature_bound", 0.0, "positive (1/m)"),
         ("max_change", float("nan"), "positive (1/m)"),
+        ("max_change", 10**400, "positive (1/m)"),
         ("max_redraws", -1, "a whole number of at least 0"),
     ],
 )

@@ -18,6 +18,7 @@ from frenetic.search.random_search import (
     LENGTH_JITTER,
     MAX_LENGTH,
     MAX_REDRAWS,
+    MOST_JITTER,
     RANDOM,
     STEP,
     RandomRoads,
@@ -164,7 +165,7 @@ class Frenetic:
         self._learn_shares = learn_shares
         self._max_parents = require_whole("max_parents", max_parents, 1)
         self._draws = 1 + require_whole("max_redraws", max_redraws, 0)
-        self._jitter = require_whole("length_jitter", length_jitter, 0)
+        self._jitter = require_whole("length_jitter", length_jitter, 0, MOST_JITTER)
         longest = require_whole("max_length", max_length, MIN_VALUES)
         self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), longest), MIN_VALUES)
         self._map_size = None if is_valid else map_size

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 STEP = 10.0  # m
 LENGTH_JITTER = 5
+MOST_JITTER = 1000  # that may be asked for
 MAX_LENGTH = 30
 MAX_REDRAWS = 10
 
@@ -96,7 +97,7 @@ class RandomRoads:
         )
         require(0 < max_change < math.inf, "max_change", max_change, "positive (1/m)")
         self.step = float(step)
-        self._length_jitter = require_whole("length_jitter", length_jitter, 0)
+        self._length_jitter = require_whole("length_jitter", length_jitter, 0, MOST_JITTER)
         self._usual_length = min(
             int(map_size // step), require_whole("max_length", max_length, MIN_VALUES)
         )

@@ -10,6 +10,8 @@ from typing import Any, Protocol, SupportsIndex, runtime_checkable
 from frenetic._support.arrays import FloatArray
 from frenetic.search.records import Candidate, Evaluation, Origin
 
+_MOST_BITS = 1000  # of a number that a float can hold
+
 
 class SearchEnded(Exception):  # noqa: N818 - it is no error
     """A strategy has nothing left to propose; the message says why, in a few words.
@@ -183,27 +185,29 @@ def options_of(arguments: Mapping[str, Any]) -> dict[str, int | float | str | bo
 
 
 def require(holds: bool, name: str, value: object, allowed: str) -> None:
-    """Refuse an option's value unless `holds`.
+    """Refuse an option's value unless `holds`, and a whole number that no float can hold.
 
     Raises:
         ValueError: "`name` must be `allowed`, got `value`".
 
     """
-    if not holds:
+    if not holds or (isinstance(value, int) and value.bit_length() > _MOST_BITS):
         raise ValueError(f"{name} must be {allowed}, got {value!r}")
 
 
-def require_whole(name: str, value: SupportsIndex, least: int) -> int:
+def require_whole(name: str, value: SupportsIndex, least: int, most: int | None = None) -> int:
     """Return an option's value as an int.
 
     Raises:
-        ValueError: It is not a whole number of at least `least`.
+        ValueError: It is not a whole number of at least `least`, and at most `most` if given.
 
     """
     allowed = f"a whole number of at least {least}"
+    if most is not None:
+        allowed += f" and at most {most}"
     try:
         number = operator.index(value)
     except TypeError:
         raise ValueError(f"{name} must be {allowed}, got {value!r}") from None
-    require(number >= least, name, value, allowed)
+    require(least <= number and (most is None or number <= most), name, value, allowed)
     return number
