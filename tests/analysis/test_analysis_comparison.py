@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_campaigns import search, store_of
 
+from frenetic._support.json_value import JSONValue
 from frenetic.analysis.comparison import (
     Comparison,
     MapCoverage,
@@ -321,12 +322,33 @@ def test_names_say_what_differs_and_no_more(tmp_path: Path) -> None:
     assert list(group_campaigns(folders[:1])) == ["all"]
 
 
-def test_what_cannot_be_told_in_short_is_numbered(tmp_path: Path) -> None:
-    folders = [tmp_path / "a", tmp_path / "b", tmp_path / "c"]
-    for folder, driver in zip(folders, ("one:Driver", "two:Driver", "one:Other"), strict=True):
-        with CampaignStore.create(folder, {"driver": {"class": driver}}):
+def names_of(folder: Path, *drivers: dict[str, JSONValue]) -> list[str]:
+    """The names of groups of campaigns with these drivers."""
+    folders = [folder / str(number) for number, _ in enumerate(drivers)]
+    for place, driver in zip(folders, drivers, strict=True):
+        with CampaignStore.create(place, {"driver": driver}):
             pass
-    assert list(group_campaigns(folders)) == ["Driver 1", "Driver 2", "Other"]
+    return list(group_campaigns(folders))
+
+
+def test_drivers_of_one_class_name_are_told_apart_by_their_files(tmp_path: Path) -> None:
+    drivers: list[dict[str, JSONValue]] = [
+        {"class": name} for name in ("v1.py:Driver", "v2.py:Driver", "v1.py:Other")
+    ]
+    names = names_of(tmp_path / "bare", *drivers)
+    assert names == ["v1.py:Driver", "v2.py:Driver", "Other"]
+    layered: list[dict[str, JSONValue]] = [
+        {"class": "frenetic.drivers:Delayed", "driver": driver} for driver in drivers[:2]
+    ]
+    assert names_of(tmp_path / "layered", *layered) == [
+        "Delayed over v1.py:Driver",
+        "Delayed over v2.py:Driver",
+    ]
+
+
+def test_what_cannot_be_told_in_short_is_numbered(tmp_path: Path) -> None:
+    one: dict[str, JSONValue] = {"class": "one:Driver"}
+    assert names_of(tmp_path, one, one | {"extra": 1}) == ["Driver 1", "Driver 2"]
 
 
 def test_places_hold_one_campaign_or_several(repeats: Path, tmp_path: Path) -> None:

@@ -55,8 +55,20 @@ def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, r
 def test_another_driver_is_named_beside_the_recorded_one(frenetic: Frenetic, road: Path) -> None:
     answer = frenetic("drive", str(road), "--driver", "planner", "--delay", "0")
     assert "driver     Planner in EmbeddedSimulator; recorded with Bold, delayed" in answer.out
-    Path("mine.py").write_text(MINE.replace("1.2", "0.5"), encoding="utf-8")
-    assert "; changed since: driver Bold: " in frenetic("drive", str(road)).out
+
+
+def test_another_version_of_the_driver_is_named_whatever_its_options(
+    frenetic: Frenetic, road: Path
+) -> None:
+    Path("mine.py").write_text(f"{MINE}\n# edited", encoding="utf-8")
+    version = "; driver Bold is another version than the campaign's: mine.py was changed\n"
+    driven = frenetic("drive", str(road)).out
+    assert "recorded with" not in driven
+    assert version in driven
+    other = frenetic("drive", str(road), "--driver-option", "extra=0.2").out
+    assert "driver     Bold, aggression 1.4, extra 0.2, delayed" in other
+    assert "; recorded with Bold, aggression 1.3, extra 0.1, delayed" in other
+    assert version in other
 
 
 def test_a_file_of_an_older_version_says_who_drove(frenetic: Frenetic, road: Path) -> None:

@@ -108,6 +108,22 @@ def test_resume_refuses_the_other_one_and_marks_it_when_it_is_accepted(
     assert "Changed from result" in (versions / "old" / "report.html").read_text(encoding="utf-8")
 
 
+def test_driving_again_says_which_results_another_version_gave(
+    frenetic: Frenetic, versions: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert frenetic("resume", "old", "--simulations", "2", "--accept-changed").code == 0
+    with CampaignStore.open(versions / "old") as store:
+        (change,) = store.changes
+    forget()
+    caplog.clear()
+    assert frenetic("robustness", "old", "--times", "2", "--top", "1").code == 0
+    said = [r.getMessage() for r in caplog.records if "another version" in r.getMessage()]
+    assert said == [
+        f"from result 1 to {change.first - 1}: driver Mpc is another version than the campaign's:"
+        " gains.py was changed"
+    ]
+
+
 @pytest.mark.parametrize(
     "again",
     [

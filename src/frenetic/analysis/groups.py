@@ -115,13 +115,25 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     alike = [o for o in others if isinstance(o, dict) and o.get("class") == value["class"]]
     own, inner = value.get("options"), value.get("driver")
     settings = _settings(own, [o.get("options") for o in alike]) if isinstance(own, dict) else ""
-    word = str(value["class"]).rpartition(":")[2] + (f"({settings})" if settings else "")
+    word = str(value["class"])
+    if not any(other != word and _short(other) == _short(word) for other in _classes(others)):
+        word = _short(word)
+    word += f"({settings})" if settings else ""
     version = _version(value)
     if any(_version(other) != version for other in alike):
         word += f" [{version}]"
     if isinstance(inner, dict):
         word += f" over {_word(part, inner, [o.get('driver') for o in alike])}"
     return word
+
+
+def _classes(parts: Sequence[Any]) -> list[str]:
+    return [str(part["class"]) for part in parts if isinstance(part, dict) and "class" in part]
+
+
+def _short(name: str) -> str:
+    """A class without its module or file."""
+    return name.rpartition(":")[2]
 
 
 def _version(part: Mapping[str, Any]) -> str:

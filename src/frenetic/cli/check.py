@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from frenetic._support.words import counted
 from frenetic.cli.console import Log, counted_progress, print_facts, shell
 from frenetic.cli.options import CampaignFolder, json_option
 
@@ -35,8 +36,8 @@ def check(campaign: Path, quick: bool, as_json: bool) -> None:
         print_facts(_facts(report))
         for finding in report.findings:
             click.echo(f"{finding.severity}: {finding.subject}: {finding.message}")
-        number = len(report.findings)
-        found = "nothing is wrong" if report.is_sound else f"{number} findings"
+        number = counted(len(report.findings), "finding")
+        found = "nothing is wrong" if report.is_sound else number
         print_facts([("check", found + (", nothing judged again" if quick else ""))])
     if not report.is_sound:
         raise click.exceptions.Exit(1)

@@ -52,7 +52,7 @@ def drive(
     if it was driven, 1 if it is INVALID or the simulator or driver broke (ERROR).
     """
     from frenetic.campaign import RoadTester
-    from frenetic.fingerprint import differences
+    from frenetic.fingerprint import other_version
     from frenetic.oracle import Result, judge
     from frenetic.outcome import Outcome
     from frenetic.road.files import read_road
@@ -62,12 +62,15 @@ def drive(
     spec, loaded = file_spec(context, file), file.road()
     the_driver, the_simulator = spec.make_parts(isolate=True)
     driver, simulator = describe(the_driver), describe(the_simulator)
-    who = f"{part_text(driver)} in {part_text(simulator)}"
     recorded = file.entries.get("driver")
-    if isinstance(recorded, dict) and (changed := differences("driver", recorded, driver).changed):
+    now = part_text(driver, recorded)
+    who = [f"{now} in {part_text(simulator)}"]
+    if isinstance(recorded, dict):
         before = part_text(recorded, driver)
-        is_named = before != part_text(driver, recorded)
-        who += f"; recorded with {before}" if is_named else f"; changed since: {'; '.join(changed)}"
+        if before != now:
+            who.append(f"recorded with {before}")
+        if note := other_version("driver", recorded, driver):
+            who.append(note)
     check_map_size(spec.map_size)
     fitted, verdict = loaded.placed(spec.map_size)
     the_road = fitted or loaded
@@ -94,7 +97,7 @@ def drive(
             document["plot"] = str(plot)
         click.echo(json.dumps(document))
     else:
-        _print_drive(result, the_road, road, plot, who)
+        _print_drive(result, the_road, road, plot, "; ".join(who))
     if not result.outcome.is_driven:
         raise click.exceptions.Exit(1)
 

@@ -12,6 +12,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -106,9 +107,18 @@ def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) 
 
 
 def warn_of_versions(store: CampaignStore, simulator: Simulator, driver: Driver) -> None:
-    """Logs a warning for each part that is another version of the campaign's."""
-    for note in version_notes(store.parts, simulator=simulator, driver=driver):
-        logger.warning("%s", note)
+    """Logs a warning for each part that is another version of the campaign's.
+
+    Of a campaign that was resumed with changed parts the warning says of which results.
+    """
+    firsts = [1, *(change.first for change in store.changes if change.what)]
+    for first, following in zip_longest(firsts, firsts[1:]):
+        if first == following:
+            continue  # changed again before any result
+        end = "on" if following is None else f"to {following - 1}"
+        which = "" if len(firsts) == 1 else f"from result {first} {end}: "
+        for note in version_notes(store.parts_of(first), simulator=simulator, driver=driver):
+            logger.warning("%s%s", which, note)
 
 
 def new_run(purpose: Purpose, tester: RoadTester, planned: int, **drawn: Any) -> Run:
