@@ -71,6 +71,14 @@ def test_another_version_of_the_driver_is_named_whatever_its_options(
     assert version in other
 
 
+def test_help_says_that_the_record_comes_before_the_defaults(frenetic: Frenetic) -> None:
+    for command in ("drive", "minimise"):
+        text = " ".join(frenetic(command, "--help").out.split())
+        assert "as recorded, or planner" in text
+        assert "as recorded, or 70.0" in text
+    assert "as recorded" not in frenetic("run", "--help").out
+
+
 def test_a_file_of_an_older_version_says_who_drove(frenetic: Frenetic, road: Path) -> None:
     document = json.loads(road.read_text(encoding="utf-8"))
     del document["driven"]

@@ -374,8 +374,8 @@ def _drivers_differ(
         if own["driver"] != theirs["driver"]:
             yield (
                 "the groups have different drivers, and this compares what their searches found;"
-                f" which driver is better says 'frenetic back-to-back {groups[first][0]}"
-                f" {groups[other][0]}'"
+                f" 'frenetic back-to-back {groups[first][0]} {groups[other][0]}' says which driver"
+                " is better"
             )
             return
 

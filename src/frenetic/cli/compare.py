@@ -62,7 +62,7 @@ def compare(
 ) -> None:
     """Compare what the searches of groups of campaigns found.
 
-    Which of two drivers is better says 'frenetic back-to-back'.
+    'frenetic back-to-back' says which of two drivers is better.
 
     A FOLDER is that of a campaign, or holds the folders of several. Campaigns that differ only in
     the seed repeat each other and form a group. NAME=FOLDER[,FOLDER...] forms a group of your own,

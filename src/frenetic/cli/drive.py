@@ -11,7 +11,7 @@ import click
 
 from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
 from frenetic.cli.options import GroupedCommand, check_map_size, json_option, lane_option
-from frenetic.cli.parts import driver_options
+from frenetic.cli.parts import recorded_options
 from frenetic.cli.redrive import file_spec
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @click.command(cls=GroupedCommand)
 @click.argument("road", type=click.Path(path_type=Path))
-@driver_options
+@recorded_options
 @click.option(
     "--plot",
     type=click.Path(path_type=Path),

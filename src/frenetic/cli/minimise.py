@@ -25,7 +25,7 @@ from frenetic.cli.console import (
 )
 from frenetic.cli.messages import complain
 from frenetic.cli.options import GroupedCommand, as_usage_error, check_map_size, json_option
-from frenetic.cli.parts import driver_options, given_options
+from frenetic.cli.parts import given_options, recorded_options
 from frenetic.cli.redrive import file_spec, recorded_spec
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_record
@@ -111,7 +111,7 @@ class Done:
     help="Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if"
     " other parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
 )
-@driver_options
+@recorded_options
 @json_option
 @click.pass_context
 def minimise(

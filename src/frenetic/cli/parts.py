@@ -43,14 +43,20 @@ def names_of(
     return complete
 
 
-def part_choice(kind: str, help: str, default: str | None = None) -> Decorator:  # noqa: A002
+def part_choice(
+    kind: str,
+    help: str,  # noqa: A002
+    default: str | None = None,
+    *,
+    show_default: bool | str = True,
+) -> Decorator:
     """The options for a part and for its own options."""
     is_simulator = kind == "simulator"
     options = [
         click.option(
             f"--{kind}",
             default=default,
-            show_default=True,
+            show_default=show_default,
             is_eager=is_simulator,
             metavar=kind[0].upper(),
             help=help,
@@ -68,27 +74,40 @@ def part_choice(kind: str, help: str, default: str | None = None) -> Decorator: 
     return lambda command: with_options(options, command)
 
 
-def driver_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options that choose a driver, a simulator and the rules."""
+def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Callable[P, R]:
+    """The options that choose a driver, a simulator and the rules.
+
+    Args:
+        command: takes them.
+        is_recorded: whether a road's file or campaign may say them; the help then says so.
+    """
+
+    def shown(default: object) -> bool | str:
+        return f"as recorded, or {default}" if is_recorded and default is not None else True
+
     options: list[Decorator] = [
         part_choice(
             "driver",
             "Who drives: a name ('frenetic drivers'), package.module:Class or file.py:Class.",
             Spec.driver.name,
+            show_default=shown(Spec.driver.name),
         ),
         *(
             click.option(f"--{layer.name}", type=float, metavar=layer.unit.upper(), help=layer.help)
             for layer in LAYERS
         ),
         part_choice(
-            "simulator", "What moves the car (see 'frenetic simulators').", Spec.simulator.name
+            "simulator",
+            "What moves the car (see 'frenetic simulators').",
+            Spec.simulator.name,
+            show_default=shown(Spec.simulator.name),
         ),
         *(
             click.option(
                 _option(number.name),
                 type=float,
                 default=number.default,
-                show_default=True,
+                show_default=shown(number.default),
                 callback=_or_usual_limit if number.default is None else None,
                 help=number.help,
             )
@@ -96,6 +115,11 @@ def driver_options(command: Callable[P, R]) -> Callable[P, R]:
         ),
     ]
     return with_options(options, beamng_options(command))
+
+
+def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
+    """The same options for roads whose file or campaign may say how they were driven."""
+    return driver_options(command, is_recorded=True)
 
 
 def part_options(command: Callable[P, R]) -> Callable[P, R]:
