@@ -165,7 +165,7 @@ def live_view(
         parts.append(Text(described, style="dim"))
     if question := doubt(state, now):
         parts.append(Text(question, style=_STYLES["silent"]))
-    parts += [_budget_bar(state, inner), Text(), _counts(state, inner)]
+    parts += [_budget_bar(state, inner), Text(), _counts(state)]
     if state.progress.failed and state.progress.seconds >= 2.0 * BAR:
         parts += [Text(), *_failures_over_time(state, inner, console.options.ascii_only)]
     if state.workers and not state.status.is_end:
@@ -200,34 +200,14 @@ def _budget_bar(state: CampaignState, width: int) -> RenderableType:
     return row
 
 
-def _counts(state: CampaignState, width: int) -> Table:
-    """All counts, in three rows."""
+def _counts(state: CampaignState) -> RenderableType:
+    """All counts in the words of every command, and below them the rates and the best MOOBD."""
     progress = state.progress
+    counts = Text(progress.in_words(), style="bold")
+    counts.highlight_regex(r"[1-9]\d* failed", "red")
+    counts.highlight_regex(r"[1-9]\d* errors?", "yellow")
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
-    cells = (
-        (("tests", progress.tests), ("passed", progress.passed), ("rate now", _rate(state.rate))),
-        (
-            ("failed", progress.failed),
-            ("invalid", progress.invalid),
-            ("rate overall", _rate(progress.tests_per_second)),
-        ),
-        (("errors", progress.errors), ("dropped", progress.dropped), ("best MOOBD", best)),
-    )
-    table = Table.grid(padding=(0, 1), expand=True)
-    table.width = width
-    for place in range(3):
-        if place:
-            table.add_column(width=2)
-        table.add_column(style="dim")
-        table.add_column(justify="right", style="bold")
-    for row in cells:
-        shown: list[RenderableType] = []
-        for name, value in row:
-            style = {"failed": "red", "errors": "yellow"}.get(name, "") if value else ""
-            text = f"{value:,}" if isinstance(value, int) else value
-            shown += ["", name, Text(text, style=style)]
-        table.add_row(*shown[1:])
-    return table
+    return Group(counts, Text(f"best MOOBD {best}, {_rates(state)}"))
 
 
 def _failures_over_time(state: CampaignState, width: int, ascii_only: bool) -> list[RenderableType]:
@@ -324,12 +304,8 @@ def _facts(
     if described := _describe(state.setup):
         yield "search", described
     yield "budget", f"{progress.budget_spent:.1%} spent, {_times(state)}"
-    yield (
-        "results",
-        progress.in_words(),
-    )
-    now_rate = "" if state.status.is_end else f"{_rate(state.rate)} now, "
-    yield "rate", f"{now_rate}{_rate(progress.tests_per_second)} overall"
+    yield "results", progress.in_words()
+    yield "rate", _rates(state)
     if progress.min_moobd is not None:
         yield "best MOOBD", f"{progress.min_moobd:.2f} m"
     intervals = min(int(progress.seconds / BAR), 60)
@@ -371,8 +347,7 @@ def doubt(state: CampaignState, now: datetime) -> str:
     Args:
         state: of the campaign.
         now: by this machine's clock, which is compared with the campaign's only if nothing better
-        is
-            known.
+            is known.
     """
     if state.trouble:
         return f"the log cannot be read: {state.trouble}"
@@ -434,6 +409,12 @@ def _census(workers: Sequence[WorkerState]) -> str:
     """Numbers of workers by activity."""
     counted = Counter(worker.state for worker in workers).most_common()
     return ", ".join(f"{count} {state}" for state, count in counted)
+
+
+def _rates(state: CampaignState) -> str:
+    """The present rate while the campaign runs, and that since its start."""
+    now = "" if state.status.is_end else f"{_rate(state.rate)} now, "
+    return f"{now}{_rate(state.progress.tests_per_second)} overall"
 
 
 def _rate(rate: float | None) -> str:

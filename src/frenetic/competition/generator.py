@@ -97,10 +97,10 @@ class Generator:
 
         """
         logger.info(
-            "%s starts: seed %d, options %s, map of %g m, %s, kernels %s",
+            "%s starts: seed %d, %s, map of %g m, %s, kernels %s",
             type(self).__name__,
             self._seed,
-            self._options or "as published",
+            f"options {self._options}" if self._options else "default options",
             self._map_size,
             ", ".join(f"{name} {total:g} s" for name, total in self._budget.totals.items())
             or "unknown time budget",
