@@ -18,12 +18,12 @@ import sys
 import sysconfig
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
-from frenetic.errors import FreneticError, UnknownNameError, describe_raised
+from frenetic.errors import FreneticError, UnknownNameError, describe_raised, place_of
 
 USER_MODULE: Final = "frenetic_user_"
 """Prefix of the names of modules loaded from a user's file."""
@@ -198,12 +198,14 @@ class Registry:
         factory = self.load(spec)
         self._check_options(factory, spec, options)
         try:
-            made = factory(**options)
+            with redirect_stdout(sys.stderr):  # stdout is for results
+                made = factory(**options)
         except (TypeError, ValueError, ArithmeticError) as error:
             # An error about a type seldom names the option.
             given = ", ".join(f"{name}={value!r}" for name, value in options.items())
             which = f" with {given}" if isinstance(error, TypeError) and given else ""
-            raise FreneticError(f"{self.kind} {spec!r}{which}: {_line(error)}") from error
+            place = f" ({at})" if (at := place_of(error)) else ""
+            raise FreneticError(f"{self.kind} {spec!r}{which}: {_line(error)}{place}") from error
         except FreneticError:
             raise
         except Exception as error:
@@ -260,12 +262,13 @@ class Registry:
     def _import(self, target: str, spec: str, own: bool = False) -> Callable[..., Any]:
         place, _, attribute = target.rpartition(":")
         try:
-            if place.endswith(".py"):
-                module = load_user_file(place)
-            elif own:
-                module = _load_own_module(place)
-            else:
-                module = importlib.import_module(place)
+            with redirect_stdout(sys.stderr):  # stdout is for results
+                if place.endswith(".py"):
+                    module = load_user_file(place)
+                elif own:
+                    module = _load_own_module(place)
+                else:
+                    module = importlib.import_module(place)
         except FreneticError:
             raise
         except ModuleNotFoundError as error:

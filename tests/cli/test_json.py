@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -81,6 +83,62 @@ def test_every_command_prints_one_document(frenetic: Frenetic, campaign: str, na
     document = answer.json  # raises if there is anything beside it
     assert isinstance(document, dict | list)
     assert document
+
+
+TALKS: Final = """
+print("imported")
+
+class Talks:
+    def __init__(self):
+        print("made")
+
+    def reset(self, setup):
+        print("reset")
+
+    def act(self, observation):
+        print("asked")
+        raise ValueError
+
+def objective(road, drive):
+    print("judged")
+    return 0.0
+"""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("run", "--simulations", "2", "--seed", "1", "--workers", "1", "--out", "one"),
+        ("run", "--simulations", "2", "--seed", "1", "--workers", "2", "--out", "two"),
+        ("drive", "road.json"),
+    ],
+)
+def test_what_a_driver_prints_is_not_among_the_results(
+    tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    (tmp_path / "talks.py").write_text(TALKS)
+    (tmp_path / "road.json").write_text(json.dumps(ROAD))
+    done = subprocess.run(
+        [sys.executable, "-m", "frenetic", *arguments, "--driver", "talks.py:Talks", "--json"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1, done.stderr
+    assert isinstance(json.loads(done.stdout), dict)
+    for words in ("imported", "made", "reset", "asked"):
+        assert words in done.stderr
+
+
+def test_what_an_objective_prints_is_not_among_the_results(frenetic: Frenetic) -> None:
+    Path("talks.py").write_text(TALKS)
+    of = ("--objective", "talks.py:objective")
+    done = frenetic(
+        "run", "--simulations", "2", "--seed", "1", *ONE, *of, "--out", "three", "--json"
+    )
+    assert done.json["simulations"] == 2
+    assert "judged" in done.err
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -35,6 +35,16 @@ def test_nothing_failed_so_run_show_and_pictures_give_the_nearest_misses(
     assert not list(Path("slow/failures").glob("*.json"))
 
 
+def test_show_says_why_drives_broke(frenetic: Frenetic) -> None:
+    Path("broken.py").write_text(
+        "class Broken:\n    def reset(self, setup): pass\n    def act(self, o): return 1 / 0\n"
+    )
+    how = ("--simulations", "2", "--seed", "3", "--workers", "1", "--out", "broken")
+    said = "the driver raised ZeroDivisionError: division by zero (broken.py:3: "
+    assert f"The first error: {said}" in frenetic("run", "--driver", "broken.py:Broken", *how).out
+    assert f"the first: {said}" in frenetic("show", "broken").out
+
+
 def test_pictures_of_near_misses_make_way_for_failures(frenetic: Frenetic, campaign: str) -> None:
     Path(campaign, "failures").mkdir(exist_ok=True)
     Path(campaign, "failures", "near-miss-00001.png").touch()

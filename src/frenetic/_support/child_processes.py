@@ -247,8 +247,11 @@ class LogSender(logging.Handler):
 def stand_alone() -> None:
     """Makes this process leave Ctrl-C to its parent and end with it.
 
-    It becomes the head of a group, which can be ended as a whole.
+    It becomes the head of a group, which can be ended as a whole. What it prints goes to stderr:
+    stdout is for the parent's results.
     """
+    with suppress(OSError):  # there is none
+        os.dup2(2, 1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(os, "setsid"):
         with suppress(OSError):  # it is the head of one already

@@ -22,7 +22,7 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from frenetic.errors import CampaignError, describe_error
+from frenetic.errors import CampaignError, describe_raised
 from frenetic.oracle import assess
 from frenetic.registry import OBJECTIVES
 from frenetic.road import Road
@@ -69,7 +69,7 @@ class Objective:
             value = float(self.measure(road, drive))
         except Exception as error:
             raise CampaignError(
-                f"the objective {self.name} raised {describe_error(error)}"
+                f"the objective {self.name} raised {describe_raised(error)}"
             ) from error
         if not math.isfinite(value):
             raise CampaignError(f"the objective {self.name} is {value}: a finite number is needed")

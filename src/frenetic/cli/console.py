@@ -21,7 +21,7 @@ from frenetic.cli.messages import silence
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
-    from frenetic.campaign import Progress, TestRecord
+    from frenetic.campaign import CampaignStore, Progress, TestRecord
     from frenetic.oracle import Result
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
@@ -88,7 +88,7 @@ def progress_text(progress: Progress) -> str:
     least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     left = progress.seconds_left
     return (
-        f"{progress.in_words()}, best MOOBD {least}, {progress.tests_per_second:.0f} tests/s,"
+        f"{progress.in_words()}, best MOOBD {least}, {rate_words(progress.tests_per_second)},"
         f" {'?' if left is None else format_duration(left)} left"
     )
 
@@ -195,6 +195,18 @@ def print_table(
     Results().print(table)
 
 
+def rate_words(rate: float | None) -> str:
+    """Tests per second, or per minute or hour where they are few."""
+    if rate is None:
+        return "-"
+    if rate == 0.0:
+        return "0 tests/s"
+    units = {"s": 1.0, "min": 60.0, "h": 3600.0}
+    unit = next((unit for unit, seconds in units.items() if rate * seconds >= 1.0), "h")
+    number = rate * units[unit]
+    return f"{number:.{0 if number >= 100.0 else 1}f} tests/{unit}"
+
+
 def two_digits(value: float | None) -> str | None:
     """A number with two decimals."""
     return None if value is None else f"{value:.2f}"
@@ -226,6 +238,13 @@ def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
             for one in clusters.clusters[:listed]
         ],
     )
+
+
+def first_error(store: CampaignStore) -> str:
+    """Reason of the first test that broke; empty if none did."""
+    from frenetic.outcome import Outcome
+
+    return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
 
 
 def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 
@@ -17,8 +18,10 @@ from frenetic.cli.console import (
     Log,
     announced_compilation,
     clusters_json,
+    first_error,
     live_progress,
     print_failures,
+    rate_words,
     shell,
 )
 from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, with_options
@@ -151,7 +154,8 @@ def search(
                 log.print(f"Note: {note}", markup=False)
 
         try:
-            summary = how(show, on_start=started, on_interrupt=log.stopping)
+            with redirect_stdout(sys.stderr):  # a strategy's prints, say
+                summary = how(show, on_start=started, on_interrupt=log.stopping)
         except CampaignError as error:
             # Show what was stored until then.
             if not campaign.started:
@@ -166,7 +170,7 @@ def search(
             more = {"distinct_failures": len(clusters), "near_misses": near, "seed": seed}
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
-            _print_summary(summary, _first_error(store))
+            _print_summary(summary, first_error(store))
         if listed and not as_json:
             print_failures(found, counts.failed, len(listed))
         if summary is not None and not as_json:
@@ -214,23 +218,16 @@ def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | 
         return None
 
 
-def _first_error(store: CampaignStore) -> str:
-    """Prints why a drive broke first, if one did."""
-    from frenetic.outcome import Outcome
-
-    return "".join(test.reason for test in store.tests(Outcome.ERROR, limit=1))
-
-
-def _print_summary(summary: Summary, first_error: str) -> None:
+def _print_summary(summary: Summary, error: str) -> None:
     least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
-        f" {format_duration(summary.seconds)}, {summary.tests_per_second:.0f} tests/s{least}"
+        f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}{least}"
     )
     click.echo(summary.in_words())
-    if first_error:
-        click.echo(f"The first error: {first_error}")
+    if error:
+        click.echo(f"The first error: {error}")
     if summary.ended:
         click.echo(f"The strategy ended the search: {summary.ended}")
     if summary.notice:

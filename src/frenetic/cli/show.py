@@ -14,6 +14,7 @@ from frenetic._support.words import counted
 from frenetic.cli.console import (
     clusters_json,
     facts_of_drive,
+    first_error,
     print_facts,
     print_failures,
     print_table,
@@ -202,6 +203,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ),
             ("budget", spent),
             ("results", counts.in_words()),
+            *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
             *(("changed", str(change)) for change in store.changes if change.what),
         ]
     )

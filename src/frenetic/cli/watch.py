@@ -21,7 +21,7 @@ from rich.table import Table
 from rich.text import Text
 
 from frenetic._support.durations import format_duration
-from frenetic.cli.console import Results, print_facts
+from frenetic.cli.console import Results, print_facts, rate_words
 from frenetic.cli.options import CampaignFolder, Duration, json_option
 from frenetic.errors import CampaignError
 
@@ -324,7 +324,7 @@ def progress_line(state: CampaignState) -> str:
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     return (
         f"{progress.budget_spent:.1%} after {_times(state)}: {progress.in_words()}, best MOOBD"
-        f" {best}, {_rate(state.rate)}"
+        f" {best}, {rate_words(state.rate)}"
     )
 
 
@@ -413,18 +413,8 @@ def _census(workers: Sequence[WorkerState]) -> str:
 
 def _rates(state: CampaignState) -> str:
     """The present rate while the campaign runs, and that since its start."""
-    now = "" if state.status.is_end else f"{_rate(state.rate)} now, "
-    return f"{now}{_rate(state.progress.tests_per_second)} overall"
-
-
-def _rate(rate: float | None) -> str:
-    """Tests per second, or per minute or hour where they are few."""
-    if rate is None:
-        return "-"
-    units = {"s": 1.0, "min": 60.0, "h": 3600.0}
-    unit = next((unit for unit, seconds in units.items() if rate * seconds >= 1.0), "h")
-    number = rate * units[unit]
-    return f"{number:.{0 if number >= 100.0 else 1}f} tests/{unit}"
+    now = "" if state.status.is_end else f"{rate_words(state.rate)} now, "
+    return f"{now}{rate_words(state.progress.tests_per_second)} overall"
 
 
 def _clock_time(text: str, now: datetime) -> str:
