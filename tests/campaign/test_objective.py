@@ -113,8 +113,11 @@ def test_an_objective_without_a_value_ends_the_campaign(
     tmp_path: Path, name: str, why: str
 ) -> None:
     (tmp_path / "own.py").write_text(OWN, encoding="utf-8")
-    with pytest.raises(CampaignError, match=why):
+    with pytest.raises(CampaignError, match=f"{why}.*; 1 result stored, ") as caught:
         campaign(tmp_path / "c", f"{tmp_path / 'own.py'}:{name}").run()
+    assert ("own.py:" in str(caught.value).partition("raised")[2]) == (name == "broken")
+    with CampaignStore.open(tmp_path / "c") as store:
+        assert store.counts().told == 1
 
 
 def test_an_unknown_objective_is_refused() -> None:

@@ -68,7 +68,7 @@ def test_show_lists_tests_by_outcome_severity_and_feature(
     assert all(0.06 <= row["features"]["max_curvature"] <= 0.07 for row in bent["listed"])
     table = frenetic("show", campaign, "--sort", "bends", "--limit", "3").out.splitlines()
     assert table[0].split()[-2:] == ["bends", "why"]
-    assert table[-1].endswith("results, the first 3")
+    assert table[-1].endswith("results match; the first 3 are listed")
 
 
 @pytest.mark.parametrize(

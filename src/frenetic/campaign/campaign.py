@@ -8,7 +8,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -522,6 +522,8 @@ def _saying_what_is_stored(store: CampaignStore, tally: Tally) -> Iterator[None]
     try:
         yield
     except CampaignError as error:
+        with suppress(CampaignError):  # the disk is full, say
+            store.write()
         stored = counted(store.stored(), "result")
         spent = f"{tally.budget_spent:.0%} of the budget spent"
         raise CampaignError(f"{error}; {stored} stored, {spent}") from error

@@ -158,8 +158,9 @@ def _list_tests(
             for test, row in zip(listed, rows, strict=True)
         ],
     )
-    shown = f", the first {len(listed)}" if len(listed) < len(tests) else ""
-    click.echo(f"{counted(len(tests), 'test')} of {store.counts().told} results{shown}")
+    shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
+    match = "matches" if len(tests) == 1 else "match"
+    click.echo(f"{len(tests)} of {counted(store.counts().told, 'result')} {match}{shown}")
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
