@@ -284,8 +284,8 @@ def test_campaigns_that_differ_in_the_seed_only_are_grouped_under_telling_names(
     repeats: Path,
 ) -> None:
     groups = group_campaigns(find_campaigns(repeats))
-    assert list(groups) == ["Frenetic", "RandomSearch"]
-    assert [folder.name for folder in groups["Frenetic"]] == [f"frenetic-{i}" for i in range(5)]
+    assert list(groups) == ["Frenetic2021", "RandomSearch"]
+    assert [folder.name for folder in groups["Frenetic2021"]] == [f"frenetic-{i}" for i in range(5)]
     assert len(groups["RandomSearch"]) == 5
 
 

@@ -101,9 +101,16 @@ def test_resume_refuses_the_other_one_and_marks_it_when_it_is_accepted(
     for number, version in ((1, first), (change.first, digest(versions / "old"))):
         document = frenetic("show", "old", str(told[number]), "--json").json
         assert document["driver"]["fingerprint"]["digest"] == version
+        assert f"[source {version}]" in frenetic("show", "old", str(told[number])).out
     assert frenetic("check", "old").code == 0
     noted = frenetic("compare", "old", "new")
     assert "old changed from result" in noted.err
+    write_gains(versions, "0.8")
+    assert frenetic("run", *RUN[1:], "3", "--out", "again").code == 0
+    assert set(frenetic("compare", "old", "again", "--json").json["groups"]) == {
+        "changed",
+        "unchanged",
+    }
     assert frenetic("report", "old").code == 0
     assert "Changed from result" in (versions / "old" / "report.html").read_text(encoding="utf-8")
 

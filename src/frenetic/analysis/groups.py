@@ -15,6 +15,7 @@ PARTS: Final = (
     "strategy",
     "driver",
     "simulator",
+    "changes",
     "rules",
     "budget",
     "map_size",
@@ -22,7 +23,6 @@ PARTS: Final = (
     "lane_width",
     "lookahead",
     "fingerprints",
-    "changes",
 )
 """Parts of a configuration that repeats share; the strategy's seed differs. The changes are those
 that were accepted when a campaign was resumed."""
@@ -107,7 +107,7 @@ def _names(configurations: list[dict[str, Any]]) -> list[str]:
 def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     """Value of a part, as opposed to other configurations."""
     if part == "changes":
-        return "changed" if value else ""
+        return "changed" if value else "unchanged"
     if not isinstance(value, dict):
         return f"{part}={value}"
     if "class" not in value:

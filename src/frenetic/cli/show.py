@@ -270,6 +270,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         ("outcome", f"{record.outcome}  {record.reason}"),
         ("origin", f"{origin.operator}{parents}, generation {origin.generation}"),
         ("road", f"{test.road.length:.1f} m, {len(test.road.curvatures)} curvatures"),
+        ("driver", _part(store.parts_of(record.told).get("driver"))),
     ]
     facts += facts_of_drive(record, record.duration)
     facts += [
