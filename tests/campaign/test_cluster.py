@@ -296,7 +296,9 @@ def test_a_driver_that_ends_its_thread_is_a_lost_attempt(
         workers.submit(straight(1))
         attempt = await_attempt(workers)
         assert attempt.worker_lost
-        assert attempt.failure == f"worker {attempt.worker} was lost: SystemExit: 3"
+        lost = f"worker {attempt.worker} was lost: SystemExit: 3 (faulty.py:"
+        assert attempt.failure is not None
+        assert attempt.failure.startswith(lost)
         await_free(workers, 2)
 
 

@@ -723,7 +723,7 @@ def test_a_driver_that_cannot_be_pickled_is_one_line(tmp_path: Path) -> None:
     ):
         pass
     assert "\n" not in str(caught.value)
-    assert "use one worker" in str(caught.value)
+    assert "with a Campaign of objects and one worker" in str(caught.value)
 
 
 def test_a_driver_that_cannot_be_made_again_is_one_line(tmp_path: Path) -> None:
