@@ -114,8 +114,8 @@ def test_tables_count_all_tests(campaign: Path, exported: Path) -> None:
         "map_size": "200.0",
         "oob_tolerance": "0.95",
         "speed_limit": "70.0",
-        "module_name": "frenetic.search.frenetic",
-        "class_name": "Frenetic",
+        "module_name": "frenetic.search.frenetic_2021",
+        "class_name": "Frenetic2021",
     }
 
 
