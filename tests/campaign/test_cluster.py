@@ -551,11 +551,18 @@ def test_simulators_end_when_their_campaign_is_killed(
     script = KILLED.format(here=str(HERE), marks=str(marks.folder), address=cluster.address)
     process = subprocess.Popen([sys.executable, "-c", script], cwd=tmp_path)
     try:
-        until(lambda: process.poll() is not None or marks.numbers("await_go"), "it drives")
+        until(
+            lambda: (
+                process.poll() is not None
+                or (marks.numbers("await_go") and len(marks.numbers("start")) == 2)
+            ),
+            "one drives, the other is started",
+        )
     finally:
         process.kill()
         process.wait()
     assert marks.numbers("await_go")
+    assert len(marks.numbers("start")) == 2
     until(lambda: len(marks.numbers("end")) >= 1, "the one between two drives ends")
     marks.make("go")
     until(lambda: marks.numbers("end") == marks.numbers("start"), "the other ends")
