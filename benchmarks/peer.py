@@ -8,7 +8,7 @@ roads of 30 +- 5 values 10 m apart, one fifth of the simulations random, then mu
 crossover. Its validator is off and nothing is written to disk, as in the example; its log is
 silent.
 
-Ours is `Campaign` with the strategy `frenetic`, the embedded simulator and the default driver:
+Ours is `Campaign` with the strategy `frenetic-2021`, the embedded simulator and the default driver:
 every road is fitted into the map and checked by the competition's rules, and every test goes into
 the campaign's database with its trajectory. It runs twice: on the default map of 200 m, where roads
 have 20 +- 5 values, and on a map of 300 m, where they are as long as the example's.
@@ -116,12 +116,19 @@ def run_ours(map_size: float) -> Callable[[int, int], Measured]:
     """A campaign of ours, on a map of this many metres."""
 
     def run(simulations: int, seed: int) -> Measured:
-        from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
+        from frenetic import (
+            Budget,
+            Campaign,
+            CampaignStore,
+            EmbeddedSimulator,
+            Frenetic2021,
+            Planner,
+        )
         from frenetic.simulators.embedded import compile_kernels
 
         def campaign(total: int, folder: Path) -> Campaign:
             return Campaign(
-                strategy=Frenetic(seed=seed, map_size=map_size),
+                strategy=Frenetic2021(seed=seed, map_size=map_size, max_redraws=10),
                 simulator=EmbeddedSimulator(),
                 driver=Planner(),
                 budget=Budget(simulations=total),
