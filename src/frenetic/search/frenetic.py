@@ -21,9 +21,9 @@ from frenetic.search.random_search import (
     MOST_JITTER,
     RANDOM,
     STEP,
+    MapCheck,
     RandomRoads,
     RoadCheck,
-    competition_check,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
@@ -168,8 +168,7 @@ class Frenetic:
         self._jitter = require_whole("length_jitter", length_jitter, 0, MOST_JITTER)
         longest = require_whole("max_length", max_length, MIN_VALUES)
         self._usual_length = max(min(int(_ROAD_PER_MAP * map_size / step), longest), MIN_VALUES)
-        self._map_size = None if is_valid else map_size
-        self._is_valid = is_valid or competition_check(map_size)
+        self._is_valid = MapCheck(map_size, is_valid)
         self._roads = RandomRoads(
             map_size=(self._usual_length + 0.5) * step,
             step=step,
@@ -177,7 +176,7 @@ class Frenetic:
             max_length=self._usual_length,
             curvature_bound=curvature_bound,
             max_change=max_change,
-            is_valid=lambda curvatures, step: self._is_valid(curvatures, step),
+            is_valid=self._is_valid,
             max_redraws=max_redraws,
         )
         self._limits = np.array([curvature_bound, max_change], dtype=np.float64)
@@ -202,8 +201,7 @@ class Frenetic:
 
         An `is_valid` of your own stays as it is.
         """
-        if self._map_size is not None:
-            self._is_valid = competition_check(self._map_size, margin)
+        self._is_valid.keep_margin(margin)
 
     def ask(self) -> Candidate:
         """Return the next road to try."""

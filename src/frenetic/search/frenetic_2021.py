@@ -31,9 +31,9 @@ from frenetic.search.random_search import (
     MAX_REDRAWS,
     RANDOM,
     STEP,
+    MapCheck,
     RandomRoads,
     RoadCheck,
-    competition_check,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import Ledger, options_of, require, require_whole
@@ -163,8 +163,7 @@ class Frenetic2021:
         self._cross_freq = require_whole("cross_freq", cross_freq, 0)
         self._cross_num = require_whole("cross_num", cross_num, 2)
         require(0 < map_size < math.inf, "map_size", map_size, "positive (m)")
-        self._map_size = None if is_valid else map_size
-        self._check = is_valid or competition_check(map_size)
+        self._is_valid = MapCheck(map_size, is_valid)
         self._proposed: set[bytes] | None = set() if skip_repeats else None
         self._roads = RandomRoads(
             map_size=map_size,
@@ -199,8 +198,7 @@ class Frenetic2021:
 
         An `is_valid` of your own stays as it is.
         """
-        if self._map_size is not None:
-            self._check = competition_check(self._map_size, margin)
+        self._is_valid.keep_margin(margin)
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
@@ -340,9 +338,6 @@ class Frenetic2021:
 
     def _is_new(self, curvatures: FloatArray) -> bool:
         return self._proposed is None or fingerprint(curvatures) not in self._proposed
-
-    def _is_valid(self, curvatures: FloatArray, step: float) -> bool:
-        return self._check(curvatures, step)
 
     def _is_new_and_valid(self, curvatures: FloatArray, step: float) -> bool:
         return self._is_new(curvatures) and self._is_valid(curvatures, step)

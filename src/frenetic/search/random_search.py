@@ -36,20 +36,33 @@ It must depend on nothing else, or a campaign cannot be replayed.
 _Draw = TypeVar("_Draw", "FloatArray", "FloatArray | None")
 
 
-def competition_check(map_size: float, margin: float = MARGIN) -> RoadCheck:
-    """A check whether a road fits the map in some pose and is valid there by the rules.
+class MapCheck:
+    """A `RoadCheck` whether a road fits the map in some pose and is valid there by the rules.
 
-    Its centre line keeps ``margin`` m from the map's edge.
+    Args:
+        map_size: m, side of the square map.
+        is_valid: A check of the user's own, which takes the place of all this.
+
     """
 
-    def is_valid(curvatures: FloatArray, step: float) -> bool:
+    def __init__(self, map_size: float, is_valid: RoadCheck | None) -> None:
+        self._map_size = map_size
+        self._is_valid = is_valid
+        self._margin = MARGIN
+
+    def keep_margin(self, margin: float) -> None:
+        """Have centre lines keep so many m from the map's edge."""
+        self._margin = margin
+
+    def __call__(self, curvatures: FloatArray, step: float) -> bool:
+        """Return whether a road is valid, see `RoadCheck`."""
+        if self._is_valid is not None:
+            return self._is_valid(curvatures, step)
         try:
-            _, verdict = Road(curvatures, step).placed(map_size, margin)
+            _, verdict = Road(curvatures, step).placed(self._map_size, self._margin)
         except RoadError:
             return False
         return verdict.valid
-
-    return is_valid
 
 
 class RandomRoads:
@@ -103,14 +116,12 @@ class RandomRoads:
         )
         self._curvature_bound = curvature_bound
         self._max_change = max_change
-        self._map_size = None if is_valid else map_size
-        self._is_valid = is_valid or competition_check(map_size)
+        self._is_valid = MapCheck(map_size, is_valid)
         self._max_redraws = require_whole("max_redraws", max_redraws, 0)
 
     def keep_margin(self, margin: float) -> None:
         """Check roads with a margin of so many m, unless an `is_valid` was given."""
-        if self._map_size is not None:
-            self._is_valid = competition_check(self._map_size, margin)
+        self._is_valid.keep_margin(margin)
 
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return the curvatures of a random road, (N,) 1/m."""
