@@ -101,32 +101,32 @@ def lay_road(vector: FloatArray, curvatures: FloatArray, step: float, place: flo
 
 
 @njit()
+def _square(one: FloatArray, other: FloatArray, most: float) -> float:
+    """Square of the difference of two approaches; some value of at least `most` if it is that."""
+    square = 0.0
+    # From the place backwards the speeds tell most pairs apart at once.
+    for i in range(SIZE - 1, -1, -1):
+        change = one[i] - other[i]
+        square += change * change
+        if square >= most:
+            break
+    return square
+
+
+@njit()
 def nearest_square(vectors: FloatArray, vector: FloatArray, most: float) -> float:
     """Least square of the differences of an approach from (n, 64) others, at most `most`."""
     least = most
     for i in range(len(vectors)):
-        square = 0.0
-        # From the place backwards the speeds tell most pairs apart at once.
-        for j in range(SIZE - 1, -1, -1):
-            change = vectors[i, j] - vector[j]
-            square += change * change
-            if square >= least:
-                break
-        least = min(least, square)
+        least = min(least, _square(vectors[i], vector, least))
     return least
 
 
 @njit()
 def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
     """Whether the difference of an approach from one of (n, 64) others has a lesser square."""
-    for i in range(len(vectors)):
-        total = 0.0
-        for j in range(SIZE - 1, -1, -1):
-            change = vectors[i, j] - vector[j]
-            total += change * change
-            if total >= square:
-                break
-        if total < square:
+    for i in range(len(vectors)):  # noqa: SIM110 - compiled code knows no generators
+        if _square(vectors[i], vector, square) < square:
             return True
     return False
 
@@ -137,12 +137,5 @@ def lower_squares(
 ) -> None:
     """Lower each of (n,) squares on a side to that of the difference from another approach."""
     for i in range(len(squares)):
-        if sides[i] != side:
-            continue
-        square = 0.0
-        for j in range(SIZE - 1, -1, -1):
-            change = vectors[i, j] - vector[j]
-            square += change * change
-            if square >= squares[i]:
-                break
-        squares[i] = min(squares[i], square)
+        if sides[i] == side:
+            squares[i] = min(squares[i], _square(vectors[i], vector, squares[i]))

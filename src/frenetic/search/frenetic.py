@@ -187,6 +187,7 @@ class Frenetic:
         self._proposed: set[bytes] = set()  # fingerprints
         self._budget_spent = 0.0
         self._severities: list[float] = []  # of the drives
+        self._lowest = math.inf  # of them
         self._is_moobd = True  # what is minimised
         self._pool = np.empty(0, dtype=np.int64)  # rows of the archive
         self._pool_end = 0  # number of drives after which it is too old
@@ -230,6 +231,7 @@ class Frenetic:
         severity = evaluation.severity
         assert severity is not None  # the ledger saw to it
         self._severities.append(severity)
+        self._lowest = min(self._lowest, severity)
         self._is_moobd = evaluation.objective is None
         row = len(self._archive)
         worst, *others = places_of(evaluation, candidate, severity)
@@ -253,12 +255,11 @@ class Frenetic:
         """Why the search is not what its user expects, None if it is."""
         if not self._severities or self._in_random_phase or self._archive.has_failures:
             return None
-        lowest = min(self._severities)
-        if not self._is_moobd or lowest < 0.0:
+        if not self._is_moobd or self._lowest < 0.0:
             return None
         return (
-            f"no road has come near failing yet, the lowest MOOBD is {lowest:.2f} m: the search"
-            " follows the lowest"
+            f"no road has come near failing yet, the lowest MOOBD is {self._lowest:.2f} m: the"
+            " search follows the lowest"
         )
 
     @property
