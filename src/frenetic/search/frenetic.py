@@ -51,8 +51,6 @@ class _Parent(NamedTuple):
 
     row: int
     """Number of its place in the archive."""
-    had_failed: int
-    """1 if it had failed there, otherwise 0."""
     operator: int
     """Number of the operator."""
 
@@ -210,7 +208,7 @@ class Frenetic:
             return self._random_road()
         if len(self._severities) >= self._pool_end:
             self._choose_pool()
-        for _ in range(self._max_parents):
+        for _ in range(self._max_parents if len(self._pool) else 0):
             child = self._child_of(self._choose_parent())
             if child is not None:
                 return child
@@ -246,8 +244,9 @@ class Frenetic:
             brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
             self._archive.places["cost"][row] = _KNOWN * (1.0 - brought)
         if parent is not None:
-            self._used[parent.had_failed, parent.operator] += 1.0
-            self._brought[parent.had_failed, parent.operator] += brought
+            had_failed = int(self._archive.places["has_failed"][parent.row])
+            self._used[had_failed, parent.operator] += 1.0
+            self._brought[had_failed, parent.operator] += brought
             self._archive.places["cost"][parent.row] -= _SUCCESS * brought
 
     @property
@@ -291,10 +290,8 @@ class Frenetic:
         places = self._archive.places
         self._pool = np.flatnonzero(places["has_failed"] | (places["severity"] <= threshold))
 
-    def _choose_parent(self) -> int | None:
-        """Choose the best of a few places of the pool, by its row; None if there is none."""
-        if not len(self._pool):
-            return None
+    def _choose_parent(self) -> int:
+        """Choose the best of a few places of the pool, by its row."""
         rows = self._pool[self._rng.integers(0, len(self._pool), _TOURNAMENT)]
         places = self._archive.places[rows]
         worth = np.minimum((self._origin - places["severity"]) / self._spread, _NEAR_MISS)
@@ -303,10 +300,8 @@ class Frenetic:
         worth[places["has_failed"]] = _FAILURE
         return int(rows[np.argmax(worth - places["cost"])])
 
-    def _child_of(self, row: int | None) -> Candidate | None:
+    def _child_of(self, row: int) -> Candidate | None:
         """A child of a place of the archive, None if all draws were refused."""
-        if row is None:
-            return None
         archive, rng, draws, step = self._archive, self._rng, self._draws, self._roads.step
         place, parent = archive.places[row], archive.candidates[row]
         had_failed, side = int(place["has_failed"]), int(place["side"])
@@ -349,7 +344,7 @@ class Frenetic:
                 return None
             curvatures = self._room[:n].copy()
             if fingerprint(curvatures) not in self._proposed and self._is_valid(curvatures, step):
-                return self._issue(curvatures, row, had_failed, int(operators[first + k]))
+                return self._issue(curvatures, row, int(operators[first + k]))
             first += k + 1
         return None
 
@@ -364,12 +359,12 @@ class Frenetic:
         shares: FloatArray = sums / sums[-1]
         return shares
 
-    def _issue(self, curvatures: FloatArray, row: int, had_failed: int, operator: int) -> Candidate:
+    def _issue(self, curvatures: FloatArray, row: int, operator: int) -> Candidate:
         parent = self._archive.candidates[row]
         origin = Origin(OPERATORS[operator], (parent.id,), parent.origin.generation + 1)
         child = self._ledger.issue(curvatures, self._roads.step, origin)
         self._proposed.add(fingerprint(curvatures))
-        self._parents[child.id] = _Parent(row, had_failed, operator)
+        self._parents[child.id] = _Parent(row, operator)
         self._archive.places["cost"][row] += _USE
         return child
 
