@@ -532,10 +532,8 @@ def measure_campaign(folder: Path) -> CampaignMeasures:
     expected_failures = expected_distinct = None
     if drawn:
         random = RandomRoads.of(drawn, failed_by_chance, clusters)
-        expected_failures, expected_distinct = (
-            float(after(len(found) - 1).value)
-            for after in (random.failures_after, random.distinct_after)
-        )
+        expected_failures = float(random.failures_after(len(found) - 1).value)
+        expected_distinct = float(random.mean_distinct_after(len(found) - 1))
     # A curve rises at the first failure in a cell or cluster.
     cells = {failure.cell: found_at[failure.id] for failure in reversed(failures)}
     return CampaignMeasures(
