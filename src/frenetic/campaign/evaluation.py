@@ -54,6 +54,4 @@ def _trace(record: TestRecord, path: Trajectory | None) -> Trace | None:
         return None
     end = np.inf if record.duration is None else record.duration + _END
     n = int(np.searchsorted(path.time, end))
-    road = record.road
-    along = road.track(np.column_stack((path.x[:n], path.y[:n])))
-    return Trace(along[:, 0], along[:, 1] + 0.5 * road.lane_width, path.speed[:n])
+    return Trace.along(record.road, np.column_stack((path.x[:n], path.y[:n])), path.speed[:n])

@@ -137,10 +137,9 @@ def trace_of(execution_data: Any, road: Road) -> tuple[Trace, int] | None:
         return None
     if not len(path) or not np.isfinite(path).all():
         return None
-    along = road.track(path[:, :2])
-    offset = along[:, 1] + 0.5 * road.lane_width
-    worst = out.index(True) if any(out) else int(np.argmax(np.abs(offset)))
-    return Trace(along[:, 0], offset, np.hypot(path[:, 2], path[:, 3])), worst
+    trace = Trace.along(road, path[:, :2], np.hypot(path[:, 2], path[:, 3]))
+    worst = out.index(True) if any(out) else int(np.argmax(np.abs(trace.lateral_offset)))
+    return trace, worst
 
 
 def restart_generation_clock(executor: Any) -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
+
+if TYPE_CHECKING:
+    from frenetic.road import Road
 
 
 @dataclass(frozen=True)
@@ -69,6 +72,12 @@ class Trace:
     """Distance left of the ego lane's centre line, (n,) in m."""
     speed: FloatArray
     """Speed, (n,) in m/s."""
+
+    @classmethod
+    def along(cls, road: Road, path: FloatArray, speed: FloatArray) -> Trace:
+        """The trace of a path, (n, 2) in m on the map, with its speeds, (n,) in m/s."""
+        seen = road.track(path)
+        return cls(seen[:, 0], seen[:, 1] + 0.5 * road.lane_width, speed)
 
 
 def _no_trace() -> Trace | None:
