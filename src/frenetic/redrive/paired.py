@@ -92,15 +92,7 @@ class Pair:
         """Change from the old version to the new: a version fails if half of its drives do."""
         if not self.is_judged:
             return Change.NOT_JUDGED
-        match (failing_share(self.old) >= 0.5, failing_share(self.new) >= 0.5):
-            case (True, True):
-                return Change.STILL_FAILING
-            case (True, False):
-                return Change.FIXED
-            case (False, True):
-                return Change.NEWLY_FAILING
-            case _:
-                return Change.STILL_PASSING
+        return Change.of(failing_share(self.old) >= 0.5, failing_share(self.new) >= 0.5)
 
 
 def failing_share(drives: Iterable[Redrive], *, broken_fail: bool = False) -> float:
@@ -213,6 +205,14 @@ class PairedRoads:
             and (old := _mean(pair.old, "duration")) is not None
             and (new := _mean(pair.new, "duration")) is not None
         )
+
+    @property
+    def mean_times(self) -> tuple[float, float] | None:
+        """Means of these times (old, new) in s; None without such roads."""
+        if not self.both_passed:
+            return None
+        old, new = (sum(times) / len(times) for times in zip(*self.both_passed, strict=True))
+        return old, new
 
     @cached_property
     def time_difference(self) -> Estimate | None:
@@ -394,9 +394,9 @@ class BackToBack:
     def trade_offs(self) -> tuple[str, ...]:
         """Differences in time and in distance to failing on the fresh roads, each in a sentence."""
         fresh, told = self.fresh, []
-        time, times = fresh.time_difference, fresh.both_passed
-        if time is not None:
-            old, new = (sum(one) / len(times) for one in zip(*times, strict=True))
+        time, times = fresh.time_difference, fresh.mean_times
+        if time is not None and times is not None:
+            old, new = times
             told.append(
                 f"time where both pass: {_compared(time, 100.0, '%', 'longer', 'less')} with new,"
                 f" on average {new:.1f} s instead of {old:.1f} s"
@@ -526,7 +526,7 @@ def _set_document(roads: PairedRoads) -> dict[str, JSONValue]:
         known = {name: None if math.isinf(v) else v for name, v in asdict(value).items()}
         return {**known, "cannot_tell": value.sign == 0}
 
-    times = roads.both_passed
+    old_time, new_time = roads.mean_times or (None, None)
     return {
         "roads": str(roads.roads),
         "campaign": str(roads.folder),
@@ -538,10 +538,10 @@ def _set_document(roads: PairedRoads) -> dict[str, JSONValue]:
         "difference": estimate(roads.difference),
         "difference_with_broken": estimate(roads.difference_with_broken),
         "moobd_difference": estimate(roads.moobd_difference),
-        "both_passed": len(times),
+        "both_passed": len(roads.both_passed),
         "time": {
-            "old": sum(old for old, _ in times) / len(times) if times else None,
-            "new": sum(new for _, new in times) / len(times) if times else None,
+            "old": old_time,
+            "new": new_time,
             "relative_difference": estimate(roads.time_difference),
         },
         "tests": [

@@ -77,6 +77,18 @@ class Change(StrEnum):
     NOT_JUDGED = "not judged"
     """The road is INVALID now, or the simulator or driver broke."""
 
+    @classmethod
+    def of(cls, failed: bool, fails: bool) -> Change:
+        """The change of a judged test.
+
+        Args:
+            failed: whether it failed before.
+            fails: whether it fails now.
+        """
+        if fails:
+            return cls.STILL_FAILING if failed else cls.NEWLY_FAILING
+        return cls.FIXED if failed else cls.STILL_PASSING
+
 
 @dataclass(frozen=True)
 class Redrive:
@@ -212,10 +224,7 @@ class Redrive:
         """Change of the test."""
         if not self.outcome.is_driven:
             return Change.NOT_JUDGED
-        failed = self.recorded.outcome is Outcome.FAIL
-        if self.outcome is Outcome.FAIL:
-            return Change.STILL_FAILING if failed else Change.NEWLY_FAILING
-        return Change.FIXED if failed else Change.STILL_PASSING
+        return Change.of(self.recorded.outcome is Outcome.FAIL, self.outcome is Outcome.FAIL)
 
     # The same under the names of confirmations and replays
 
