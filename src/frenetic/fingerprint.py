@@ -145,11 +145,19 @@ def other_version(kind: str, recorded: object, ours: object) -> str:
     return f"{kind} {_name(new)} is another version than the campaign's: {changed}" * bool(changed)
 
 
+def over_each_other(described: object) -> Iterator[Mapping[str, Any]]:
+    """A described part and those under it, from the outside; an empty one if it is none."""
+    part = described if isinstance(described, Mapping) else {}
+    yield part
+    while isinstance(part.get("driver"), Mapping):
+        part = part["driver"]
+        yield part
+
+
 def innermost(described: object) -> Mapping[str, Any]:
     """A described part, without layers over it."""
-    while isinstance(described, Mapping) and isinstance(described.get("driver"), Mapping):
-        described = described["driver"]
-    return described if isinstance(described, Mapping) else {}
+    *_, inner = over_each_other(described)
+    return inner
 
 
 def comparable(described: Any) -> Any:

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.fingerprint import Fingerprint, fingerprint_of
+from frenetic.fingerprint import Fingerprint, fingerprint_of, innermost, over_each_other
 from frenetic.registry import (
     SIMULATORS,
     STRATEGIES,
@@ -649,9 +649,9 @@ def part_text(part: object, recorded: object = None) -> str:
         part: as `describe` gives it; the name is that of the driver under its layers.
         recorded: another one of the same class, whose differing options are added.
     """
-    *layers, inner = _over_each_other(part)
+    *layers, inner = over_each_other(part)
     texts = [_class_of(inner)]
-    *_, own = _over_each_other(recorded)
+    own = innermost(recorded)
     if _class_of(own) == _class_of(inner):
         theirs = dict(_options_of(own))
         texts += _in_words({k: v for k, v in _options_of(inner) if theirs.get(k) != v})
@@ -659,16 +659,6 @@ def part_text(part: object, recorded: object = None) -> str:
         told = ", ".join(_in_words(dict(_options_of(layer))))
         texts.append(f"{_class_of(layer).lower()} ({told})" if told else _class_of(layer).lower())
     return ", ".join(texts)
-
-
-def _over_each_other(part: object) -> Iterator[Mapping[str, Any]]:
-    """A part and those under it, from the outside."""
-    while isinstance(part, Mapping):
-        yield part
-        if not isinstance(part.get("driver"), Mapping):
-            return
-        part = part["driver"]
-    yield {}
 
 
 def _class_of(part: Mapping[str, Any]) -> str:

@@ -15,13 +15,14 @@ from enum import StrEnum
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from frenetic._support.words import counted
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import JSONValue
+from frenetic.fingerprint import over_each_other
 from frenetic.oracle import Side, judge
 from frenetic.outcome import Outcome
 from frenetic.redrive.record import Change, Redrive
@@ -449,13 +450,10 @@ class BackToBack:
             yield f"four times as many fresh roads (--fresh {more}) halve the interval"
 
 
-def _layers(driver: Mapping[str, Any]) -> list[tuple[object, object]]:
+def _layers(driver: Mapping[str, JSONValue]) -> list[tuple[object, object]]:
     """Classes and options of the layers over a driver."""
-    layers = []
-    while isinstance(driver.get("driver"), Mapping):
-        layers.append((driver["class"], driver.get("options")))
-        driver = driver["driver"]
-    return layers
+    *layers, _ = over_each_other(driver)
+    return [(layer["class"], layer.get("options")) for layer in layers]
 
 
 def _slower_by(result: BackToBack) -> str:
