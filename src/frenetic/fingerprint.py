@@ -175,6 +175,11 @@ def comparable(described: Any) -> Any:
     }
 
 
+def comparison_key(*described: object) -> str:
+    """Described parts as JSON that is equal for equal ones, see `comparable`."""
+    return json.dumps([comparable(part) for part in described], sort_keys=True)
+
+
 def short_version(described: object) -> str:
     """The version of a described part in a few words; empty if it is not recorded."""
     fingerprint = described.get("fingerprint") if isinstance(described, Mapping) else None

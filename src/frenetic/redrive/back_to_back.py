@@ -12,7 +12,6 @@ the next call, too.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
@@ -27,7 +26,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver, Noisy
 from frenetic.drivers.driver import inner_driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import comparable, differences
+from frenetic.fingerprint import SHORT, comparison_key, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import drive_again
 from frenetic.redrive.paired import BackToBack, Pair, PairedRoads, RoadSet
@@ -146,11 +145,6 @@ def _differing(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     return [*differences("simulator", *simulators).changed, *differing]
 
 
-def _key(*described: object) -> str:
-    """Parts as `describe` gives them in a form that is equal for equal ones."""
-    return json.dumps([comparable(part) for part in described], sort_keys=True)
-
-
 @dataclass(frozen=True)
 class VersionDrives:
     """The drives of one version on the planned roads."""
@@ -218,7 +212,7 @@ def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> 
     Raises:
         CampaignError: they are.
     """
-    if _key(old) == _key(new):
+    if comparison_key(old) == comparison_key(new):
         raise CampaignError(
             f"both versions are the same, {part_text(old)}: keep each in a file of its own, or give"
             " them other options"
@@ -291,8 +285,8 @@ class _VersionDriver:
         plan, driving = self._plan, self._driving
         with CampaignStore.open(plan.old) as store:
             setting = store.setting
-        parts = _key(describe(driving.driver), describe(driving.simulator))
-        key = hashlib.sha256(parts.encode()).hexdigest()[:8]
+        parts = comparison_key(describe(driving.driver), describe(driving.simulator))
+        key = hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
         folder = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
         exists, done = (folder / DATABASE).exists(), 0
         if exists:
@@ -412,10 +406,11 @@ class _VersionDriver:
 
 def _stored(folder: Path, driving: Driving) -> dict[int, tuple[Redrive, ...]]:
     """Test -> stored and judged drives of a version."""
-    parts = _key(describe(driving.driver), describe(driving.simulator))
+    parts = comparison_key(describe(driving.driver), describe(driving.simulator))
     stored: dict[int, tuple[Redrive, ...]] = {}
     for run in read_runs(folder, Purpose.BACK_TO_BACK):
-        if _key(run.driver, run.simulator) == parts and run.rules == driving.simulator.rules:
+        is_own = comparison_key(run.driver, run.simulator) == parts
+        if is_own and run.rules == driving.simulator.rules:
             own: dict[int, list[Redrive]] = {}
             for drive in run.drives:
                 own.setdefault(drive.test_id, []).append(drive)

@@ -9,7 +9,6 @@ are kept in the campaign's folder.
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -20,7 +19,7 @@ from frenetic.analysis.statistics import spearman
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import comparable
+from frenetic.fingerprint import SHORT, comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import campaign_tester, drive_again
 from frenetic.redrive.record import (
@@ -73,9 +72,8 @@ class Confirmation:
     @cached_property
     def key(self) -> str:
         """Eight digits for simulator, driver and rules, with their options."""
-        parts = [comparable(self.simulator), comparable(self.driver), asdict(self.rules)]
-        text = json.dumps(parts, sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()[:8]
+        parts = comparison_key(self.simulator, self.driver, asdict(self.rules))
+        return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
 
     def count(self, agreement: Agreement) -> int:
         """Tests with this verdict of the other simulator."""

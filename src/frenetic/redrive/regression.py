@@ -13,7 +13,7 @@ from frenetic._support.files import write_file
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import comparable
+from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
 from frenetic.redrive.record import (
@@ -143,7 +143,7 @@ def read_replays(folder: Path | str) -> tuple[Replay, ...]:
     """
     runs = latest(
         read_runs(folder, Purpose.REGRESSION),
-        lambda run: repr((comparable(run.driver), comparable(run.simulator), run.rules)),
+        lambda run: (comparison_key(run.driver, run.simulator), run.rules),
     )
     return tuple(_of_run(Path(folder), run) for run in runs)
 

@@ -12,7 +12,6 @@ the whole 95 % interval must be on one side.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -24,7 +23,7 @@ from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval,
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
-from frenetic.fingerprint import comparable, differences
+from frenetic.fingerprint import comparison_key, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, conditions_document, draw_conditions
 from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
@@ -159,7 +158,7 @@ class Rerun:
     @property
     def _setting(self) -> tuple[object, ...]:
         """Key that a later rerun shares with one that it replaces."""
-        parts = json.dumps([comparable(self.driver), comparable(self.simulator)], sort_keys=True)
+        parts = comparison_key(self.driver, self.simulator)
         return self.test_id, parts, self.rules, frozenset(self.variations)
 
     @cached_property

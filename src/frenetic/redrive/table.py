@@ -40,7 +40,7 @@ from frenetic.campaign.store import (
 )
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import comparable
+from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import (
     Variation,
@@ -220,7 +220,7 @@ def _damaged(path: Path, what: str) -> Iterator[None]:
 def _comparable(described: object) -> str | None:
     """A described part for SQL; None if it is damaged."""
     try:
-        return json.dumps(comparable(json.loads(str(described))), sort_keys=True)
+        return comparison_key(json.loads(str(described)))
     except (ValueError, RecursionError):
         return None
 
