@@ -397,10 +397,7 @@ class _VersionDriver:
             on_interrupt=driving.on_interrupt,
         )
         self._interrupted = len(run.drives) < len(planned)
-        own: dict[int, list[Redrive]] = {}
-        for drive in run.drives:
-            own.setdefault(drive.test_id, []).append(drive)
-        whole = {i: tuple(one) for i, one in own.items() if len(one) == len(conditions)}
+        whole = {i: own for i, own in run.by_test().items() if len(own) == len(conditions)}
         return found | whole
 
 
@@ -411,12 +408,9 @@ def _stored(folder: Path, driving: Driving) -> dict[int, tuple[Redrive, ...]]:
     for run in read_runs(folder, Purpose.BACK_TO_BACK):
         is_own = comparison_key(run.driver, run.simulator) == parts
         if is_own and run.rules == driving.simulator.rules:
-            own: dict[int, list[Redrive]] = {}
-            for drive in run.drives:
-                own.setdefault(drive.test_id, []).append(drive)
             stored |= {
-                i: tuple(drives)
-                for i, drives in own.items()
+                i: drives
+                for i, drives in run.by_test().items()
                 if all(drive.outcome.is_driven for drive in drives)
             }
     return stored

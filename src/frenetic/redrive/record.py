@@ -281,6 +281,13 @@ class Run:
     drives: tuple[Redrive, ...] = ()
     """Drives in the planned order."""
 
+    def by_test(self) -> dict[int, tuple[Redrive, ...]]:
+        """Test -> its drives, in their order."""
+        drives: dict[int, list[Redrive]] = {}
+        for drive in self.drives:
+            drives.setdefault(drive.test_id, []).append(drive)
+        return {test_id: tuple(own) for test_id, own in drives.items()}
+
 
 def count_matches(drives: Iterable[Redrive]) -> dict[Match, int]:
     """Match -> number of drives that fail so, without those that are 0."""

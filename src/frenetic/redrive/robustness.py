@@ -268,17 +268,14 @@ def rerun(
 
 def _reruns_of(run: Run) -> Iterator[Rerun]:
     """The reruns of a run, one per test."""
-    of_test: dict[int, list[Redrive]] = {}
-    for drive in run.drives:
-        of_test.setdefault(drive.test_id, []).append(drive)
-    for drives in of_test.values():
+    for drives in run.by_test().values():
         yield Rerun(
             drives[0].recorded,
             run.variations,
             run.seed or 0,
             run.driver,
             run.simulator,
-            tuple(drives),
+            drives,
             run.rules,
         )
 
