@@ -24,7 +24,6 @@ from frenetic.campaign.loop import MAX_ATTEMPTS
 from frenetic.campaign.record import Attempt, TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.trajectory_codec import decode
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
@@ -199,8 +198,7 @@ def drive_again(
             keeps = purpose is Purpose.CONFIRMATION or (
                 purpose is Purpose.BACK_TO_BACK and failed_now
             )
-            packed = attempt.pack().packed if both_fail or keeps else None
-            trajectory = None if packed is None else decode(packed)
+            trajectory = attempt.pack().stored_trajectory() if both_fail or keeps else None
             drive = Redrive.of(
                 record,
                 attempt.result,
