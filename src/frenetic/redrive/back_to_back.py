@@ -429,19 +429,7 @@ def _fresh_records(folder: Path, number: int) -> tuple[TestRecord, ...]:
 
 def _recorded(record: TestRecord) -> Redrive:
     """The campaign's own drive of a test."""
-    return Redrive(
-        record,
-        USUAL,
-        record.outcome,
-        record.moobd,
-        record.departure_distance,
-        record.departure_side,
-        record.reason,
-        record.max_oob_share,
-        record.duration,
-        record.seconds,
-        record.trajectory,
-    )
+    return Redrive.of(record, record, seconds=record.seconds, trajectory=record.trajectory)
 
 
 def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:

@@ -129,7 +129,7 @@ class Redrive:
     def of(
         cls,
         recorded: TestRecord,
-        result: Result,
+        result: Result | TestRecord,
         conditions: Conditions = USUAL,
         *,
         seconds: float | None = None,
@@ -138,7 +138,10 @@ class Redrive:
         curvatures: FloatArray | None = None,
         difference: float | None = None,
     ) -> Redrive:
-        """The drive of a test's road, or of a smaller one, from its result."""
+        """The drive of a test's road, or of a smaller one, from its result.
+
+        That of the campaign's own drive is the test itself.
+        """
         departure = result.departure
         return cls(
             recorded,
