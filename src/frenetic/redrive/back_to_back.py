@@ -203,7 +203,7 @@ def drive_new(plan: Plan, driving: Driving, old: VersionDrives) -> VersionDrives
     Errors are those of `drive_old`, and a `CampaignError` if both versions are the same.
     """
     check_differ(old.driver, describe(driving.driver))
-    return _VersionDriver(plan, driving).drive_new(old.fresh)
+    return _VersionDriver(plan, driving).drive_new(old)
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
@@ -266,10 +266,12 @@ class _VersionDriver:
 
     def drive_old(self, spec: Spec | None) -> VersionDrives:
         fresh = self._make_fresh(spec)
-        return self._drive(fresh, has_driven_fresh=True)
+        roads = _planned_roads(self._plan, fresh)
+        own = {record.id: (_recorded(record),) for record in roads[RoadSet.FRESH]}
+        return self._drive(fresh, roads, own)
 
-    def drive_new(self, fresh: Path) -> VersionDrives:
-        return self._drive(fresh, has_driven_fresh=False)
+    def drive_new(self, old: VersionDrives) -> VersionDrives:
+        return self._drive(old.fresh, old.roads, {})
 
     def _show(self, more: int) -> None:
         if self._driving.on_progress is not None:
@@ -327,25 +329,21 @@ class _VersionDriver:
         self._done = min(done, plan.fresh)
         return folder
 
-    def _drive(self, fresh: Path, *, has_driven_fresh: bool) -> VersionDrives:
+    def _drive(
+        self,
+        fresh: Path,
+        roads: Mapping[RoadSet, tuple[TestRecord, ...]],
+        driven: Mapping[int, tuple[Redrive, ...]],
+    ) -> VersionDrives:
+        """Drives on all roads, but for the first drives on the fresh ones that are ``driven``."""
         plan, driving = self._plan, self._driving
         conditions = _conditions(driving.driver, plan.repeats)
-        roads, drives = {}, {}
-        for chosen in (RoadSet.FRESH, *plan.failures):
-            folder = fresh if chosen is RoadSet.FRESH else plan.folder(chosen)
-            first: dict[int, tuple[Redrive, ...]] = {}
-            if chosen is not RoadSet.FRESH:
-                with CampaignStore.open(folder) as store:
-                    records = tuple(
-                        store.test(i, with_trajectory=False) for i in plan.failures[chosen]
-                    )
-            else:
-                records = _fresh_records(folder, plan.fresh)
-                if has_driven_fresh:
-                    first = {record.id: (_recorded(record),) for record in records}
+        drives = {}
+        for chosen, records in roads.items():
+            is_fresh = chosen is RoadSet.FRESH
+            folder, first = (fresh, driven) if is_fresh else (plan.folder(chosen), {})
             rest = conditions[1:] if first else conditions
             found = self._drive_in(folder, records, rest)
-            roads[chosen] = records
             drives[chosen] = {i: first.get(i, ()) + own for i, own in found.items()}
         return VersionDrives(
             describe(driving.driver),
@@ -414,6 +412,15 @@ def _stored(folder: Path, driving: Driving) -> dict[int, tuple[Redrive, ...]]:
                 if all(drive.outcome.is_driven for drive in drives)
             }
     return stored
+
+
+def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[TestRecord, ...]]:
+    """The tests whose roads are planned, the fresh ones first."""
+    roads = {RoadSet.FRESH: _fresh_records(fresh, plan.fresh)}
+    for chosen, failing in plan.failures.items():
+        with CampaignStore.open(plan.folder(chosen)) as store:
+            roads[chosen] = tuple(store.test(i, with_trajectory=False) for i in failing)
+    return roads
 
 
 def _fresh_records(folder: Path, number: int) -> tuple[TestRecord, ...]:
