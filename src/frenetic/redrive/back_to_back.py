@@ -202,8 +202,9 @@ def drive_new(plan: Plan, driving: Driving, old: VersionDrives) -> VersionDrives
 
     Errors are those of `drive_old`, and a `CampaignError` if both versions are the same.
     """
-    check_differ(old.driver, describe(driving.driver))
-    return _VersionDriver(plan, driving).drive_new(old)
+    version = _VersionDriver(plan, driving)
+    check_differ(old.driver, version.driver)
+    return version.drive_new(old)
 
 
 def check_differ(old: Mapping[str, JSONValue], new: Mapping[str, JSONValue]) -> None:
@@ -261,6 +262,9 @@ class _VersionDriver:
     def __init__(self, plan: Plan, driving: Driving) -> None:
         self._plan = plan
         self._driving = driving
+        self.driver = describe(driving.driver)
+        self.simulator = describe(driving.simulator)
+        self._parts = comparison_key(self.driver, self.simulator)
         self._done = 0
         self._interrupted = False
 
@@ -287,8 +291,7 @@ class _VersionDriver:
         plan, driving = self._plan, self._driving
         with CampaignStore.open(plan.old) as store:
             setting = store.setting
-        parts = comparison_key(describe(driving.driver), describe(driving.simulator))
-        key = hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
+        key = hashlib.sha256(self._parts.encode()).hexdigest()[:SHORT]
         folder = plan.old / FOLDER / f"seed-{plan.seed}-{key}"
         exists, done = (folder / DATABASE).exists(), 0
         if exists:
@@ -336,8 +339,8 @@ class _VersionDriver:
         driven: Mapping[int, tuple[Redrive, ...]],
     ) -> VersionDrives:
         """Drives on all roads, but for the first drives on the fresh ones that are ``driven``."""
-        plan, driving = self._plan, self._driving
-        conditions = _conditions(driving.driver, plan.repeats)
+        plan = self._plan
+        conditions = _conditions(self._driving.driver, plan.repeats)
         drives = {}
         for chosen, records in roads.items():
             is_fresh = chosen is RoadSet.FRESH
@@ -345,14 +348,8 @@ class _VersionDriver:
             rest = conditions[1:] if first else conditions
             found = self._drive_in(folder, records, rest)
             drives[chosen] = {i: first.get(i, ()) + own for i, own in found.items()}
-        return VersionDrives(
-            describe(driving.driver),
-            describe(driving.simulator),
-            fresh,
-            roads,
-            drives,
-            plan.drives - self._done,
-        )
+        missing = plan.drives - self._done
+        return VersionDrives(self.driver, self.simulator, fresh, roads, drives, missing)
 
     def _drive_in(
         self, folder: Path, records: Sequence[TestRecord], conditions: Sequence[Conditions]
@@ -372,7 +369,7 @@ class _VersionDriver:
         # Not `campaign_tester`, which warns of another version than the campaign's.
         terms = setting.map_size, setting.margin, setting.lane_width
         tester = RoadTester(driving.simulator, driving.driver, *terms)
-        stored = _stored(folder, driving)
+        stored = self._stored(folder)
         for record in placed:
             known = stored.get(record.id, ())[: len(conditions)]
             if [one.conditions for one in known] == list(conditions):
@@ -398,20 +395,18 @@ class _VersionDriver:
         whole = {i: own for i, own in run.by_test().items() if len(own) == len(conditions)}
         return found | whole
 
-
-def _stored(folder: Path, driving: Driving) -> dict[int, tuple[Redrive, ...]]:
-    """Test -> stored and judged drives of a version."""
-    parts = comparison_key(describe(driving.driver), describe(driving.simulator))
-    stored: dict[int, tuple[Redrive, ...]] = {}
-    for run in read_runs(folder, Purpose.BACK_TO_BACK):
-        is_own = comparison_key(run.driver, run.simulator) == parts
-        if is_own and run.rules == driving.simulator.rules:
-            stored |= {
-                i: drives
-                for i, drives in run.by_test().items()
-                if all(drive.outcome.is_driven for drive in drives)
-            }
-    return stored
+    def _stored(self, folder: Path) -> dict[int, tuple[Redrive, ...]]:
+        """Test -> stored and judged drives of the version."""
+        rules = self._driving.simulator.rules
+        stored: dict[int, tuple[Redrive, ...]] = {}
+        for run in read_runs(folder, Purpose.BACK_TO_BACK):
+            if comparison_key(run.driver, run.simulator) == self._parts and run.rules == rules:
+                stored |= {
+                    i: drives
+                    for i, drives in run.by_test().items()
+                    if all(drive.outcome.is_driven for drive in drives)
+                }
+        return stored
 
 
 def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[TestRecord, ...]]:

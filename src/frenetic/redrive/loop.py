@@ -12,6 +12,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final, TypeAlias
@@ -174,6 +175,7 @@ def drive_again(
     if workers > 1:  # they measure its car, each for itself; here it would never be entered
         prepare(tester.simulator)
 
+    @cache  # its simulator knows its car when the first drive is stored
     def run() -> Run:
         return new_run(purpose, tester, len(tasks), **drawn)
 
