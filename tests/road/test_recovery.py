@@ -223,3 +223,17 @@ def test_points_closer_than_a_spline_can_tell_apart_are_the_same(points: list[li
 def test_points_beyond_any_map_are_refused() -> None:
     with pytest.raises(RoadError, match="at most 1e\\+07 m from the origin"):
         Road.from_points([[0.0, 0.0], [1e308, 0.0], [0.0, 5.0]])
+
+
+def test_points_of_unequal_steps_are_not_searched_for_a_chain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The search takes a hundred times as long as the spline."""
+
+    def search(*_: object) -> None:
+        raise AssertionError("points of a spline were searched for a chain")
+
+    nodes = Road(np.array([0.02, 0.05, -0.04, 0.06, 0.0, 0.03]), pose=Pose(50, 60, 1.0)).sample(9.0)
+    spline = competition_spline(nodes)(np.linspace(0.0, 1.0, 60))
+    monkeypatch.setattr("frenetic.road.recovery._gauss_newton", search)
+    assert_follows_the_spline(spline)

@@ -116,8 +116,12 @@ def _recognise(points: FloatArray) -> Recovered | None:
     lengths = np.hypot(chords[:, 0], chords[:, 1])
     directions = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     turns = np.diff(directions)
-    # Equal steps along a road give nearly equal chords; anything else is not worth the fit.
-    if np.abs(turns).max() > 1.2 or lengths.min() < 0.8 * lengths.max():
+    # Equal steps along a road give nearly equal chords; anything else is not worth the fit. An arc
+    # is longer than its chord by (turn)^2 / 24, any piece inside a chain by less than six times that.
+    sharpest = np.abs(turns).max()
+    if sharpest > 1.2 or lengths.min() < 0.8 * lengths.max():
+        return None
+    if np.ptp(lengths[1:-1]) > 0.25 * sharpest**2 * lengths.max() + 4.0 * RECOGNISED:
         return None
     step = float((lengths[1:-1] * (1.0 + turns[1:] * turns[:-1] / 24.0)).mean())
     found, worst = None, math.inf
