@@ -277,12 +277,13 @@ class Campaign:
 
             require_scheduler(self.cluster)
         self._keep_margin()
+        configuration = self.configuration()
         with ExitStack() as stack:
-            store = stack.enter_context(CampaignStore.create(self.folder, self.configuration()))
+            store = stack.enter_context(CampaignStore.create(self.folder, configuration))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
             tally = Tally()
-            self._log_start(log, Event.STARTED, tally)
+            _log_start(log, Event.STARTED, tally, configuration)
             stack.enter_context(_saying_what_is_stored(store, tally))
             return self._search(store, log, tally, {}, on_progress, on_start, on_interrupt)
 
@@ -319,14 +320,15 @@ class Campaign:
             strategy = store.config.get("strategy")
             if isinstance(strategy, Mapping) and "margin" in strategy:
                 self._keep_margin()
-            changes = self._changes(store, accept_changed=accept_changed)
+            configuration = self.configuration()
+            changes = self._changes(store, configuration, accept_changed=accept_changed)
             store.require_whole()
             tally, outstanding = replay(store, self.strategy, self.budget, self.objective)
             # However this process ends, the campaign is resumed to this budget.
             store.reopen(budget=asdict(self.budget), **changes)
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
-            self._log_start(log, Event.RESUMED, tally)
+            _log_start(log, Event.RESUMED, tally, configuration)
             for note in self.notes:
                 log.write(Event.LOG, note, level="warning", logger=__name__)
             stack.enter_context(_saying_what_is_stored(store, tally))
@@ -349,14 +351,18 @@ class Campaign:
         return {"objective": fingerprint_of(self.objective.measure).to_json()}
 
     def _changes(
-        self, store: CampaignStore, *, accept_changed: bool
+        self,
+        store: CampaignStore,
+        configuration: Mapping[str, JSONValue],
+        *,
+        accept_changed: bool,
     ) -> dict[str, list[dict[str, JSONValue]]]:
         """The campaign's fact about changed parts, if there is anything new; fills `notes`.
 
         Raises:
             CampaignError: the log was made by other parts, and that is not accepted.
         """
-        ours = json.loads(json.dumps(self.configuration()))
+        ours = json.loads(json.dumps(configuration))
         for name in ("rules", "map_size", "margin", "lane_width", "lookahead", "objective"):
             theirs = store.config.get(name, MOOBD if name == "objective" else None)
             if ours[name] != theirs:
@@ -489,12 +495,6 @@ class Campaign:
             return InProcessWorker(self.tester)
         return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
 
-    def _log_start(self, log: CampaignLog, event: Event, tally: Tally) -> None:
-        configuration = self.configuration()
-        fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
-        text = f"{event} after {tally.told} results" if tally.told else str(event)
-        log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
-
 
 def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:
     """Number of workers that are of use, by default one per core."""
@@ -514,6 +514,14 @@ _LOGGED: Final = (
     "versions",
 )
 """The configuration in the log's first line."""
+
+
+def _log_start(
+    log: CampaignLog, event: Event, tally: Tally, configuration: Mapping[str, JSONValue]
+) -> None:
+    fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
+    text = f"{event} after {tally.told} results" if tally.told else str(event)
+    log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
 
 
 @contextmanager
