@@ -381,7 +381,7 @@ class Campaign:
                 " --accept-changed (in Python: resume(accept_changed=True))"
             )
         unknown = [text for one in found.values() for text in one.unknown]
-        first = store.counts().told + 1
+        first = sum(store.by_outcome().values()) + 1
         self.notes = tuple(
             f"{what}: {'; '.join(texts)}"
             for what, texts in (

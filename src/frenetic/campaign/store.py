@@ -584,26 +584,36 @@ class CampaignStore:
             ).fetchall()
         return ((self.candidate(candidate_id), place) for candidate_id, place in rows)
 
+    def by_outcome(self) -> dict[Outcome, int]:
+        """Return the number of results per outcome; every outcome is present."""
+        return self._count_by_outcome()[0]
+
     def counts(self) -> StoredCounts:
-        """Return the number of tests per outcome and of different roads, and the lowest MOOBD."""
+        """Return the number of tests per outcome and of different roads, and the lowest MOOBD.
+
+        Reads the roads of all tests: where numbers are enough, `by_outcome` is faster.
+        """
+        by_outcome, min_moobd = self._count_by_outcome()
+        with translated(self._path):
+            (asked,) = self._connection.execute("SELECT count(*) FROM candidate").fetchone()
+            roads = {road_key(*row) for row in self._connection.execute(SELECT_TESTED_ROADS)}
+        return StoredCounts.of(
+            by_outcome, min_moobd, len(roads), asked=asked + len(self._held_candidates)
+        )
+
+    def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
+        """Return the number of results per outcome, and the lowest MOOBD in m."""
         self._write_tests()
         with translated(self._path):
             rows = self._connection.execute(
                 "SELECT outcome, count(*), min(moobd) FROM test GROUP BY outcome"
             ).fetchall()
-            (asked,) = self._connection.execute("SELECT count(*) FROM candidate").fetchone()
-            roads = {road_key(*row) for row in self._connection.execute(SELECT_TESTED_ROADS)}
         by_outcome = dict.fromkeys(Outcome, 0)
         by_outcome |= {
             Outcome(self._value("outcome", outcome)): count for outcome, count, _ in rows
         }
         moobds = [self._value("moobd", moobd) for *_, moobd in rows if moobd is not None]
-        return StoredCounts.of(
-            by_outcome,
-            min(moobds, default=None),
-            len(roads),
-            asked=asked + len(self._held_candidates),
-        )
+        return by_outcome, min(moobds, default=None)
 
     def stored(self) -> int:
         """Return the number of results on disk, without held ones; 0 if it cannot be read."""

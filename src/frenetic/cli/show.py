@@ -160,7 +160,8 @@ def _list_tests(
     )
     shown = f"; the first {len(listed)} are listed" if len(listed) < len(tests) else ""
     match = "matches" if len(tests) == 1 else "match"
-    click.echo(f"{len(tests)} of {counted(store.counts().told, 'result')} {match}{shown}")
+    told = sum(store.by_outcome().values())
+    click.echo(f"{len(tests)} of {counted(told, 'result')} {match}{shown}")
 
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:

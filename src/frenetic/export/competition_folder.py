@@ -55,7 +55,7 @@ def write_competition_folder(
         CampaignError: the campaign is damaged.
         OSError: a file cannot be written.
     """
-    failures = store.counts().failed
+    failures = store.by_outcome()[Outcome.FAIL]
     statistics = _Statistics(sides, with_sparseness=failures <= MOST_COMPARED)
     for done, record in enumerate(store.tests(), start=1):
         outcome = record.outcome

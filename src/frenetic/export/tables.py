@@ -87,7 +87,7 @@ _SELECT_TRAJECTORIES: Final = f"""
 
 def number_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> int:
     """Number of tests with these outcomes."""
-    by_outcome = store.counts().by_outcome
+    by_outcome = store.by_outcome()
     return sum(by_outcome[outcome] for outcome in outcomes)
 
 
