@@ -58,7 +58,6 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Trajectory
-from frenetic.spec import decode_budget
 
 Order: TypeAlias = Literal["told", "moobd"]
 
@@ -621,18 +620,6 @@ class CampaignStore:
             (number,) = self._connection.execute("SELECT count(*) FROM test").fetchone()
             return int(number)
         return 0
-
-    def budget_spent(self) -> float:
-        """Return the share of the campaign's last budget that its results have spent, 0..1.
-
-        It is 0 without a usable budget.
-        """
-        try:
-            budget = decode_budget(self.facts.get("budget", self.config.get("budget")))
-        except ValueError:
-            return 0.0
-        counts = self.counts()
-        return budget.spent(counts.simulations, self.elapsed(), counts.failed)
 
     def elapsed(self) -> float:
         """Return the campaign's time at the last result, in s."""

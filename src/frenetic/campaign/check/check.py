@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 from types import MappingProxyType
@@ -157,13 +157,14 @@ def _holdings(
             (elapsed,) = connection.execute("SELECT max(elapsed) FROM test").fetchone()
     writer = find_holder(folder / LOCK)
     files = (folder / f"{DATABASE}{suffix}" for suffix in ("", "-wal"))
+    counts = StoredCounts.of(by_outcome, lowest, len(roads), asked=asked)
     return Holdings(
         schema=version,
         state=_state(facts, writer, elapsed),
-        is_spent=_is_spent(facts, by_outcome, elapsed),
+        is_spent=_is_spent(facts, counts, elapsed),
         writer=writer,
         created_at=facts.created_at,
-        counts=StoredCounts.of(by_outcome, lowest, len(roads), asked=asked),
+        counts=counts,
         told=told,
         trajectories=trajectories,
         size=sum(file.stat().st_size for file in files if file.is_file()),
@@ -178,13 +179,12 @@ def _select_roads(tables: Tables) -> str:
     return SELECT_TESTED_ROADS.replace("points", "NULL", 1)
 
 
-def _is_spent(facts: Facts, by_outcome: Mapping[Outcome, int], elapsed: object) -> bool:
+def _is_spent(facts: Facts, counts: StoredCounts, elapsed: object) -> bool:
     budget = facts.last_budget or facts.first_budget
     if budget is None:
         return False
-    simulations = sum(number for outcome, number in by_outcome.items() if outcome.is_simulated)
     seconds = elapsed if isinstance(elapsed, float) else 0.0
-    return budget.spent(simulations, seconds, by_outcome[Outcome.FAIL]) >= 1.0
+    return budget.spent(counts.simulations, seconds, counts.failed) >= 1.0
 
 
 def _state(facts: Facts, writer: str | None, elapsed: object) -> State:

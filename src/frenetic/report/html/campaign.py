@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Final
 
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.counts import Counts
+from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
@@ -33,6 +34,7 @@ from frenetic.report.html.tests import (
     read_tests,
 )
 from frenetic.report.html.timeline import timeline_section
+from frenetic.spec import decode_budget
 
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
@@ -98,14 +100,15 @@ def campaign_report(
     spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
     table = TestTable.of(test for test in tests if test.id in spoken_of)
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
+    elapsed = store.elapsed()
     top = headline(
         config,
         facts,
         counts,
         clusters,
         folder=str(store.folder),
-        elapsed=store.elapsed(),
-        is_spent=store.budget_spent() >= 1.0,
+        elapsed=elapsed,
+        is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
         trouble=" ".join([*(f"Changed {one}." for one in store.changes if one.what), trouble]),
     )
     return Report(
@@ -130,6 +133,23 @@ def campaign_report(
         tests=table,
         drives=tuple(drives),
     )
+
+
+def _budget_spent(
+    config: Mapping[str, JSONValue],
+    facts: Mapping[str, JSONValue],
+    counts: Counts,
+    elapsed: float,
+) -> float:
+    """Share of the campaign's last budget that its results have spent, 0..1.
+
+    It is 0 without a usable budget.
+    """
+    try:
+        budget = decode_budget(facts.get("budget", config.get("budget")))
+    except ValueError:
+        return 0.0
+    return budget.spent(counts.simulations, elapsed, counts.failed)
 
 
 def _look(
@@ -180,7 +200,8 @@ def _to_show(
 
 def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
     """Repeats of its tests with the campaign's own parts, and trouble with them."""
-    driver, simulator = store.parts.get("driver"), store.parts.get("simulator")
+    parts = store.parts
+    driver, simulator = parts.get("driver"), parts.get("simulator")
     try:
         reruns, rules = read_reruns(store.folder), store.setting.rules
     except CampaignError as error:
