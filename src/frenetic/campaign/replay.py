@@ -16,7 +16,6 @@ from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import SearchEnded, Strategy
-from frenetic.simulators.drive import Trajectory
 from frenetic.spec import Budget
 
 
@@ -57,17 +56,13 @@ def replay(
                 f"{store.folder} is damaged: candidate {record.candidate.id} was told before it"
                 " was asked"
             )
-        read_trajectory = partial(_stored_trajectory, store, record.id)
+        read_trajectory = partial(store.trajectory, record.id)
         tell(strategy, evaluation_of(record, read_trajectory, objective), tally)
         tally.count(candidate, record.outcome, record.moobd)
         tally.seconds = record.elapsed or tally.seconds + record.seconds
     ask_until(tally.told)
     tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
     return tally, outstanding
-
-
-def _stored_trajectory(store: CampaignStore, id: int) -> Trajectory | None:  # noqa: A002
-    return store.test(id).trajectory
 
 
 def _proposed(strategy: Strategy, tally: Tally) -> Candidate | None:

@@ -558,6 +558,14 @@ class CampaignStore:
         self._write_tests()
         return self._read_test(id, with_trajectory)
 
+    def trajectory(self, id: int) -> Trajectory | None:  # noqa: A002
+        """Return the trajectory of the candidate with this `id`; None if none is stored.
+
+        The rest of its test is not read. Raises a `CampaignError` if the trajectory is damaged.
+        """
+        self._write_tests()
+        return self._read_trajectory(id)
+
     def candidate(self, id: int) -> Candidate:  # noqa: A002
         """Return the candidate with this `id`, whether it has a result or not.
 
@@ -742,18 +750,31 @@ class CampaignStore:
                     candidate_id,
                     "SELECT min(candidate_id), max(candidate_id) FROM test",
                 )
-            select = f"{_SELECT_TRAJECTORY.format(self.checksum_column)} WHERE candidate_id = ?"
-            data = self._fetch(select, candidate_id) if with_trajectory else None
-        name = f"of test {candidate_id}"
         of_test, of_candidate = row[: len(TEST_COLUMNS) + 1], row[len(TEST_COLUMNS) + 1 :]
         if of_candidate[0] is None:
             raise self._damaged(f"candidate {candidate_id} is missing")
         candidate, _ = self._to_candidate(of_candidate)
-        trajectory = None if data is None else self._to_trajectory(data, name)
-        with self._naming(name):
+        trajectory = self._read_trajectory(candidate_id) if with_trajectory else None
+        with self._naming(f"of test {candidate_id}"):
             record = read_test(of_test[:-1], candidate, trajectory, self._setting)
         self._require_checksum(of_test, f"test {candidate_id}")
         return record
+
+    def _read_trajectory(self, candidate_id: int) -> Trajectory | None:
+        select = f"{_SELECT_TRAJECTORY.format(self.checksum_column)} WHERE candidate_id = ?"
+        with translated(self._path):
+            row = self._fetch(select, candidate_id)
+        if row is None:
+            return None
+        name, data = f"the trajectory of test {candidate_id}", row[1]
+        if not isinstance(data, bytes):
+            raise self._damaged(f"{name} has the wrong type")
+        try:
+            trajectory = decode(data)
+        except CampaignError as error:
+            raise CampaignError(f"{self._path}: {name}: {error}") from error
+        self._require_checksum(row, name)
+        return trajectory
 
     def _require_checksum(self, row: tuple[Any, ...], name: str) -> None:
         if fault := checksum_fault(row):
@@ -775,17 +796,6 @@ class CampaignStore:
                 rows = f"{select.format(self.checksum_column)} WHERE {column} IN ({told})"
                 for row in self._connection.execute(rows, (after, until)):
                     self._require_checksum(row, f"{name} {row[0]}")
-
-    def _to_trajectory(self, row: tuple[Any, ...], name: str) -> Trajectory:
-        data = row[1]
-        if not isinstance(data, bytes):
-            raise self._damaged(f"the trajectory {name} has the wrong type")
-        try:
-            trajectory = decode(data)
-        except CampaignError as error:
-            raise CampaignError(f"{self._path}: the trajectory {name}: {error}") from error
-        self._require_checksum(row, f"the trajectory {name}")
-        return trajectory
 
     def _to_candidate(self, row: tuple[Any, ...]) -> tuple[Candidate, int]:
         with self._naming(f"of candidate {row[0]}"):
