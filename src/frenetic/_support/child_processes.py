@@ -98,7 +98,7 @@ def _without_ctrl_c() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def kill_process(process: BaseProcess) -> None:
+def kill_process(process: BaseProcess | subprocess.Popen[bytes]) -> None:
     """Kills a child with all that it has started."""
     assert process.pid is not None
     kill_tree(process.pid)

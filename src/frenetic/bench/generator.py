@@ -17,7 +17,7 @@ from types import TracebackType
 from typing import IO, Any, Final, Self
 
 import frenetic
-from frenetic._support.child_processes import kill_tree
+from frenetic._support.child_processes import kill_process
 from frenetic.bench.hosting.messages import Assignment
 from frenetic.competition.settings import SEED
 
@@ -107,7 +107,8 @@ class GeneratorProcess:
         trace: TracebackType | None,
     ) -> None:
         """Ends the process and the rest of its group."""
-        self._kill_group()
+        # The process id stays taken until it is waited for, so the group is surely its own.
+        kill_process(self._process)
         self._process.wait()
         assert self._process.stdin is not None
         with suppress(OSError):
@@ -197,8 +198,3 @@ class GeneratorProcess:
             with suppress(ValueError):
                 return f"its process was killed by {signal.Signals(-code).name}"
         return f"its process ended with exit code {code}"
-
-    def _kill_group(self) -> None:
-        # The process id stays taken until it is waited for, so the group is surely its own.
-        kill_tree(self._process.pid)
-        self._process.kill()
