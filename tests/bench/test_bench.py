@@ -20,7 +20,7 @@ from pids import LIMIT, descendants, until_gone
 from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
 from frenetic.bench.bench import unusual_endings
 from frenetic.bench.generator import GeneratorProcess
-from frenetic.bench.processes import PRELOADED
+from frenetic.bench.processes import RUNS_PRELOADED
 from frenetic.bench.results import write_results
 from frenetic.bench.runs import assignment
 from frenetic.campaign import CampaignStore
@@ -488,7 +488,7 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
 
 
 def test_what_is_preloaded_is_there() -> None:
-    for name in PRELOADED:  # the server of processes would leave it out without a word
+    for name in RUNS_PRELOADED:  # the server of processes would leave it out without a word
         assert find_spec(name) is not None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import random
 import signal
@@ -22,6 +21,7 @@ from contents import contents
 from faulty import Marks
 from pids import LIMIT, until_gone
 
+from frenetic._support.child_processes import process_context
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
@@ -129,9 +129,7 @@ def go_on(
     folder: Path, marks: Path, workers: int, ordered: bool, blow: killing.Blow | None
 ) -> int | None:
     """Goes on with a campaign in a process of its own; returns its exit code."""
-    context: Any = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
-    if sys.platform == "linux":  # as workers are made, since the server is the same
-        context.set_forkserver_preload(["frenetic.campaign.workers.local.preloading"])
+    context: Any = process_context()  # as workers are made, since the server is the same
     process = context.Process(
         target=killing.go_on, args=(folder, marks, workers, ordered, blow), name="campaign"
     )

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
@@ -35,19 +35,25 @@ FORKED: Final = 82
 """Exit code of a fork that came out of foreign code."""
 
 _FORKED: Final = "forkserver"
-_PRELOADED: Final = "frenetic.simulators.embedded.preloading"
+PRELOADED: Final = "frenetic.simulators.embedded.preloading"
+"""Module that the server of processes imports, so that these have the kernels at once."""
 
 
 # In the parent
 
 
-def process_context() -> ForkServerContext | SpawnContext:
+def process_context(preloaded: Sequence[str] = (PRELOADED,)) -> ForkServerContext | SpawnContext:
     """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
 
     Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
+
+    Args:
+        preloaded: modules that the server imports; it leaves out what is missing without a word.
     """
     if platform.system() == "Linux":
-        return multiprocessing.get_context(_FORKED)
+        context = multiprocessing.get_context(_FORKED)
+        context.set_forkserver_preload(list(preloaded))
+        return context
     return multiprocessing.get_context("spawn")
 
 
@@ -68,7 +74,6 @@ def start_process(
     if context.get_start_method() == _FORKED:
         from multiprocessing import forkserver  # not on Windows
 
-        context.set_forkserver_preload([_PRELOADED])
         with sparing:
             forkserver.ensure_running()
         sparing = nullcontext()  # it takes a while now, and children get it from their server

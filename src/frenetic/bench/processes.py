@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-from frenetic._support.child_processes import process_context, stand_alone
+from frenetic._support.child_processes import PRELOADED, process_context, stand_alone
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.runs import Run, RunState, Terms, run_entrant
 from frenetic.campaign.progress import Progress
@@ -23,7 +23,7 @@ from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.registry import load_user_file, user_files
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
-PRELOADED: Final = ("frenetic.bench.runs", "frenetic.simulators.embedded.preloading")
+RUNS_PRELOADED: Final = ("frenetic.bench.runs", PRELOADED)
 """Modules that the server of runs imports."""
 _REPORT: Final = 0.2  # s between two messages about the progress of a run
 
@@ -50,9 +50,7 @@ def run_all(
             "the driver or simulator cannot be copied to another process"
             f" ({describe_error(error)}): define it in a module of its own"
         ) from error
-    context = process_context()
-    if context.get_start_method() == "forkserver":
-        context.set_forkserver_preload(list(PRELOADED))
+    context = process_context(RUNS_PRELOADED)
     waiting = deque(runs)
     at_work: dict[Any, tuple[Run, BaseProcess]] = {}  # by the connection with each
     with catch_interrupt(on_interrupt) as interrupt:
