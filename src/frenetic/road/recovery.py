@@ -117,7 +117,8 @@ def _recognise(points: FloatArray) -> Recovered | None:
     directions = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     turns = np.diff(directions)
     # Equal steps along a road give nearly equal chords; anything else is not worth the fit. An arc
-    # is longer than its chord by (turn)^2 / 24, any piece inside a chain by less than six times that.
+    # is longer than its chord by (turn)^2 / 24, any piece inside a chain by less than six times
+    # that.
     sharpest = np.abs(turns).max()
     if sharpest > 1.2 or lengths.min() < 0.8 * lengths.max():
         return None
