@@ -26,9 +26,9 @@ from frenetic.cli.options import (
     as_usage_error,
     json_option,
 )
-from frenetic.cli.parts import driver_options, names_of, was_given
+from frenetic.cli.parts import PROFILE, asked_spec, driver_options, names_of, was_given
 from frenetic.errors import FreneticError
-from frenetic.spec import Spec, drive_options
+from frenetic.spec import drive_options
 
 if TYPE_CHECKING:
     from frenetic.analysis.comparison import Comparison
@@ -273,7 +273,7 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
             for entry in STRATEGIES.entries()
         )
     cost = asked["seconds_per_test"]
-    spec = Spec.from_options({name: asked[name] for name in drive_options()})
+    spec = asked_spec(context, {name: asked[name] for name in drive_options()})
     with as_usage_error():
         return Bench(
             entrants=entrants,
@@ -315,7 +315,7 @@ def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]
 
 def _refuse_given(context: click.Context, why: str) -> None:
     """Refuses the options that begin a bench."""
-    for name in (*_FIXED, *drive_options()):
+    for name in (*_FIXED, PROFILE, *drive_options()):
         if was_given(context, name):
             parameter = next(p for p in context.command.params if p.name == name)
             raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")

@@ -11,6 +11,7 @@ import click
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import CampaignFolder, GroupedCommand
+from frenetic.cli.parts import PROFILE
 from frenetic.cli.redrive import (
     chosen_tests,
     interrupted,
@@ -58,10 +59,10 @@ def confirm(
     from frenetic.redrive.confirm import confirmation_document
     from frenetic.spec import describe
 
-    if not given.get("simulator") and not given.get("simulator_options"):
+    if not any(given.get(name) for name in ("simulator", "simulator_options", PROFILE)):
         raise click.UsageError(
-            "say in which simulator, with --simulator or --simulator-option; 'frenetic regression'"
-            " drives again in the same"
+            "say in which simulator, with --simulator, --simulator-option or --profile; 'frenetic"
+            " regression' drives again in the same"
         )
     with CampaignStore.open(campaign) as store:
         chosen = chosen_tests(store, test_ids, top if test_ids else top or LISTED)

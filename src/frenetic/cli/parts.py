@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 import click
@@ -17,6 +18,7 @@ from frenetic.spec import NUMBERS, Spec, drive_options, usual_wall_limit
 P = ParamSpec("P")
 R = TypeVar("R")
 
+PROFILE: Final = "profile"
 _EXAMPLES: Final = {
     "strategy": "threshold=-0.2",
     "driver": "aggression=1.2",
@@ -114,7 +116,18 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
             for number in NUMBERS
         ),
     ]
-    return with_options(options, beamng_options(command))
+    return with_options([profile_option(), *options], beamng_options(command))
+
+
+def profile_option() -> Decorator:
+    """The option for the profile of a twin."""
+    return click.option(
+        "--profile",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Drive with the twin of this profile ('frenetic calibrate'): its driver, car and"
+        " rules, unless other options are given.",
+    )
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -141,7 +154,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             if number.another
         ),
     ]
-    return with_options(options, beamng_options(command))
+    return with_options([profile_option(), *options], beamng_options(command))
 
 
 def was_given(context: click.Context, name: str) -> bool:
@@ -151,7 +164,42 @@ def was_given(context: click.Context, name: str) -> bool:
 
 def given_options(context: click.Context) -> dict[str, Any]:
     """Name -> value of the options of `driver_options` that the command line gives."""
-    return {name: context.params[name] for name in drive_options() if was_given(context, name)}
+    names = (PROFILE, *drive_options())
+    return {name: context.params[name] for name in names if was_given(context, name)}
+
+
+def asked_spec(context: click.Context, options: Mapping[str, Any], **others: Any) -> Spec:
+    """The spec of a command line with `driver_options`, for roads yet to be made or placed.
+
+    Args:
+        context: of the command.
+        options: as for `Spec.from_options`, with defaults.
+        others: likewise.
+
+    Raises:
+        FreneticError: the profile cannot be read, or an option is out of range.
+    """
+    spec, given = Spec.from_options(options, **others), given_options(context)
+    return with_given(spec, given, has_roads=False) if PROFILE in given else spec
+
+
+def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) -> Spec:
+    """A spec with the twin of a profile, if one is given, and then with the given options.
+
+    Args:
+        spec: what holds otherwise.
+        given: values of the options of `driver_options` or `part_options`, None if not given.
+        has_roads: as for `frenetic.profile.Profile.over`.
+
+    Raises:
+        FreneticError: the profile cannot be read, or an option is out of range.
+    """
+    path = given.get(PROFILE)
+    if path is None:
+        return spec.replaced(given)
+    from frenetic.profile import Profile  # msgspec takes its time
+
+    return Profile.read(path).over(spec, given, has_roads=has_roads)
 
 
 def _option(name: str) -> str:

@@ -13,7 +13,7 @@ import click
 from frenetic.cli.beamng import is_beamng, without_place
 from frenetic.cli.console import Log, announced_compilation, counted_progress, shell
 from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, json_option
-from frenetic.cli.parts import given_options, part_options
+from frenetic.cli.parts import PROFILE, asked_spec, given_options, part_options, with_given
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import DRIVEN, Spec, drive_options
 
@@ -59,7 +59,7 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any]) -> Spec:
     """
     from frenetic.campaign.store import DATABASE
 
-    spec = Spec.from_json(store.config, source=store.folder / DATABASE).replaced(given)
+    spec = with_given(Spec.from_json(store.config, source=store.folder / DATABASE), given)
     if spec.driver.name is None or spec.simulator.name is None:
         raise CampaignError(
             f"{store.folder} was started from Python, so its driver and simulator have no names:"
@@ -78,18 +78,20 @@ def file_spec(context: click.Context, file: RoadFile) -> Spec:
     """
     from frenetic.registry import DRIVERS, SIMULATORS
 
-    if DRIVEN not in file.entries:
-        return Spec.from_options({name: context.params[name] for name in drive_options()})
     given = given_options(context)
+    if DRIVEN not in file.entries:
+        return asked_spec(context, {name: context.params[name] for name in drive_options()})
     recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
     simulator = recorded.simulator
     if is_beamng(simulator.name or ""):  # which program is started, no file says
         simulator = replace(simulator, options=without_place(simulator.options))
-    spec = replace(recorded, simulator=simulator).replaced(given)
+    spec = with_given(replace(recorded, simulator=simulator), given)
     spec = replace(spec, map_size=given.get("map_size", spec.map_size))
     for registry, part in ((DRIVERS, spec.driver), (SIMULATORS, spec.simulator)):
         name = part.name or ""
-        if registry.kind not in given and not registry.is_harmless(name, part.options):
+        if {registry.kind, PROFILE}.isdisjoint(given) and not registry.is_harmless(
+            name, part.options
+        ):
             words = shlex.join(part.words(registry.kind))
             raise FreneticError(
                 f"{file.path} was driven with the {registry.kind} {name!r}; unasked, a file's own"

@@ -15,9 +15,9 @@ from frenetic.cli.options import (
     as_usage_error,
     json_option,
 )
-from frenetic.cli.parts import driver_options, part_choice
+from frenetic.cli.parts import asked_spec, driver_options, part_choice
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
-from frenetic.spec import Budget, Spec
+from frenetic.spec import Budget
 
 DEFAULT_SIMULATIONS: Final = 1000
 
@@ -60,7 +60,10 @@ DEFAULT_SIMULATIONS: Final = 1000
 )
 @fail_on_failure_option
 @json_option
+@click.pass_context
 def run(
+    context: click.Context,
+    /,
     simulations: int | None,
     seconds: float | None,
     failures: int | None,
@@ -96,7 +99,8 @@ def run(
     seed = secrets.randbelow(2**31) if seed is None else seed
     with as_usage_error():
         budget = Budget(simulations=simulations, time=seconds, failures=failures)
-    spec = Spec.from_options(
+    spec = asked_spec(
+        context,
         how,
         seed=seed,
         budget=budget,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import cache
 from types import TracebackType
@@ -52,7 +52,8 @@ class EmbeddedSimulator(StartingPlace):
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
-        vehicle: the car, or the name of one: ``default``, a BMW 320i, or ``metadrive``.
+        vehicle: the car, or the name of one: ``default``, a BMW 320i, or ``metadrive``; or the
+            parameters in which it differs from the default, or from the one in ``name``.
         friction: of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
         wall_limit: s of wall time that a drive with a driver written in Python may take; then it
             is an ERROR. Built-in drivers end by the rules.
@@ -74,13 +75,15 @@ class EmbeddedSimulator(StartingPlace):
         self,
         *,
         rules: Rules | None = None,
-        vehicle: Vehicle | str = "default",
+        vehicle: Vehicle | str | Mapping[str, float | str] = "default",
         friction: float | None = None,
         wall_limit: float = 60.0,
         start_offset: float = 0.0,
         start_heading: float = 0.0,
     ) -> None:
         self.rules = rules or Rules()
+        if isinstance(vehicle, Mapping):
+            vehicle = Vehicle.of(vehicle)
         self.vehicle = vehicle if isinstance(vehicle, Vehicle) else Vehicle.named(vehicle)
         if friction is not None:
             self.friction = friction

@@ -36,7 +36,8 @@ understeers only by what load transfer and drive forces make of it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -264,6 +265,24 @@ class Vehicle:
         if name == "metadrive":
             return cls.metadrive()
         raise ValueError(f"vehicle is {name!r}: default or metadrive is needed")
+
+    @classmethod
+    def of(cls, description: Mapping[str, float | str]) -> Vehicle:
+        """Return the car of a description: its parameters, beside those of the car in ``name``.
+
+        Raises:
+            ValueError: there is no such car or parameter, or a value is out of range.
+
+        """
+        given = dict(description)
+        car = cls.named(str(given.pop("name", "default")))
+        known = [item.name for item in fields(cls)]
+        for name, value in given.items():
+            if name not in known:
+                raise ValueError(f"vehicle has no {name!r}; it has: {', '.join(known)}")
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise ValueError(f"{name} of the vehicle is {value!r}: a number is needed")
+        return replace(car, **given)  # type: ignore[arg-type]  # checked above
 
     @property
     def wheelbase(self) -> float:

@@ -1,0 +1,289 @@
+"""The profile of a twin: a driver and a car of the embedded simulator that drive as others do.
+
+`frenetic calibrate` writes it, `--profile` reads it. It is one JSON file, which may come from
+anywhere, so everything in it is validated. It names parts; reading it makes and imports none.
+"""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, Self
+
+import msgspec
+from msgspec import Meta, Struct
+
+from frenetic._support.files import write_file
+from frenetic.drivers.loading import LAYERS
+from frenetic.errors import FreneticError
+from frenetic.fingerprint import other_version
+from frenetic.registry import DRIVERS
+from frenetic.spec import Part, Spec, describe
+
+VERSION: Final = 1
+"""Version of the format; a newer one is refused."""
+MAX_BYTES: Final = 4 * 2**20
+"""Largest profile that is read."""
+SIMULATOR: Final = "embedded"
+"""The simulator in which every twin drives."""
+
+Positive = Annotated[float, Meta(gt=0.0)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+Count = Annotated[int, Meta(ge=0)]
+
+
+class Record(Struct, frozen=True, forbid_unknown_fields=True):
+    """An object of a profile; an entry that it does not know is a mistake."""
+
+
+class Terms(Record, frozen=True, kw_only=True):
+    """The terms under which the recorded drives were driven, and the twin drives."""
+
+    speed_limit: Positive
+    """km/h."""
+    oob_tolerance: Annotated[float, Meta(gt=0.0, le=1.0)]
+    """Share of the car that may be outside its lane."""
+    map_size: Positive = 200.0
+    """Side of the square map in m."""
+    lane_width: Positive = 4.0
+    """m."""
+
+
+class Fitted(Record, frozen=True, kw_only=True):
+    """A fitted parameter."""
+
+    name: str
+    """Such as ``driver.braking``, ``vehicle.friction`` or ``layer.delay``."""
+    value: float
+    low: float
+    """Lower bound of the fit."""
+    high: float
+    """Upper bound of the fit."""
+    from_: float = msgspec.field(name="from")
+    """Lower end of the interval in which the data leave it."""
+    to: float
+    """Upper end of that interval."""
+    is_determined: bool
+    """Whether the data determine it."""
+
+
+class Recording(Record, frozen=True, kw_only=True):
+    """What a twin was fitted on."""
+
+    name: str
+    """Name of the file or folder."""
+    sha256: str
+    """Fingerprint of the drives that were read from it."""
+    drives: Count
+    failures: Count
+    runs: Count
+
+
+class Figures(Record, frozen=True, kw_only=True):
+    """How well a twin follows recorded drives; None where the data cannot say."""
+
+    drives: Count
+    """Number of drives."""
+    failures: Count
+    """Number of them that failed."""
+    auc: float | None = None
+    """Chance that a drive that failed ranks above one that passed."""
+    rank_correlation: float | None = None
+    """Spearman's, of the largest oob shares."""
+    top_tenth: float | None = None
+    """Share of failures in the tenth of the roads that rank first, over that in all."""
+    early_half: float | None = None
+    """Share of the roads, as ranked, that hold half of all failures."""
+    agreement: float | None = None
+    """Share of equal outcomes."""
+    offset_error: float | None = None
+    """Median over drives of the median absolute error of the lateral offset, in m."""
+    speed_error: float | None = None
+    """The same of the speed, in m/s, or a share of the mean speed where only shapes compare."""
+    departure_gap: float | None = None
+    """Median distance along the road between both places of departure, in m."""
+    common_departures: Count = 0
+    """Number of drives in which both cars leave the lane."""
+    near_departures: float | None = None
+    """Share of these with a gap of at most 20 m."""
+
+
+class Link(Record, frozen=True, kw_only=True):
+    """The chance of a recorded failure: 1 / (1 + exp(-(intercept + slope * score)))."""
+
+    intercept: float
+    slope: float
+    """Per unit of the score, the twin's largest oob share."""
+
+
+class Validation(Record, frozen=True, kw_only=True):
+    """The cross-validated figures of a twin and of its baselines."""
+
+    by: Literal["run", "recording", "road"]
+    """What was held out as a whole."""
+    folds: Count
+    twin: Figures
+    """On drives that its parameters have not seen."""
+    baselines: dict[str, Figures]
+    """Name -> figures on the same folds."""
+    link: Link | None = None
+    verdict: Literal["good", "fair", "poor", "unknown"]
+    """Whether it is good enough to screen with."""
+    reason: str
+    """Why, in a sentence."""
+
+
+class Fit(Record, frozen=True, kw_only=True):
+    """The settings of a fit."""
+
+    seed: Count
+    evaluations: Count
+    """Number of candidates in each fold and in the final fit."""
+    sample: Count
+    """Most drives of a fit."""
+    weights: dict[str, float]
+    """Name of a term of the loss -> its weight."""
+    loss: float
+    """Of the twin on the drives that it was fitted on."""
+
+
+class Profile(Record, frozen=True, kw_only=True):
+    """A twin: a driver and a car that drive, in the embedded simulator, as others do.
+
+    Only the driver and the terms are needed; what a fit says about itself may be missing.
+    """
+
+    version: int = VERSION
+    """Version of the format."""
+    name: str
+    """Name for people."""
+    driver: str
+    """A registered name, ``package.module:Class`` or ``file.py:Class``."""
+    driver_options: dict[str, Any] = {}
+    layers: dict[str, float] = {}
+    """Name of a layer over the driver -> its amount."""
+    vehicle: dict[str, float | str] = {}
+    """Parameters of the car as `Vehicle.of` takes them."""
+    terms: Terms
+    parts: dict[str, dict[str, Any]] = {}
+    """``driver`` and ``simulator`` as `frenetic.spec.describe` gives them, to notice changes."""
+    fitted: list[Fitted] = []
+    recordings: list[Recording] = []
+    validation: Validation | None = None
+    fit: Fit | None = None
+    written_by: str = ""
+    """Version of frenetic."""
+
+    @classmethod
+    def read(cls, path: Path | str) -> Self:
+        """The profile in a file.
+
+        Raises:
+            FreneticError: there is none; the message names the file and the place in it.
+        """
+        path = Path(path)
+        try:
+            with path.open("rb") as file:
+                data = file.read(MAX_BYTES + 1)
+        except FileNotFoundError:
+            raise FreneticError(
+                f"there is no profile {path}: 'frenetic calibrate' writes one"
+            ) from None
+        except OSError as error:
+            raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
+        if len(data) > MAX_BYTES:
+            raise FreneticError(f"{path} is no profile: it has more than {MAX_BYTES} bytes")
+        try:
+            document = msgspec.json.decode(data)
+            version = document.get("version") if isinstance(document, dict) else None
+            if isinstance(version, int) and version > VERSION:
+                raise FreneticError(
+                    f"{path} was written by a newer version of frenetic: upgrade frenetic"
+                )
+            profile = msgspec.convert(document, cls)
+            profile.check()
+        except (ValueError, RecursionError) as error:
+            raise FreneticError(f"{path} is no profile of a twin: {error}") from None
+        return profile
+
+    def check(self) -> None:
+        """Raises ValueError if it does not describe a twin; what the driver takes is not known."""
+        from frenetic.simulators.embedded.vehicle import Vehicle  # numba takes its time
+
+        if self.version < 1:
+            raise ValueError(f"version is {self.version}: {VERSION} is needed")
+        known = {layer.name for layer in LAYERS}
+        if unknown := sorted(self.layers.keys() - known):
+            raise ValueError(
+                f"there is no layer {', '.join(unknown)}; known: {', '.join(sorted(known))}"
+            )
+        Vehicle.of(self.vehicle)
+
+    def write(self, path: Path) -> None:
+        """Writes the profile; the file is replaced whole.
+
+        Raises:
+            FreneticError: it cannot be written.
+        """
+        text = msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
+        write_file(path, text, remedy="choose another place with --out", parents=True)
+
+    def options(self) -> dict[str, Any]:
+        """The options of a command line that it stands for, as `Spec.replaced` takes them."""
+        layers = {layer.name: self.layers.get(layer.name, layer.nothing) for layer in LAYERS}
+        vehicle = {"vehicle": self.vehicle} if self.vehicle else {}
+        return {
+            "driver": self.driver,
+            "driver_options": self.driver_options,
+            "simulator": SIMULATOR,
+            "simulator_options": vehicle,
+            "speed_limit": self.terms.speed_limit,
+            "oob_tolerance": self.terms.oob_tolerance,
+            **layers,
+        }
+
+    def spec(self) -> Spec:
+        """The spec of the twin: driver, layers, car, rules, map and lane width."""
+        return self.over(Spec(), has_roads=False)
+
+    def over(
+        self, spec: Spec, given: Mapping[str, Any] | None = None, *, has_roads: bool = True
+    ) -> Spec:
+        """A spec driven by the twin instead, with the options of a command line on top.
+
+        Args:
+            spec: what else is wanted.
+            given: as for `Spec.replaced`. The twin's driver, given once more, keeps its options.
+            has_roads: whether the roads exist, with a map and a lane width of their own.
+
+        Raises:
+            FreneticError: an option is out of range, or the driver is code that is not loaded
+                unasked (`Registry.is_harmless`).
+        """
+        asked = dict(given or {})
+        if asked.get("driver") == self.driver:
+            asked["driver"] = None
+        elif not asked.get("driver") and not DRIVERS.is_harmless(self.driver, self.driver_options):
+            raise FreneticError(
+                f"the profile {self.name!r} names the driver {self.driver!r}; unasked, a file's own"
+                " code is loaded only if a file below the current folder defines that class and"
+                " its options are numbers: go to its folder, or if you trust it, add"
+                f" {shlex.join(Part(self.driver).words('driver'))}"
+            )
+        if not has_roads:
+            map_size = asked.get("map_size", self.terms.map_size)
+            spec = replace(spec, map_size=map_size, lane_width=self.terms.lane_width)
+        return spec.replaced(self.options()).replaced(asked)
+
+    def changes(self) -> list[str]:
+        """How driver and simulator differ from those that were fitted, each in a line.
+
+        Raises:
+            FreneticError: the driver cannot be made.
+        """
+        spec = self.spec()
+        ours = {"driver": spec.make_driver(), "simulator": spec.make_simulator()}
+        texts = (other_version(kind, self.parts.get(kind), describe(ours[kind])) for kind in ours)
+        return [text for text in texts if text]
