@@ -51,7 +51,7 @@ from faulty import (
 )
 from pids import LIMIT, ending, is_running, until, until_gone
 
-from frenetic._support.child_processes import Logged
+from frenetic._support.child_processes import Failed, Logged
 from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG, CampaignLog
 from frenetic.campaign.record import Attempt
@@ -62,7 +62,6 @@ from frenetic.campaign.workers.local import workers as processes
 from frenetic.campaign.workers.local.process import (
     Answer,
     Ready,
-    WorkerFailed,
     decode_message,
     decode_task,
     encode_message,
@@ -891,7 +890,7 @@ def test_messages_travel() -> None:
     assert {Outcome.FAIL, Outcome.INVALID} <= outcomes
     for other in (
         Ready(),
-        WorkerFailed("no port", "trace"),
+        Failed("no port", "trace"),
         Logged(20, "frenetic.x", "so it goes"),
     ):
         assert decode_message(encode_message(other)) == other

@@ -21,6 +21,8 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from frenetic.errors import reason_of, traceback_of
+
 if sys.platform == "linux":
     import fcntl
 
@@ -225,6 +227,13 @@ class Logged(NamedTuple):
     message: str
 
 
+class Failed(NamedTuple):
+    """The process must end: its simulator does not start, or a drive broke it."""
+
+    reason: str
+    traceback: str
+
+
 class LogSender(logging.Handler):
     """Sends log records to the parent."""
 
@@ -247,6 +256,30 @@ class LogSender(logging.Handler):
             pass  # and with it the log
         except Exception:
             self.handleError(record)
+
+
+@contextmanager
+def serving(connection: Connection, encode: Callable[[Logged | Failed], bytes]) -> Iterator[Line]:
+    """Around all that a child does for its parent; gives its line, which is closed at the end.
+
+    The library's log goes to the parent, and so does any error, as `Failed`. Nothing is raised.
+    """
+    stand_alone()
+    line = Line(connection)
+
+    def send(message: Logged | Failed) -> None:
+        line.send(encode(message))
+
+    LogSender(send).attach()
+    try:
+        yield line
+    except LostParentError:
+        pass
+    except BaseException as error:  # also what a driver's sys.exit() raises
+        with suppress(LostParentError):
+            send(Failed(reason_of(error), traceback_of(error)))
+    finally:
+        line.end()  # which says that the simulator has ended
 
 
 def stand_alone() -> None:

@@ -13,20 +13,19 @@ from types import TracebackType
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from frenetic._support.child_processes import (
+    Failed,
     Line,
     Logged,
-    LogSender,
-    LostParentError,
     ending_of,
     kill_process,
     one_process,
     process_context,
-    stand_alone,
+    serving,
     start_process,
 )
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.layers import under_layers
-from frenetic.errors import CampaignError, FreneticError, describe_raised, reason_of, traceback_of
+from frenetic.errors import CampaignError, FreneticError, describe_raised, traceback_of
 from frenetic.registry import load_user_file, user_files
 from frenetic.road import Road
 from frenetic.simulators.capabilities import VARIABLE, capabilities
@@ -221,7 +220,7 @@ class _Child:
             match message:
                 case Logged(level, name, text):
                     logging.getLogger(name).log(level, "%s", text)
-                case _Failed(reason, trace):
+                case Failed(reason, trace):
                     raise BrokenDriveError(reason, trace)
                 case _:
                     return message
@@ -276,33 +275,16 @@ class _Done(NamedTuple):
     """The drive, or who broke it, with a traceback."""
 
 
-class _Failed(NamedTuple):
-    """The process has to end."""
-
-    reason: str
-    traceback: str
-
-
-_Message: TypeAlias = _Started | _Done | _Failed
+_Message: TypeAlias = _Started | _Done | Failed
 
 
 def _serve(connection: Connection, files: Sequence[str], packed: bytes) -> None:
     """Drives the roads from the connection until it ends or a None comes."""
-    stand_alone()
-    line = Line(connection)
-    LogSender(lambda logged: line.send(pickle.dumps(logged))).attach()
-    try:
+    with serving(connection, pickle.dumps) as line:
         for file in files:
             load_user_file(file)
         with unpack(packed) as simulator:
             _drive_all(line, simulator)
-    except LostParentError:
-        pass
-    except BaseException as error:  # also what a simulator's sys.exit() raises
-        with suppress(LostParentError):
-            line.send(pickle.dumps(_Failed(reason_of(error), traceback_of(error))))
-    finally:
-        line.end()  # which says that the simulator has ended
 
 
 def _drive_all(line: Line, simulator: Simulator) -> None:

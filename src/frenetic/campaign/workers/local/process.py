@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import fields
 from multiprocessing.connection import Connection
 from operator import attrgetter
@@ -12,16 +11,9 @@ from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
-from frenetic._support.child_processes import (
-    Line,
-    Logged,
-    LogSender,
-    LostParentError,
-    stand_alone,
-)
+from frenetic._support.child_processes import Failed, Line, Logged, serving
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.errors import reason_of, traceback_of
 from frenetic.oracle import Departure, Result
 from frenetic.outcome import Outcome
 from frenetic.registry import load_user_file
@@ -38,39 +30,25 @@ def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> N
         user_files: the user's own modules, to load first.
         tester: a packed `RoadTester`, from the process that started this one.
     """
-    stand_alone()
-    line = Line(connection)
-
-    def send(message: Message) -> None:
-        line.send(encode_message(message))
-
-    LogSender(send).attach()
-    try:
+    with serving(connection, encode_message) as line:
         for file in user_files:
             load_user_file(file)
         # Made by our own parent a moment ago and given to us alone, so it may be unpickled.
         the_tester: RoadTester = unpack(tester)
-        while _serve_one_start(line, send, the_tester):
+        while _serve_one_start(line, the_tester):
             pass
-    except LostParentError:
-        pass
-    except BaseException as error:  # also what a driver's sys.exit() raises
-        with suppress(LostParentError):
-            send(WorkerFailed(reason_of(error), traceback_of(error)))
-    finally:
-        line.end()  # which says that the simulator has ended
 
 
-def _serve_one_start(line: Line, send: Callable[[Message], None], tester: RoadTester) -> bool:
+def _serve_one_start(line: Line, tester: RoadTester) -> bool:
     """Serves while the simulator works; returns whether to start it again."""
     with tester.simulator:
-        send(Ready())
+        line.send(encode_message(Ready()))
         while (data := line.receive()) is not None:
             number, candidate, placement = decode_task(data)
             if candidate is None:
                 return False
             attempt = tester.attempt(candidate, placement)
-            send(Answer(number, attempt))
+            line.send(encode_message(Answer(number, attempt)))
             if attempt.simulator_broke:
                 return True
     return False
@@ -95,16 +73,9 @@ class Answer(NamedTuple):
     attempt: Attempt
 
 
-class WorkerFailed(NamedTuple):
-    """This process must end: its simulator does not start, or a drive broke the process."""
+Message: TypeAlias = Ready | Answer | Failed | Logged
 
-    reason: str
-    traceback: str
-
-
-Message: TypeAlias = Ready | Answer | WorkerFailed | Logged
-
-_KINDS: Final = (Ready, Answer, WorkerFailed, Logged)
+_KINDS: Final = (Ready, Answer, Failed, Logged)
 _PROTOCOL: Final = 5
 _of_result = attrgetter(*(field.name for field in fields(Result)))
 _of_departure = attrgetter(*(field.name for field in fields(Departure)))

@@ -17,6 +17,7 @@ from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 from frenetic._support.child_processes import (
+    Failed,
     Logged,
     ending_of,
     kill_process,
@@ -31,7 +32,6 @@ from frenetic.campaign.workers.local.process import (
     Answer,
     Message,
     Ready,
-    WorkerFailed,
     decode_message,
     encode_task,
     serve,
@@ -284,7 +284,7 @@ class LocalWorkers:
                 return [replace(attempt, worker=worker.name)]
             case Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", worker.name, text)
-            case WorkerFailed(reason, traceback):
+            case Failed(reason, traceback):
                 if not worker.has_started:
                     worker.failed_starts = STARTS  # that would not change
                 return self._lost(worker, reason, traceback)
