@@ -90,10 +90,52 @@ def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str
         generator("phases:Phases"),
         generator("odd_tests:OddTests"),
         Entrant(name="a copy", spec="helped:Helped", path=GENERATORS / "own_pipeline"),
+        generator("copying:Copying"),
+        Entrant(
+            name="AtHome",
+            spec="at_home:AtHome",
+            path=GENERATORS / "own_files" / "tool",
+            copy=GENERATORS / "own_files",
+        ),
         Entrant(name="random", spec="random", is_strategy=True),
         patience=8.0,
     )
     return bench, ran(bench)
+
+
+def test_a_copied_executor_is_the_executor(everybody: tuple[Bench, dict[str, RunEnd]]) -> None:
+    work = everybody[1]["Copying"].run.folder / "work"
+    names = (work / "folders.txt").read_text(encoding="utf-8").split()
+    assert len(names) == len(set(names)) == SIMULATIONS  # a folder of each drive, the latest last
+    assert names == sorted(names)
+
+
+def test_a_generator_works_in_a_copy_of_its_folder(
+    everybody: tuple[Bench, dict[str, RunEnd]],
+) -> None:
+    bench, ends = everybody
+    work = ends["AtHome"].run.folder / "work"
+    assert (work / "tool" / "outcomes.txt").read_text(encoding="utf-8") == "PASS\n" * 3
+    assert not (GENERATORS / "own_files" / "tool" / "outcomes.txt").exists()
+    entrant = next(one for one in bench.entrants if one.name == "AtHome")
+    assert Entrant.from_json(entrant.as_json()) == entrant
+    assert entrant.words()[2:6] == ["--path", str(entrant.path), "--copy", str(entrant.copy)]
+
+
+def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
+    (tmp_path / ".git").mkdir()
+    (tmp_path / "venv").mkdir()
+    (tmp_path / "venv" / "pyvenv.cfg").touch()
+    (tmp_path / "maker.py").write_text(
+        "class Maker:\n"
+        "    def __init__(self, executor=None, map_size=None): pass\n"
+        "    def start(self): pass\n",
+        encoding="utf-8",
+    )
+    entrant = Entrant(name="Maker", spec="maker:Maker", copy=tmp_path)
+    bench = bench_of(tmp_path / "benches" / "one", entrant)
+    work = ran(bench)["Maker"].run.folder / "work"
+    assert sorted(child.name for child in work.iterdir()) == ["maker.py", "results"]
 
 
 @pytest.mark.parametrize(
@@ -113,6 +155,8 @@ def everybody(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, dict[str
         ("Phases", End.OVER, "", SIMULATIONS),
         ("OddTests", None, "", None),
         ("a copy", None, "", None),
+        ("Copying", End.OVER, "", SIMULATIONS),
+        ("AtHome", End.RETURNED, "", 3),
         ("random", End.OVER, "", SIMULATIONS),
     ],
 )
@@ -303,7 +347,7 @@ def test_a_generator_goes_on_when_its_log_cannot_be_written(tmp_path: Path) -> N
         encoding="utf-8",
     )
     bench = bench_of(tmp_path, Entrant(name="loud", spec=str(tmp_path / "loud.py:Loud")))
-    told = assignment(bench.entrants[0], bench.terms, 1, tmp_path)
+    told = assignment(bench.entrants[0], bench.terms, 1, tmp_path, tmp_path)
     with GeneratorProcess(told, folder=tmp_path / "work", log=Path("/dev/full")) as process:
         messages = [process.receive(LIMIT), process.receive(LIMIT)]
     assert [message and message["kind"] for message in messages] == ["ready", "end"]

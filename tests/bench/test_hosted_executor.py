@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import os
+import pickle
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +16,10 @@ from frenetic.bench.hosting.clock import VirtualClock
 from frenetic.bench.hosting.executor import HostedExecutor
 from frenetic.bench.hosting.loader import takes_time_budget
 from frenetic.bench.hosting.messages import Assignment
-from frenetic.bench.hosting.offered.code_pipeline.executors import AbstractTestExecutor
+from frenetic.bench.hosting.offered.code_pipeline.executors import (
+    AbstractTestExecutor,
+    SharedReference,
+)
 from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
     RoadTest,
     RoadTestFactory,
@@ -20,6 +27,11 @@ from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
 from frenetic.competition.pipeline import TimeBudget
 
 # --- the clock ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
 
 
 @dataclass
@@ -160,6 +172,23 @@ def test_an_executed_test_holds_what_became_of_it() -> None:
     assert (test.is_valid, test.validation_message) == (True, "")
     assert test.features == {"MAX_CURV": 0.0, "DIR_COV": 1 / 26}
     assert isinstance(executor, AbstractTestExecutor)
+
+
+def test_copies_of_an_executor_are_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    executor = make(answer("PASS", 100.0))
+    held = {"executor": executor, "budget": executor.time_budget, "stats": executor.stats}
+    for copied in (copy.deepcopy(held), pickle.loads(pickle.dumps(held))):
+        assert copied["executor"] is executor
+        assert copied["budget"] is executor.time_budget
+        assert copied["stats"] is not executor.stats
+    assert copy.copy(executor) is executor
+    monkeypatch.setattr(os, "getpid", lambda: -1)  # as in a process that it has forked
+    with pytest.raises(RuntimeError, match="only works in the process"):
+        executor.execute_test(straight())
+    elsewhere = SharedReference(-1, -1)
+    assert not hasattr(copy.deepcopy(elsewhere), "__len__")
+    with pytest.raises(RuntimeError, match="only works in the process"):
+        elsewhere.execute_test(straight())
 
 
 def test_an_invalid_test_holds_only_that() -> None:

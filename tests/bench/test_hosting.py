@@ -401,6 +401,28 @@ def test_a_generator_may_have_the_name_of_ours(spec: str, tmp_path: Path) -> Non
     assert bench.executed == 10
 
 
+def test_a_folder_with_the_generator_may_have_the_name_of_ours(tmp_path: Path) -> None:
+    folder = tmp_path / "tool" / "frenetic" / "generators"
+    folder.mkdir(parents=True)
+    (folder.parent / "points.py").write_text("POINTS = [(50.0, 20.0), (50.0, 90.0)]\n")
+    (folder / "straight.py").write_text(
+        "import pickle\n"
+        "from code_pipeline.tests_generation import RoadTestFactory\n"
+        "from frenetic.points import POINTS\n"
+        "class Straight:\n"
+        "    def __init__(self, executor=None, map_size=None):\n"
+        "        self.executor = pickle.loads(pickle.dumps(executor))\n"
+        "    def start(self):\n"
+        "        test = RoadTestFactory.create_road_test(POINTS)\n"
+        "        assert self.executor.execute_test(test)[0] == 'PASS'\n"
+        "        assert test.get_road_polygon() and test.features\n",
+        encoding="utf-8",
+    )
+    spec = "frenetic.generators.straight:Straight"
+    done = run(spec, tmp_path, path=str(tmp_path / "tool"))
+    assert done.end["how"] == "returned", done.end
+
+
 def test_a_clone_of_ours_beside_a_generator_is_not_taken_for_it(tmp_path: Path) -> None:
     (tmp_path / "frenetic" / "src").mkdir(parents=True)
     (tmp_path / "mine.py").write_text(

@@ -155,6 +155,13 @@ def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path:
         (["--generator", "nowhere:One"], ["One cannot be built", "nowhere"]),
         (["--generator", "wiggly.py:Wigly"], ["Wigly cannot be built", "Wiggly"]),
         (["--generator", "wiggly.py:Wiggly", "--option", "a=1"], ["only strategies have options"]),
+        (
+            ["--generator", "src.wiggly"],
+            ["'src.wiggly' is not package.module:Class", "--class-name"],
+        ),
+        (["--generator", "wiggly", "--path", "."], ["'wiggly' is not", "add the class"]),
+        (["--strategy", "random", "--copy", "."], ["random is a strategy", "no copy"]),
+        (["--generator", "wiggly.py:Wiggly", "--copy", "no"], ["there is no folder 'no'"]),
         (["--simulations", "5", "--time", "2h"], ["--simulations and --time exclude"]),
         (["--time", "10s"], ["allows 0.278 tests", "1 to 10000000"]),
         (["--list", "--strategy", "random"], ["--list without --out"]),

@@ -35,6 +35,9 @@ class Entrant:
     """Whether it is a search strategy of ours rather than a generator of the pipeline."""
     path: Path | None = None
     """Folder of a generator that is put on its module path, as with ``--module-path``."""
+    copy: Path | None = None
+    """Folder of which every run of a generator gets a copy as its working directory. A path or file
+    in it stands for its copy."""
     python: Path | None = None
     """The interpreter of a generator; by default the current one."""
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -50,13 +53,17 @@ class Entrant:
         if not self.is_strategy and not (module and colon and kind.isidentifier()):
             raise FreneticError(
                 f"the generator {self.spec!r} is not package.module:Class or path/to/file.py:Class"
+                + ("" if colon else ": add the class, which the pipeline gets as --class-name")
             )
-        if self.is_strategy and (self.path is not None or self.python is not None):
-            raise FreneticError(f"{self.name} is a strategy: it takes no path and no interpreter")
+        if self.is_strategy and not (self.path is self.copy is self.python is None):
+            raise FreneticError(
+                f"{self.name} is a strategy: it takes no path, no copy and no interpreter"
+            )
         if not self.is_strategy and self.options:
             raise FreneticError(f"{self.name} is a generator: only strategies have options")
-        if self.path is not None and not self.path.is_dir():
-            raise FreneticError(f"{self.name}: there is no folder {str(self.path)!r}")
+        for folder in (self.path, self.copy):
+            if folder is not None and not folder.is_dir():
+                raise FreneticError(f"{self.name}: there is no folder {str(folder)!r}")
         if self.python is not None and not self.python.is_file():
             raise FreneticError(f"{self.name}: there is no interpreter {str(self.python)!r}")
 
@@ -66,7 +73,7 @@ class Entrant:
         module = self.spec.rpartition(":")[0]
         if not module.endswith(".py"):
             return module
-        folder = Path.cwd() if self.path is None else self.path
+        folder = self.path or self.copy or Path.cwd()
         file = Path(module).expanduser()
         return str(file.resolve() if file.is_file() else (folder / file).resolve())
 
@@ -78,13 +85,16 @@ class Entrant:
     def as_json(self) -> dict[str, Any]:
         """The entrant as a JSON object."""
         recorded: dict[str, Any] = msgspec.to_builtins(self, enc_hook=str)  # a path as a text
+        if self.copy is None:  # as before there was the option
+            recorded.pop("copy", None)
         return recorded | {"source": self.source()}
 
     def words(self) -> list[str]:
         """Its options of `frenetic bench`."""
         words = ["--strategy" if self.is_strategy else "--generator", self.spec]
-        for option, path in (("--path", self.path), ("--python", self.python)):
-            words += [] if path is None else [option, str(path)]
+        for option in ("path", "copy", "python"):
+            path = getattr(self, option)
+            words += [] if path is None else [f"--{option}", str(path)]
         for name, setting in self.options.items():
             words += ["--option", f"{name}={json.dumps(setting)}"]
         return [*words, "--name", self.name]
@@ -94,11 +104,12 @@ class Entrant:
         if self.is_strategy:
             return self
         is_file = self.module.endswith(".py")
-        path = self.path if self.path is not None or is_file else Path()
+        path = self.path if self.path is not None or is_file or self.copy is not None else Path()
         return replace(
             self,
             spec=f"{self.module}:{self.class_name}" if is_file else self.spec,
             path=None if path is None else path.resolve(),
+            copy=None if self.copy is None else self.copy.resolve(),
             # Not resolved: the interpreter of a virtual environment must stay a link.
             python=None if self.python is None else self.python.absolute(),
         )
@@ -109,7 +120,7 @@ class Entrant:
             return None
         place = Path(self.module)
         if not self.module.endswith(".py"):
-            place = (self.path or Path()).joinpath(*self.module.split("."))
+            place = (self.path or self.copy or Path()).joinpath(*self.module.split("."))
             place = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
         try:
             return hashlib.sha256(place.read_bytes()).hexdigest()

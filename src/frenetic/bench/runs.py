@@ -48,6 +48,7 @@ GENERATOR_LOG: Final = "generator.log"
 """File with the output of a run's generator."""
 MOST_SIMULATIONS: Final = 10_000_000
 """Simulations of a run."""
+_NEVER_COPIED: Final = (".git", "__pycache__")
 FACT: Final = "bench"
 """Name of the campaign's fact with the end of its run in a bench."""
 
@@ -261,11 +262,14 @@ def hosted(
         results: folder that it sees as the pipeline's results folder.
 
     Raises:
-        OSError: its process cannot be started.
+        OSError: its folder cannot be copied, or its process cannot be started.
     """
+    work = folder.absolute() / WORK
+    if entrant.copy is not None:
+        _copy(entrant.copy, work)
     process = GeneratorProcess(
-        assignment(entrant, terms, seed, results),
-        folder=folder / WORK,
+        assignment(entrant, terms, seed, results, work),
+        folder=work,
         log=folder / GENERATOR_LOG,
         python=entrant.python,
     )
@@ -290,9 +294,8 @@ def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
             with hosted(entrant, terms, clock, seed, folder, folder / COMPETITION) as strategy:
                 ending = strategy.ending
         except OSError as error:
-            raise FreneticError(
-                f"{entrant.name} cannot be started: {error.strerror or error}"
-            ) from None
+            why = str(error.strerror or error)[:300]  # copying lists every file
+            raise FreneticError(f"{entrant.name} cannot be started: {why}") from None
         if ending is None:
             return
         printed = (folder / GENERATOR_LOG).read_text(encoding="utf-8", errors="replace")
@@ -315,14 +318,17 @@ def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:
     return {"class": f"{module}:{entrant.class_name}", "options": {**path, "seed": seed}}
 
 
-def assignment(entrant: Entrant, terms: Terms, seed: int, result_folder: Path) -> Assignment:
-    """The assignment of a generator's process."""
+def assignment(
+    entrant: Entrant, terms: Terms, seed: int, result_folder: Path, work: Path
+) -> Assignment:
+    """The assignment of a generator's process, which has a working directory."""
     rules = terms.simulator.rules
     size = terms.map_size
+    is_file = entrant.module.endswith(".py")
     return Assignment(
-        module=entrant.module,
+        module=_copied(Path(entrant.module), entrant, work) if is_file else entrant.module,
         class_name=entrant.class_name,
-        path=None if entrant.path is None else str(entrant.path.resolve()),
+        path=None if entrant.path is None else _copied(entrant.path.resolve(), entrant, work),
         seed=seed % 2**32,  # more bits than those no generator of numbers takes
         map_size=int(size) if size == int(size) else size,
         time_budget=terms.budget,
@@ -331,6 +337,32 @@ def assignment(entrant: Entrant, terms: Terms, seed: int, result_folder: Path) -
         oob_tolerance=rules.oob_tolerance,
         speed_limit=rules.speed_limit,
         result_folder=str(result_folder),
+    )
+
+
+def _copied(place: Path, entrant: Entrant, work: Path) -> str:
+    """A generator's file or folder, in the copy if there is one of it."""
+    if entrant.copy is not None and place.is_relative_to(entrant.copy.resolve()):
+        place = work / place.relative_to(entrant.copy.resolve())
+    return str(place)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copies a folder, but no repository, virtual environment or folder that holds the target."""
+    around = {target.resolve(), *target.resolve().parents}
+
+    def left_out(folder: str, names: list[str]) -> list[str]:
+        return [
+            name
+            for name in names
+            for place in (Path(folder, name),)
+            if name in _NEVER_COPIED
+            or (place / "pyvenv.cfg").is_file()
+            or place.resolve() in around
+        ]
+
+    shutil.copytree(
+        source, target, ignore=left_out, ignore_dangling_symlinks=True, dirs_exist_ok=True
     )
 
 

@@ -41,8 +41,9 @@ PATIENCE: Final = 600.0
 SEED: Final = 1
 
 _ENTRANTS: Final = "Who takes part"
+_PLACES: Final = ("path", "copy", "python")
 _OPENING: Final = ("generator", "strategy")
-_OF_ENTRANT: Final = ("path", "name", "options", "python")
+_OF_ENTRANT: Final = ("path", "copy", "name", "options", "python")
 _FIXED: Final = (
     *("generator", "strategy", *_OF_ENTRANT, "simulations", "seconds", "repeats", "seed"),
     *("seconds_per_test", "count_computing", "patience", "records"),
@@ -51,7 +52,7 @@ _FIXED: Final = (
 
 
 class EntrantsCommand(GroupedCommand):
-    """A command whose --path, --name, --option and --python belong to the entrant before them."""
+    """A command whose options of an entrant, such as --path, belong to the entrant before them."""
 
     first_group = _ENTRANTS
 
@@ -73,6 +74,8 @@ class _AskedEntrant:
 
     spec: str
     is_strategy: bool
+    may_be_generator: bool = False
+    """Whether a path or the like would show that it is a generator, whose class is missing."""
     given: dict[str, str] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
 
@@ -80,13 +83,13 @@ class _AskedEntrant:
         """The entrant."""
         from frenetic.bench import Entrant
 
+        places = {name: Path(self.given[name]) for name in _PLACES if name in self.given}
         return Entrant(
             name=self.given.get("name", self._name()),
             spec=self.spec,
-            is_strategy=self.is_strategy,
-            path=Path(self.given["path"]) if "path" in self.given else None,
-            python=Path(self.given["python"]) if "python" in self.given else None,
+            is_strategy=self.is_strategy and not (self.may_be_generator and places),
             options=self.options,
+            **places,
         )
 
     def _name(self) -> str:
@@ -123,6 +126,15 @@ class _AskedEntrant:
     cls=GroupedOption,
     group=_ENTRANTS,
     help="Folder in which the modules of the generator before it are.",
+)
+@click.option(
+    "--copy",
+    multiple=True,
+    metavar="DIR",
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="Folder that the generator before it works in, as a copy of every run's own; for one that"
+    " opens files of its repository or writes beside its source.",
 )
 @click.option(
     "--name",
@@ -298,7 +310,9 @@ def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]
         if name in _OPENING:
             if entrant is not None:
                 yield entrant
-            entrant = _AskedEntrant(value, name == "strategy" or ":" not in value)
+            is_named = name == "generator" and ":" not in value
+            is_strategy = name == "strategy" or (is_named and not set(value) & set("./\\"))
+            entrant = _AskedEntrant(value, is_strategy, may_be_generator=is_named)
         elif entrant is None:
             option = "option" if name == "options" else name
             raise click.UsageError(f"--{option} belongs after the --generator or --strategy")

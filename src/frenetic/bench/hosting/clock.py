@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable
 from typing import Final
 
+from frenetic.bench.hosting.offered.code_pipeline.executors import Shared
+
 _ROUNDING: Final = 1e-12
 """Share of the budget that rounding may leave."""
 
 
-class VirtualClock:
+class VirtualClock(Shared):
     """The spent part of a budget, as the bench counts it, which decides whether a test fits.
 
     Where computing counts, the time since the bench's last answer is added. The bench gets that

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from frenetic.bench.hosting.clock import VirtualClock
 from frenetic.bench.hosting.messages import Answer, Assignment
-from frenetic.bench.hosting.offered.code_pipeline.executors import AbstractTestExecutor
+from frenetic.bench.hosting.offered.code_pipeline.executors import (
+    ELSEWHERE,
+    AbstractTestExecutor,
+    Shared,
+)
 from frenetic.bench.hosting.offered.code_pipeline.tests_generation import (
     RoadTest,
     TestGenerationStatistic,
@@ -29,6 +36,9 @@ OVER: Final = 123
 MOST_POINTS: Final = 10_000
 """Most road points sent to the bench; a road of more than 500 is invalid anyway."""
 
+DRIVES: Final = Path("simulations", "beamng_executor")
+"""Folder in which the pipeline leaves a folder of every drive."""
+
 _COUNTERS: Final = {"PASS": "test_passed", "FAIL": "test_failed", "ERROR": "test_in_error"}
 _TIME_BUDGET: Final = "time-budget"
 
@@ -44,7 +54,7 @@ class RemainingTime(float):
         return float(self)
 
 
-class TimeBudget:
+class TimeBudget(Shared):
     """The executor's view of the budget.
 
     Args:
@@ -81,7 +91,7 @@ class TimeBudget:
         return RemainingTime(remaining) if self._as_number else {_TIME_BUDGET: remaining}
 
 
-class HostedExecutor(AbstractTestExecutor):
+class HostedExecutor(Shared, AbstractTestExecutor):
     """Has tests executed by the bench, one at a time, from any thread.
 
     Args:
@@ -108,6 +118,9 @@ class HostedExecutor(AbstractTestExecutor):
         self._timer = timer
         self._lock = threading.Lock()
         self._was_ended = False
+        self._process = os.getpid()
+        self._drives = Path.cwd() / DRIVES
+        self._numbers = itertools.count(1)
         self.map_size = assignment.map_size
         self.oob_tolerance = assignment.oob_tolerance
         self.speed_limit = assignment.speed_limit
@@ -137,8 +150,11 @@ class HostedExecutor(AbstractTestExecutor):
 
         Raises:
             SystemExit: The budget is spent; the test was not run and does not count.
+            RuntimeError: This is a process that the generator has forked.
 
         """
+        if os.getpid() != self._process:  # where nobody would hear the answer
+            raise RuntimeError(ELSEWHERE)
         with self._lock:
             points = points_of(the_test)
             if self._parent.has_spoken:  # unasked: it says so when the budget is spent
@@ -157,6 +173,8 @@ class HostedExecutor(AbstractTestExecutor):
             if isinstance(the_test, RoadTest):
                 _note(the_test, answer, records)
             self._count(answer, seconds)
+            if answer.is_executed:
+                self._leave_folder()
             self._clock.settle(answer.spent)
             self.start_generation_time = self._timer()
             return answer.outcome, answer.description, records
@@ -209,6 +227,12 @@ class HostedExecutor(AbstractTestExecutor):
         for name, seconds in times.items():
             with suppress(Exception):
                 getattr(self.stats, name).append(seconds)
+
+    def _leave_folder(self) -> None:
+        """Leaves a drive's folder; some generators note the name of the latest."""
+        with suppress(OSError):
+            number = next(self._numbers)
+            (self._drives / f"sim_{number:05d}").mkdir(parents=True, exist_ok=True)
 
 
 def _note(test: RoadTest, answer: Answer, records: list[SimulationDataRecord]) -> None:

@@ -9,7 +9,7 @@ import importlib.util
 import inspect
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final
@@ -33,7 +33,7 @@ def prepare_path(assignment: Assignment) -> None:
     if assignment.is_file:
         folders.append(str(_file(assignment).parent))
     sys.path[:0] = [*folders, ""]
-    _make_way(folders)
+    _make_way([*folders, str(Path.cwd())], assignment.module)
 
 
 def load_class(assignment: Assignment) -> Callable[..., Any]:
@@ -91,18 +91,31 @@ def build(kind: Callable[..., Any], executor: Any, assignment: Assignment) -> An
     return generator
 
 
-def _make_way(folders: list[str]) -> None:
-    """Leave the name `frenetic` to a generator that brings a module of that name.
+def _make_way(folders: list[str], module: str) -> None:
+    """Leave the name `frenetic` to a generator that brings a package or module of that name.
 
     By then this process has imported all that it needs of ours.
     """
     spec = importlib.machinery.PathFinder.find_spec("frenetic", folders)
-    # A folder without __init__.py, as that of a clone, is found only where there is no module.
-    if spec is None or spec.origin is None or _is_ours(Path(spec.origin)):
+    if spec is None or (spec.origin is not None and _is_ours(Path(spec.origin))):
+        return
+    # A folder without __init__.py may also be a clone of ours.
+    if spec.origin is None and not _holds(spec.submodule_search_locations, module):
         return
     check_validity([(0.0, 0.0), (0.0, 1.0)])  # what numba has compiled is loaded by name
     for name in [n for n in sys.modules if n == "frenetic" or n.startswith("frenetic.")]:
         _hidden.append(sys.modules.pop(name))
+    if spec.origin is None:  # an installed package of that name would come first
+        sys.modules["frenetic"] = importlib.util.module_from_spec(spec)
+
+
+def _holds(folders: Iterable[str] | None, module: str) -> bool:
+    """Whether a package of the name `frenetic`, in these folders, has a module."""
+    package, _, rest = module.partition(".")
+    places = [Path(folder, *rest.split(".")) for folder in folders or ()]
+    return package == "frenetic" and any(
+        place.is_dir() or place.with_suffix(".py").is_file() for place in places
+    )
 
 
 _hidden: Final[list[ModuleType]] = []
