@@ -9,18 +9,25 @@ import numpy as np
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
 from frenetic.campaign.store import JSONValue
-from frenetic.drivers import Planner
+from frenetic.drivers import Driver, Planner
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin, Strategy
-from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators import EmbeddedSimulator, Simulator
 
 
-def search(folder: Path, strategy: Strategy, simulations: int) -> Path:
+def search(
+    folder: Path,
+    strategy: Strategy,
+    simulations: int,
+    *,
+    simulator: Simulator | None = None,
+    driver: Driver | None = None,
+) -> Path:
     """A campaign that was really run."""
     Campaign(
         strategy=strategy,
-        simulator=EmbeddedSimulator(),
-        driver=Planner(),
+        simulator=simulator or EmbeddedSimulator(),
+        driver=driver or Planner(),
         budget=Budget(simulations=simulations),
         folder=folder,
     ).run()

@@ -10,13 +10,13 @@ import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_campaigns import store_of
+from made_campaigns import search, store_of
 from made_drives import departing
 
 from frenetic.analysis import Clusters, Failure, cluster_failures, nearest_misses, segments_of
 from frenetic.analysis import failures as module
 from frenetic.analysis.failures import describe, representative_failures
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import CampaignStore
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
@@ -307,15 +307,13 @@ def unfailing(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def drift(road: Road) -> float:
         return float(np.clip(60.0 * road.curvatures.mean(), -2.3, 2.3))
 
-    folder = tmp_path_factory.mktemp("unfailing") / "c"
-    Campaign(
-        strategy=RandomSearch(seed=1),
+    return search(
+        tmp_path_factory.mktemp("unfailing") / "c",
+        RandomSearch(seed=1),
+        simulations=60,
         simulator=DummySimulator(drift),
         driver=DummyDriver(),
-        budget=Budget(simulations=60),
-        folder=folder,
-    ).run()
-    return folder
+    )
 
 
 def test_nearest_misses_are_the_passing_tests_of_lowest_moobd_each_unlike_the_others(

@@ -3,11 +3,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from made_campaigns import search
 
 from frenetic.analysis.features import features_of
 from frenetic.analysis.listing import list_tests
 from frenetic.analysis.segments import segments_of
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import CampaignStore
 from frenetic.errors import UnknownNameError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -22,15 +23,13 @@ def drifting(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def drift(road: Road) -> float:
         return float(80.0 * road.curvatures.mean())
 
-    folder = tmp_path_factory.mktemp("drifting") / "c"
-    Campaign(
-        strategy=RandomSearch(seed=1),
+    return search(
+        tmp_path_factory.mktemp("drifting") / "c",
+        RandomSearch(seed=1),
+        simulations=40,
         simulator=DummySimulator(drift),
         driver=DummyDriver(),
-        budget=Budget(simulations=40),
-        folder=folder,
-    ).run()
-    return folder
+    )
 
 
 def test_severity_is_the_order_of_moobd(drifting: Path) -> None:

@@ -57,17 +57,9 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 HERE = Path(__file__).parent
 
+pytest_plugins = ["marked"]
+
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX signals and groups")
-
-
-@pytest.fixture
-def marks(tmp_path: Path) -> Iterator[Marks]:
-    """An empty folder for marks; the processes that left theirs there are ended."""
-    folder = tmp_path / "marks"
-    folder.mkdir()
-    marks = Marks(folder)
-    with ending(lambda: set(marks.pids()) - {os.getpid()}):
-        yield marks
 
 
 def campaign(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 import pytest
 from contents import contents
 from faulty import Deed, Fault, FaultyDriver, FaultySimulator, Marks, Straight, bend
-from pids import LIMIT, children, ending, until_gone
+from pids import LIMIT, children, until_gone
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
@@ -34,17 +33,9 @@ from frenetic.testing import DummyDriver, DummySimulator
 ROAD = Road([0.0, 0.03, 0.05, 0.0, -0.05, -0.04, 0.0, 0.0])
 OTHER = Road([0.0, 0.01, 0.02, 0.03, 0.0, 0.0])
 
+pytest_plugins = ["marked"]
+
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means")
-
-
-@pytest.fixture
-def marks(tmp_path: Path) -> Iterator[Marks]:
-    """An empty folder for marks; the processes that left theirs there are ended."""
-    folder = tmp_path / "marks"
-    folder.mkdir()
-    marks = Marks(folder)
-    with ending(lambda: set(marks.pids()) - {os.getpid()}):
-        yield marks
 
 
 class PythonPlanner(Planner):

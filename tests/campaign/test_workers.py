@@ -49,7 +49,7 @@ from faulty import (
     write_log,
     write_nonsense,
 )
-from pids import LIMIT, ending, is_running, until, until_gone
+from pids import LIMIT, is_running, until, until_gone
 
 from frenetic._support.child_processes import Failed, Logged
 from frenetic.campaign import RoadTester
@@ -77,19 +77,10 @@ from frenetic.simulators import Simulator
 from frenetic.simulators.worlds import Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
+pytest_plugins = ["marked"]
+
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX signals and groups")
 linux_only = pytest.mark.skipif(sys.platform != "linux", reason="workers are forked on Linux only")
-
-
-@pytest.fixture
-def marks(tmp_path: Path) -> Iterator[Marks]:
-    """An empty folder for marks; the processes that left theirs there are ended."""
-    folder = tmp_path / "marks"
-    folder.mkdir()
-    marks = Marks(folder)
-    ours = os.getpid()
-    with ending(lambda: [pid for pid in marks.pids() if pid != ours]):
-        yield marks
 
 
 @contextmanager
