@@ -68,6 +68,17 @@ function clamp(value, low, high) {
   return Math.min(Math.max(value, low), high);
 }
 
+/** The place of the last of ascending numbers that is not above a value; -1 if all are. */
+function lastUpTo(numbers, value) {
+  let [low, high] = [-1, numbers.length - 1];
+  while (low < high) {
+    const middle = Math.ceil((low + high) / 2);
+    if (numbers[middle] <= value) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}
+
 // Light and dark
 
 const THEMES = ["auto", "light", "dark"];

@@ -36,17 +36,6 @@ function tickText(value) {
   return String(Number(value.toPrecision(6))).replace("-", "−");
 }
 
-/** The place of the last of ascending numbers that is not above a value; -1 if all are. */
-function lastUpTo(numbers, value) {
-  let [low, high] = [-1, numbers.length - 1];
-  while (low < high) {
-    const middle = Math.ceil((low + high) / 2);
-    if (numbers[middle] <= value) low = middle;
-    else high = middle - 1;
-  }
-  return low;
-}
-
 /** The value of a line at a place; null where it has none. */
 function valueAt(line, place) {
   const i = lastUpTo(line.x, place);
@@ -69,6 +58,17 @@ function lineText(xs, ys, stepped) {
     isBroken = y === null;
   });
   return text;
+}
+
+/** A button that shows or hides what has a name: `hidden` holds the names that `redraw` leaves out. */
+function legendButton(name, mark, hidden, redraw) {
+  const button = el("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, mark, name);
+  button.addEventListener("click", () => {
+    if (!hidden.delete(name)) hidden.add(name);
+    button.setAttribute("aria-pressed", String(!hidden.has(name)));
+    redraw();
+  });
+  return button;
 }
 
 /**
@@ -106,16 +106,8 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
     const names = lines.map((line) => line.name).join("\n");
     if (legend.dataset.names === names) return;
     legend.dataset.names = names;
-    const buttons = lines.map((line) => {
-      const button = el("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, inColour(line.role, el("i", { class: line.dashed ? "stroke dashed" : "stroke", "aria-hidden": "true" })), line.name);
-      button.addEventListener("click", () => {
-        if (!hidden.delete(line.name)) hidden.add(line.name);
-        button.setAttribute("aria-pressed", String(!hidden.has(line.name)));
-        draw();
-      });
-      return button;
-    });
-    legend.replaceChildren(...buttons);
+    const stroke = (line) => inColour(line.role, el("i", { class: line.dashed ? "stroke dashed" : "stroke", "aria-hidden": "true" }));
+    legend.replaceChildren(...lines.map((line) => legendButton(line.name, stroke(line), hidden, () => draw())));
   }
 
   function scales(found, lines, width, tall) {

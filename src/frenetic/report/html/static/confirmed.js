@@ -14,9 +14,9 @@ function asOther(i, element) {
 }
 
 function drawConfirmed(element, block) {
-  const there = block.drives.filter(({ test }) => drives.has(test));
+  const there = block.drives.filter(({ test }) => drives.has(test)).map((other) => ({ ...other, name: block.there }));
   if (!there.length) return;
-  for (const other of there) othersById.set(other.test, [...othersOf(other.test), { ...other, name: block.there }]);
+  for (const other of there) othersById.set(other.test, [...othersOf(other.test), other]);
   const order = there.map(({ test }) => test);
   const item = (other) => {
     const { test: id, agreement, moobd } = other;

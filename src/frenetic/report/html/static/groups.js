@@ -60,15 +60,10 @@ function drawCurves(element, block) {
       xTitle: block.x_title, yTitle: panel.title, fromZero: true, wholeX: true, wholeY: true,
     }), { hasLegend: false }),
   );
-  const buttons = block.panels[0].curves.map(({ group }) => {
-    const button = el("button", { type: "button", "aria-pressed": "true", title: "Show or hide" }, swatch(group), group.name);
-    button.addEventListener("click", () => {
-      if (!hidden.delete(group.name)) hidden.add(group.name);
-      button.setAttribute("aria-pressed", String(!hidden.has(group.name)));
-      for (const panel of panels) panel.draw();
-    });
-    return button;
-  });
+  const redraw = () => {
+    for (const panel of panels) panel.draw();
+  };
+  const buttons = block.panels[0].curves.map(({ group }) => legendButton(group.name, swatch(group), hidden, redraw));
   element.append(el("div", { class: "legend", role: "group", "aria-label": "Groups" }, buttons), el("div", { class: "curve-panels" }, panels.map((panel) => el("div", {}, panel.place))));
   captioned(element, block.caption);
 }

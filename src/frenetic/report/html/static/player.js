@@ -353,13 +353,8 @@ function orderAround(id) {
 /** The car at a time, between records. */
 function momentAt(records, time) {
   const { time: times } = records;
-  let low = 0;
-  let high = times.length - 1;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= time) low = middle;
-    else high = middle;
-  }
+  const low = clamp(lastUpTo(times, time), 0, Math.max(0, times.length - 2));
+  const high = Math.min(low + 1, times.length - 1);
   const span = times[high] - times[low];
   const share = span > 0 ? clamp((time - times[low]) / span, 0, 1) : 0;
   const between = (name) => records[name][low] + share * (records[name][high] - records[name][low]);
