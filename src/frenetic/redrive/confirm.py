@@ -36,6 +36,7 @@ from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
+from frenetic.spec import part_text
 
 LEAST_PAIRS: Final = 3
 """Fewest drives for comparing the ranks of MOOBD."""
@@ -106,6 +107,15 @@ class Confirmation:
     def drive(self, test: Redrive) -> Drive | None:
         """A test's drive in the other simulator, None if nothing was driven."""
         return None if test.trajectory is None else Drive(test.trajectory, self.car, self.rules)
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of the two simulators of a confirmation."""
+
+    recorded: str
+    """The campaign's."""
+    other: str
 
 
 def confirm(
@@ -182,6 +192,17 @@ def read_confirmations(folder: Path) -> tuple[Confirmation, ...]:
     """
     runs = read_runs(folder, Purpose.CONFIRMATION)
     return latest((_of_run(run) for run in runs if run.drives), lambda one: one.key)
+
+
+def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:
+    """The simulators, with their drivers if these differ."""
+    recorded = store.config.get("simulator"), store.config.get("driver")
+    here, driver_here = map(part_text, recorded)
+    there = part_text(confirmation.simulator, recorded[0])
+    driver_there = part_text(confirmation.driver, recorded[1])
+    if driver_here != driver_there:
+        here, there = f"{driver_here} in {here}", f"{driver_there} in {there}"
+    return Names(f"{here} (campaign)" if here == there else here, there)
 
 
 def confirmation_document(confirmation: Confirmation) -> dict[str, JSONValue]:

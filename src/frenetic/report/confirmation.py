@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,8 +18,8 @@ from matplotlib.patches import Polygon
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
-from frenetic.oracle import assess, judge
-from frenetic.redrive.confirm import Confirmation
+from frenetic.oracle import Assessment, assess, judge
+from frenetic.redrive.confirm import Confirmation, Names, names_of
 from frenetic.redrive.record import Redrive
 from frenetic.report.failures import file_stem
 from frenetic.report.orientation import turn_of, turned
@@ -63,13 +64,10 @@ class Pair:
     """Drive in the other simulator."""
     title: str
 
-
-@dataclass(frozen=True)
-class Names:
-    """Names of the two simulators in a picture."""
-
-    recorded: str
-    other: str
+    @cached_property
+    def assessed(self) -> tuple[Assessment, Assessment]:
+        """Assessments of the recorded and of the other drive."""
+        return assess(self.road, self.recorded), assess(self.road, self.other)
 
 
 def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path | None:
@@ -110,17 +108,6 @@ def _pair(store: CampaignStore, confirmation: Confirmation, test: Redrive) -> Pa
     if stored.drive is None or other is None or not len(other.trajectory):
         return None
     return Pair(stored.road, stored.drive, other, f"Test {test.test_id}: {test.verdict}")
-
-
-def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:
-    """The simulators, with their drivers if these differ."""
-    recorded = store.config.get("simulator"), store.config.get("driver")
-    here, driver_here = map(part_text, recorded)
-    there = part_text(confirmation.simulator, recorded[0])
-    driver_there = part_text(confirmation.driver, recorded[1])
-    if driver_here != driver_there:
-        here, there = f"{driver_here} in {here}", f"{driver_there} in {there}"
-    return Names(f"{here} (campaign)" if here == there else here, there)
 
 
 def draw_pair(pair: Pair, path: Path, names: Names) -> None:
@@ -186,8 +173,8 @@ def _draw_from_above(axes: Any, pair: Pair) -> None:
     axes.plot(*line.T, color="white", linewidth=1.0, linestyle=(0, (6, 5)))
     low, high = np.vstack([left, right]).min(axis=0), np.vstack([left, right]).max(axis=0)
     paths = [
-        np.clip(turned(_path(road, drive), turn), low - 20.0, high + 20.0)
-        for drive in (pair.recorded, pair.other)
+        np.clip(turned(_path(drive, seen), turn), low - 20.0, high + 20.0)
+        for drive, seen in zip((pair.recorded, pair.other), pair.assessed, strict=True)
     ]
     shown = np.vstack([low, high, *paths])
     low, high = shown.min(axis=0), shown.max(axis=0)
@@ -199,7 +186,7 @@ def _draw_from_above(axes: Any, pair: Pair) -> None:
         0.5 * (low + high) + side * half for side in (-1, 1)
     )
     recorded, other = paths
-    oob = assess(road, pair.recorded).oob_distance
+    oob = pair.assessed[0].oob_distance
     on_paper = recorded * POINT / DPI / scale
     draw_coloured(axes, recorded, on_paper, oob, 0.5 * road.lane_width, 2.4)
     axes.plot(*other.T, **_OTHER, zorder=5)
@@ -220,8 +207,7 @@ def _draw_key(figure: Figure, pair: Pair, box: tuple[float, float, float, float]
 
 def _draw_oob_distances(axes: Any, pair: Pair) -> None:
     half = 0.5 * pair.road.lane_width
-    for drive, how in ((pair.recorded, _RECORDED), (pair.other, _OTHER)):
-        seen = assess(pair.road, drive)
+    for seen, how in zip(pair.assessed, (_RECORDED, _OTHER), strict=True):
         axes.plot(seen.distance, np.maximum(seen.oob_distance, -half), **how)
     axes.axhline(0.0, color=QUIET, linewidth=0.8)
     axes.set(xlim=(0.0, pair.road.length), ylim=(-1.05 * half, 1.05 * half), facecolor=PANEL)
@@ -232,7 +218,7 @@ def _draw_oob_distances(axes: Any, pair: Pair) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _path(road: Road, drive: Drive) -> FloatArray:
+def _path(drive: Drive, seen: Assessment) -> FloatArray:
     """Path up to the record that ended the drive, (n, 2) in m."""
-    n = len(assess(road, drive).distance)
+    n = len(seen.distance)
     return np.column_stack([drive.trajectory.x[:n], drive.trajectory.y[:n]])

@@ -22,6 +22,11 @@ def turned(points: FloatArray, turn: float) -> FloatArray:
     return result
 
 
+def edges_of(road: Road, spacing: float) -> FloatArray:
+    """Points of both outer edges of a road, about so many m apart, (n, 2) in m."""
+    return np.vstack([road.sample(spacing, side * road.lane_width) for side in (1.0, -1.0)])
+
+
 def turn_of(road: Road) -> float:
     """Angle in rad by which pictures turn a road counter-clockwise: 0 <= angle < 2 pi.
 
@@ -29,8 +34,7 @@ def turn_of(road: Road) -> float:
     alone, so a road looks alike in all pictures, whatever their shape and whoever drove.
     """
     spacing = max(_SPACING, road.length / _MOST_POINTS)
-    edges = np.vstack([road.sample(spacing, side * road.lane_width) for side in (1.0, -1.0)])
-    heights = np.ptp(edges @ np.vstack([np.sin(_TURNS), np.cos(_TURNS)]), axis=0)
+    heights = np.ptp(edges_of(road, spacing) @ np.vstack([np.sin(_TURNS), np.cos(_TURNS)]), axis=0)
     flat = float(_TURNS[int(np.argmin(heights))])
     start, end = turned(np.array([road.pose_at(s)[:2] for s in (0.0, road.length)]), flat)
     return (flat if start[0] <= end[0] else flat + math.pi) % (2.0 * math.pi)

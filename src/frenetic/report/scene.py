@@ -16,7 +16,7 @@ from matplotlib.patches import Rectangle
 from frenetic._support.arrays import FloatArray
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
-from frenetic.report.orientation import turned
+from frenetic.report.orientation import edges_of, turned
 from frenetic.report.style import (
     INK,
     MARGIN,
@@ -176,17 +176,9 @@ def sane(places: FloatArray) -> FloatArray:
     return np.clip(places, -1e6, 1e6)
 
 
-def _outline(road: Road, spacing: float = 2.0) -> FloatArray:
-    """The road's outer edges, (n, 2) in m."""
-    spacing = max(spacing, road.length / _MAX_POINTS)
-    return np.vstack(
-        [road.sample(spacing, road.lane_width), road.sample(spacing, -road.lane_width)]
-    )
-
-
 def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
     """The box to show: the road and the path, unless the path goes far astray."""
-    outline = turned(_outline(road), turn)
+    outline = turned(edges_of(road, max(2.0, road.length / _MAX_POINTS)), turn)
     low, high = outline.min(axis=0), outline.max(axis=0)
     if seen is not None and len(seen):
         path = np.clip(turned(seen.xy, turn), low - 15.0, high + 15.0)

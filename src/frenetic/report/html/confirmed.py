@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle import assess
-from frenetic.redrive.confirm import Confirmation, read_confirmations
+from frenetic.redrive.confirm import Confirmation, names_of, read_confirmations
 from frenetic.report.html.blocks import Block, Column, Paragraph, Section, Table
 from frenetic.report.html.tests import columns_size, drive_columns
 from frenetic.spec import part_text
@@ -117,9 +117,6 @@ def _blocks(store: CampaignStore, confirmation: Confirmation) -> Iterator[Block]
 
 def _pictures(store: CampaignStore, confirmation: Confirmation, room: int) -> Confirmed:
     """Pictures of as many of its drives as there is room for."""
-    # The other pictures of a confirmation are drawn by matplotlib, which imports slowly.
-    from frenetic.report.confirmation import names_of
-
     drives = []
     for test in confirmation.tests:
         drive = confirmation.drive(test)

@@ -82,13 +82,9 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
         RandomRoads.of(number, failing, clusters) if number else None
         for number in (int(random.sum()), int((driven & random).sum()))
     )
+    expected = _expectation(drawn_and_driven, simulations)
     axes = [
-        Axis(
-            "simulations",
-            "simulations",
-            _floats(simulations),
-            _expectation(drawn_and_driven, simulations),
-        ),
+        Axis("simulations", "simulations", _floats(simulations), expected),
         Axis(
             "tests",
             "tests, roads that were refused included",
@@ -100,7 +96,6 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
     if None not in elapsed:
         # Results may be told in another order than timed.
         seconds = np.maximum.accumulate(np.array(elapsed, dtype=np.float64))[shown]
-        expected = _expectation(drawn_and_driven, simulations)
         unit, length = next(one for one in _UNITS if seconds[-1] >= 3.0 * one[1] or one[1] == 1.0)
         axes.append(Axis("time", f"wall time ({unit})", _floats(seconds / length, 4), expected))
     timeline = Timeline(
