@@ -204,6 +204,10 @@ def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) ->
     with CampaignStore.open(tmp_path / "calm") as store:
         assert store.counts().by_outcome[Outcome.FAIL] == 0
         misses = nearest_misses(store)
+        few = Clusters(misses.clusters[:2], misses.threshold)
+        of_few = page_of(write_report(store, tmp_path / "few.html", misses=few)).data
+    given = [one["most_severe"] for one in block_of(of_few, "gallery")["clusters"]]
+    assert given == [one.most_severe for one in few]
     shown = [one["most_severe"] for one in section["blocks"][0]["clusters"]]
     assert len(shown) == 5
     assert shown == [one.most_severe for one in misses]

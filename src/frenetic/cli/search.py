@@ -163,7 +163,8 @@ def search(
             trouble = error
     with _after(trouble, folder), CampaignStore.open(folder) as store:
         clusters, counts = distinct_failures(store), store.counts()
-        found = clusters if counts.failed else nearest_misses(store)
+        misses = None if counts.failed else nearest_misses(store)
+        found = clusters if misses is None else misses
         listed = representative_failures(store, clusters=found)
         if summary is not None and as_json:
             near = [] if counts.failed else clusters_json(found)
@@ -181,7 +182,7 @@ def search(
             if not as_json:
                 click.echo(f"At a glance: {folder / FAILURES / (GALLERY if complete else '')}")
                 click.echo(f"Look closer: frenetic show {shell(folder)} {listed[0].candidate.id}")
-        report = _write_report(log, store, clusters) if counts.tests else None
+        report = _write_report(log, store, clusters, misses) if counts.tests else None
         if report is not None and not as_json:
             click.echo(f"Report:      {report}")
     if summary is not None and summary.interrupted:
@@ -206,13 +207,15 @@ def _after(trouble: FreneticError | None, folder: Path) -> Iterator[None]:
     raise CampaignError(f"{trouble}; go on: {_resume_words(folder)}") from trouble
 
 
-def _write_report(log: Log, store: CampaignStore, clusters: Clusters) -> Path | None:
+def _write_report(
+    log: Log, store: CampaignStore, clusters: Clusters, misses: Clusters | None
+) -> Path | None:
     """Writes the report; None if that failed, which loses nothing else."""
     from frenetic.report.html import write_report
 
     try:
         with log.status("Writing the report"):
-            return write_report(store, clusters=clusters)
+            return write_report(store, clusters=clusters, misses=misses)
     except FreneticError as error:
         log.print(f"There is no report: {error}", markup=False)
         return None

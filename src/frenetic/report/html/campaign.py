@@ -45,6 +45,7 @@ def write_report(
     path: Path | str | None = None,
     *,
     clusters: Clusters | None = None,
+    misses: Clusters | None = None,
     sections: Sequence[Section] = (),
 ) -> Path:
     """Writes the report of a campaign: one self-contained HTML file.
@@ -53,6 +54,7 @@ def write_report(
         campaign: open, or its folder.
         path: of the file, which is replaced; ``report.html`` in the campaign's folder by default.
         clusters: its distinct failures, if known.
+        misses: its nearest misses, if known; they are shown if nothing failed.
         sections: to add after those of the campaign.
 
     Returns:
@@ -69,7 +71,7 @@ def write_report(
             else stack.enter_context(CampaignStore.open(Path(campaign)))
         )
         path = store.folder / REPORT if path is None else Path(path)
-        report = campaign_report(store, clusters=clusters, sections=sections)
+        report = campaign_report(store, clusters=clusters, misses=misses, sections=sections)
     return write_page(report, path)
 
 
@@ -77,6 +79,7 @@ def campaign_report(
     store: CampaignStore,
     *,
     clusters: Clusters | None = None,
+    misses: Clusters | None = None,
     sections: Sequence[Section] = (),
 ) -> Report:
     """The report of a campaign.
@@ -87,7 +90,9 @@ def campaign_report(
     clusters = distinct_failures(store) if clusters is None else clusters
     counts, config, facts = store.counts(), store.config, store.facts
     failures = counts.by_outcome[Outcome.FAIL]
-    found = clusters if failures else nearest_misses(store)
+    found = clusters
+    if not failures:
+        found = nearest_misses(store) if misses is None else misses
     tests = read_tests(store)
     by_id = {test.id: test for test in tests}
     reruns, trouble = _reruns(store)
