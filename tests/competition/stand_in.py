@@ -97,25 +97,29 @@ class Executor:
         self.start_generation_time = self.now
         return answer
 
-    def is_over(self) -> bool:
-        return self.now >= self.budget
-
 
 class Executor2021(Executor):
-    """The remaining time is a number."""
+    """The remaining time is a number, and all that tells whether the budget is spent."""
 
     def get_remaining_time(self) -> float:
         return self.budget - self.now
 
 
-class Executor2022(Executor):
+class LaterExecutor(Executor):
+    """Tells whether the budget is spent."""
+
+    def is_over(self) -> bool:
+        return self.now >= self.budget
+
+
+class Executor2022(LaterExecutor):
     """The remaining time is a dictionary, of one budget; so it was from 2022 to 2024."""
 
     def get_remaining_time(self) -> dict[str, float]:
         return {"time-budget": self.budget - self.now}
 
 
-class ExecutorOfTwoBudgets(Executor):
+class ExecutorOfTwoBudgets(LaterExecutor):
     """Generating and executing have a budget each; only executing takes time here."""
 
     def get_remaining_time(self) -> dict[str, float]:

@@ -74,6 +74,8 @@ def test_a_fifth_of_the_time_budget_goes_to_random_roads(
     assert len(executor.tests) == 50
     origins = operators(caplog)
     assert origins[:10] == ["random"] * 10
+    assert not complaints(caplog)
+    assert "exceptions" not in caplog.text
     # Every road is a parent now, so nothing else is random.
     assert "random" not in origins[10:]
     assert origins[10:12] == ["P1", "P2"]

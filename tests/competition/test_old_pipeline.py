@@ -49,6 +49,48 @@ print(json.dumps([[test.road_points for test in executor.tests], modules]))
 """
 
 
+COLD = """
+import gc
+import sys
+from types import SimpleNamespace
+
+from frenetic.competition import Frenetic
+
+from numba.core.dispatcher import Dispatcher
+import stand_in
+
+def forms():
+    kernels = [k for k in gc.get_objects() if isinstance(k, Dispatcher)]
+    return {(k.py_func.__qualname__, str(form)) for k in kernels for form in k.signatures}
+
+def answer(test):
+    has_failed = test.id % 3 == 1
+    rows = [(x + 2.0, y, -28.0) for x, y in test.road_points]
+    return "FAIL" if has_failed else "PASS", "", [
+        SimpleNamespace(pos=row, vel=(1.0, 9.0, 0.0), is_oob=has_failed, oob_distance=-1.0)
+        for row in rows
+    ]
+
+before = forms()
+stand_in.install()
+stand_in.run_2022(Frenetic, stand_in.Executor2022(tests=60, answer=answer))
+print(len(before), sorted(forms() - before))
+"""
+
+
+def test_importing_compiles_all_before_the_clock_starts() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", COLD],
+        check=True,
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": os.pathsep.join([str(SOURCE), str(HERE)])},
+    )
+    number, _, new = done.stdout.strip().partition(" ")
+    assert int(number) > 10
+    assert new == "[]"
+
+
 @pytest.fixture(autouse=True)
 def _in_the_pipeline(monkeypatch: pytest.MonkeyPatch) -> None:
     enter(monkeypatch)

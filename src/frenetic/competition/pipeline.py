@@ -22,7 +22,7 @@ TIME_BUDGET = "time-budget"
 
 
 class Executor(Protocol):
-    """Runs tests; every edition of the competition has these methods.
+    """Runs tests; every edition of the competition has these methods, but 2021 no `is_over`.
 
     When the time budget is spent, `execute_test` ends the process with ``sys.exit(123)``.
     """

@@ -174,7 +174,8 @@ def _load_file(file: Path) -> ModuleType:
 def _no_such_class(module: ModuleType, assignment: Assignment) -> str:
     classes = [
         name
-        for name, value in vars(module).items()
+        for name in dict.fromkeys([*vars(module), *getattr(module, "__all__", ())])
+        for value in (getattr(module, name, None),)
         if inspect.isclass(value) and callable(getattr(value, "start", None))
     ]
     close = difflib.get_close_matches(assignment.class_name, classes, n=1)
