@@ -78,8 +78,9 @@ def png_size(path: Path) -> tuple[int, int]:
     data = path.read_bytes()
     assert data.startswith(b"\x89PNG\r\n\x1a\n")
     assert data.endswith(b"IEND\xaeB`\x82")
-    width, height = struct.unpack(">II", data[16:24])
-    return width, height
+    width, height, _, colours = struct.unpack(">IIBB", data[16:26])
+    assert colours == 2  # red, green, blue, and no transparency
+    return int(width), int(height)
 
 
 def svg_texts(path: Path) -> list[str]:

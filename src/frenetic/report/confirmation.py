@@ -24,7 +24,7 @@ from frenetic.redrive.record import Redrive
 from frenetic.report.failures import file_stem
 from frenetic.report.orientation import turn_of, turned
 from frenetic.report.scene import OOB_COLOURS, draw_colour_bar, draw_coloured
-from frenetic.report.style import DPI, FAINT, INK, PANEL, POINT, QUIET, STYLE, form_of, write_figure
+from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, Paper, form_of, write_figure
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive
 from frenetic.spec import part_text
@@ -38,6 +38,7 @@ RECORDED_COLOUR, OTHER_COLOUR = OOB_COLOURS[-3], INK
 above, the campaign's path is coloured by oob distance, as in all pictures."""
 
 _WIDTH: Final = 9.0  # inches
+_HEIGHT: Final = 8.0
 _ACROSS: Final = 3  # pictures in a row of a gallery
 _CELL: Final = 3.4  # inches across, and
 _TALL: Final = 2.3  # high: roads lie flat
@@ -118,11 +119,10 @@ def draw_pair(pair: Pair, path: Path, names: Names) -> None:
     """
     form = form_of(path)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(_WIDTH, 8.0), dpi=DPI, facecolor="white")
-        above = figure.add_axes((0.06, 0.34, 0.9, 0.51))
-        _draw_from_above(above, pair)
-        below = figure.add_axes((0.08, 0.08, 0.88, 0.17))
-        _draw_oob_distances(below, pair)
+        figure = Figure(figsize=(_WIDTH, _HEIGHT), dpi=DPI, facecolor="white")
+        page = Paper(figure, _WIDTH, _HEIGHT)
+        _draw_from_above(page, (0.54, 1.2, 8.1, 4.08), pair)
+        _draw_oob_distances(figure.add_axes((0.08, 0.08, 0.88, 0.17)), pair)
         figure.text(0.06, 0.96, pair.title, size=16, weight="bold", color=INK)
         for drive, name, colour, y in (
             (pair.recorded, names.recorded, RECORDED_COLOUR, 0.936),
@@ -131,7 +131,7 @@ def draw_pair(pair: Pair, path: Path, names: Names) -> None:
             figure.text(0.06, y, name[:_LETTERS], size=9.5, weight="bold", color=colour)
             reason = judge(pair.road, drive).reason
             figure.text(0.06, y - 0.019, reason[:_LETTERS], size=9.5, color=colour)
-        _draw_key(figure, pair, (0.66, 0.308, 0.3, 0.012))
+        draw_colour_bar(page, 0.96 * _WIDTH, 5.44, 0.5 * pair.road.lane_width)
         write_figure(figure, path, form)
 
 
@@ -146,31 +146,29 @@ def draw_pairs(pairs: Sequence[Pair], path: Path, names: Names) -> None:
     width, height = _ACROSS * _CELL, rows * (_TALL + 0.35) + _HEAD
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white")
+        page = Paper(figure, width, height)
         for i, pair in enumerate(pairs):
             row, column = divmod(i, _ACROSS)
-            top = height - _HEAD - row * (_TALL + 0.35)
-            left = (column + 0.04) / _ACROSS
-            box = (left, (top - _TALL) / height, 0.92 / _ACROSS, (_TALL - 0.1) / height)
-            _draw_from_above(figure.add_axes(box), pair)
-            figure.text(left, top / height, pair.title, size=10, weight="bold", color=INK)
+            top = _HEAD + row * (_TALL + 0.35)
+            left = (column + 0.04) * _CELL
+            _draw_from_above(page, (left, top + 0.1, 0.92 * _CELL, _TALL - 0.1), pair)
+            page.text(left, top, pair.title, size=10, weight="bold", color=INK)
         lines = [
             Line2D([], [], **_RECORDED, label=names.recorded[:_LETTERS]),
             Line2D([], [], **_OTHER, label=names.other[:_LETTERS]),
         ]
         figure.legend(handles=lines, loc="upper left", frameon=False, fontsize=11)
-        _draw_key(figure, pairs[0], (0.68, 1.0 - 0.3 / height, 0.3, 0.11 / height))
+        draw_colour_bar(page, 0.98 * width, 0.19, 0.5 * pairs[0].road.lane_width)
         write_figure(figure, path, form)
 
 
-def _draw_from_above(axes: Any, pair: Pair) -> None:
+def _draw_from_above(page: Paper, box: tuple[float, float, float, float], pair: Pair) -> None:
+    """Draws the road with both paths into a box: left, top, width and height in inches."""
     road, turn = pair.road, turn_of(pair.road)
     spacing = max(1.0, road.length / 2000.0)
     line, left, right = (
         turned(road.sample(spacing, side * road.lane_width), turn) for side in (0.0, 1.0, -1.0)
     )
-    for edge, colour in ((left, "#d9dde3"), (right, "#c6d7ea")):
-        axes.add_patch(Polygon(np.vstack([line, edge[::-1]]), color=colour, linewidth=0.0))
-    axes.plot(*line.T, color="white", linewidth=1.0, linestyle=(0, (6, 5)))
     low, high = np.vstack([left, right]).min(axis=0), np.vstack([left, right]).max(axis=0)
     paths = [
         np.clip(turned(_path(drive, seen), turn), low - 20.0, high + 20.0)
@@ -178,31 +176,22 @@ def _draw_from_above(axes: Any, pair: Pair) -> None:
     ]
     shown = np.vstack([low, high, *paths])
     low, high = shown.min(axis=0), shown.max(axis=0)
-    # As much as fills the paper.
-    box = axes.get_window_extent()
-    scale = max((high - low + 8.0) / [box.width, box.height])
-    half = 0.5 * scale * np.array([box.width, box.height])
-    (left_end, lowest), (right_end, highest) = (
-        0.5 * (low + high) + side * half for side in (-1, 1)
-    )
+    # As much as fills the box.
+    size = np.array(box[2:])
+    middle, half = 0.5 * (low + high), 0.5 * size * max((high - low + 8.0) / size)
+    (left_end, lowest), (right_end, highest) = middle - half, middle + half
+    panel = page.chart(*box, (left_end, right_end), (lowest, highest))
+    panel.edge.set_facecolor(PANEL)
+    for edge, colour in ((left, "#d9dde3"), (right, "#c6d7ea")):
+        panel.add(Polygon(np.vstack([line, edge[::-1]]), color=colour, linewidth=0.0))
+    panel.line(*line.T, color="white", linewidth=1.0, linestyle=(0, (6, 5)))
     recorded, other = paths
     oob = pair.assessed[0].oob_distance
-    on_paper = recorded * POINT / DPI / scale
-    draw_coloured(axes, recorded, on_paper, oob, 0.5 * road.lane_width, 2.4)
-    axes.plot(*other.T, **_OTHER, zorder=5)
+    draw_coloured(panel, recorded, recorded / panel.point, oob, 0.5 * road.lane_width, 2.4)
+    panel.line(*other.T, **_OTHER, zorder=5)
     for path, colour in ((recorded, RECORDED_COLOUR), (other, OTHER_COLOUR)):
-        axes.plot(*path[-1], marker="o", markersize=5, color=colour, zorder=6)
-    axes.plot(*recorded[0], marker="s", markersize=5, color=INK, zorder=6)
-    axes.set(xlim=(left_end, right_end), ylim=(lowest, highest), aspect="equal", facecolor=PANEL)
-    axes.set(xticks=[], yticks=[])
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-
-
-def _draw_key(figure: Figure, pair: Pair, box: tuple[float, float, float, float]) -> None:
-    draw_colour_bar(figure.add_axes(box), 0.5 * pair.road.lane_width)
-    left, bottom = box[:2]
-    figure.text(left - 0.01, bottom, "oob distance (m)", size=8.5, color=QUIET, ha="right")
+        panel.mark(path[-1], "o", markersize=5, color=colour, zorder=6)
+    panel.mark(recorded[0], "s", markersize=5, color=INK, zorder=6)
 
 
 def _draw_oob_distances(axes: Any, pair: Pair) -> None:

@@ -16,12 +16,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.patches import Polygon, Rectangle
 
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
@@ -57,9 +57,11 @@ from frenetic.report.style import (
     QUIET,
     STYLE,
     WIDTH,
+    Panel,
     Paper,
     form_of,
     one_line,
+    round_values,
     wrapped,
     write_figure,
 )
@@ -74,6 +76,7 @@ MAX_SHEET: Final = 400
 _GAP: Final = 0.14
 _LOWEST: Final = 2.4  # the road seen from above
 
+_LINE: Final = "#48678a"  # of curvature and speed
 _PROFILES: Final[Mapping[str, str]] = {
     "oob": "oob distance (m)",
     "curvature": "curvature (1/m)",
@@ -282,120 +285,102 @@ def _page(
 
     # Along the road.
     y += main_height + strip
+    left, width = MARGIN + 0.45, INNER - 0.45
+    along = 0.0, road.length
+    places = round_values(along, 10, [1, 2, 2.5, 5, 10])
     for name in profiles:
-        last = name == profiles[-1]
         page.text(MARGIN, y + heading - 0.08, _PROFILES[name], size=8.5, color=QUIET)
         y += heading
-        axes = page.axes(MARGIN + 0.45, y, INNER - 0.45, heights[name])
-        _style_profile(axes, road, labelled=last)
+        panel = page.chart(left, y, width, heights[name], along, _range(name, road, seen))
+        if name == "oob":
+            half = 0.5 * road.lane_width
+            values = [k * half for k in (-1.0, 0.0, 1.0) if k * half > panel.up[0]]
+        else:
+            values = round_values(panel.up, 3, [1, 2, 5, 10])
+        panel.draw_grid(places, values, labelled=name == profiles[-1])
         if name == "curvature":
-            _draw_curvature(axes, road)
-        elif seen is not None and focus is not None:
-            if name == "oob":
-                _draw_oob_distance(axes, road, seen)
-            else:
-                _draw_speed(axes, seen)
+            _draw_curvature(panel, road)
+        elif seen is not None:
+            (_draw_oob_distance if name == "oob" else _draw_speed)(panel, road, seen)
         if seen is not None and seen.result.departure is not None:
-            axes.axvline(seen.result.departure.distance, color=ALARM, lw=1.0, zorder=2)
+            at = seen.result.departure.distance
+            panel.line((at, at), panel.up, color=ALARM, lw=1.0, zorder=2)
             if name == profiles[0]:
-                _mark_departure(axes, road, seen.result.departure.distance)
+                _mark_departure(panel, at)
         y += heights[name]
+    page.text(
+        left + 0.5 * width, y + 0.335, "distance along the road (m)", size=8.5, color=QUIET,
+        ha="center",
+    )  # fmt: skip
     return page.figure
 
 
 # --- Along the road --------------------------------------------------------------------------
 
 
-def _style_profile(axes: Any, road: Road, *, labelled: bool) -> None:
-    axes.set_xlim(0.0, road.length)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
-    axes.tick_params(length=0.0, labelbottom=labelled)
-    axes.grid(True, color="#e8ebef", lw=0.7)
-    axes.set_axisbelow(True)
-    axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 2.5, 5, 10]))
-    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
-    if labelled:
-        axes.set_xlabel("distance along the road (m)", size=8.5)
-
-
-def _draw_oob_distance(axes: Any, road: Road, seen: SeenDrive) -> None:
+def _range(name: str, road: Road, seen: SeenDrive | None) -> tuple[float, float]:
+    """The lowest and the highest value that a profile shows."""
+    if name == "curvature" or seen is None:
+        reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
+        return -reach, reach
+    if name == "speed":
+        low, high = float(seen.speed.min()), float(seen.speed.max())
+        return min(0.0, low), 1.15 * max(seen.drive.rules.speed_limit, high)
     half = 0.5 * road.lane_width
-    least = int(np.argmin(seen.oob_distance))
-    value = max(float(seen.oob_distance[least]), -3.0 * half)
-    low = min(-0.6 * half, value - 0.65 * half)
-    axes.set_ylim(low, 1.55 * half)  # the departure's label has its place on top
-    axes.axhspan(low, 0.0, color="#fbeeee", zorder=0.2, lw=0.0)
-    axes.axhline(0.0, color=ALARM, lw=0.8, alpha=0.6, zorder=1.5)
-    axes.set_yticks([k * half for k in (-1.0, 0.0, 1.0) if k * half > low])
+    value = max(float(seen.oob_distance.min()), -3.0 * half)
+    # The departure's label has its place on top.
+    return min(-0.6 * half, value - 0.65 * half), 1.55 * half
+
+
+def _draw_oob_distance(panel: Panel, road: Road, seen: SeenDrive) -> None:
+    half = 0.5 * road.lane_width
+    low = panel.up[0]
+    panel.add(Rectangle((0.0, low), road.length, -low, color="#fbeeee", zorder=0.2, lw=0.0))
+    panel.level(0.0, color=ALARM, lw=0.8, alpha=0.6, zorder=1.5)
     places = np.column_stack([seen.distance, seen.oob_distance])
-    on_paper = places * (POINT * INNER / road.length, POINT * 1.35 / (1.55 * half - low))
-    draw_coloured(axes, places, on_paper, seen.oob_distance, half, 2.2)
+    draw_coloured(panel, places, places / panel.point, seen.oob_distance, half, 2.2)
     if seen.result.moobd is None:
         return
-    where = float(seen.distance[least])
-    axes.plot(where, value, "o", ms=6.0, mfc="white", mec=INK, mew=1.4, zorder=6, clip_on=False)
-    text = f"MOOBD {_signed(float(seen.oob_distance[least]), 2)} m"
+    least = int(np.argmin(seen.oob_distance))
+    where, moobd = float(seen.distance[least]), float(seen.oob_distance[least])
+    value = max(moobd, -3.0 * half)
+    panel.mark((where, value), "o", cut=False, ms=6.0, mfc="white", mec=INK, mew=1.4, zorder=6)
     share = where / road.length
     if seen.result.departure is not None:  # beside the departure's line
         side, dx, dy = ("left", 8.0, -8.0) if share < 0.2 else ("right", -8.0, -8.0)
     else:
         side, dx, dy = "center", 0.0, -13.0
         side = "left" if share < 0.06 else "right" if share > 0.94 else side
-    axes.annotate(
-        text,
-        (where, value),
-        (dx, dy),
-        textcoords="offset points",
-        ha=side,
-        va="center",
-        size=8.5,
-        weight="bold",
-        zorder=6,
-    )
+    panel.beside(
+        (where, value), (dx, dy), f"MOOBD {_signed(moobd, 2)} m",
+        ha=side, va="center", size=8.5, weight="bold", zorder=6,
+    )  # fmt: skip
 
 
-def _mark_departure(axes: Any, road: Road, distance: float) -> None:
-    right = distance > 0.85 * road.length
-    axes.annotate(
-        "departure",
-        (distance, 1.0),
-        (-5.0 if right else 5.0, -3.0),
-        xycoords=("data", "axes fraction"),
-        textcoords="offset points",
-        ha="right" if right else "left",
-        va="top",
-        size=8.5,
-        weight="bold",
-        color=ALARM,
-        zorder=6,
-    )
+def _mark_departure(panel: Panel, distance: float) -> None:
+    right = distance > 0.85 * panel.across[1]
+    panel.beside(
+        (distance, panel.up[1]), (-5.0 if right else 5.0, -3.0), "departure",
+        ha="right" if right else "left", va="top", size=8.5, weight="bold", color=ALARM, zorder=6,
+    )  # fmt: skip
 
 
-def _draw_curvature(axes: Any, road: Road) -> None:
+def _draw_curvature(panel: Panel, road: Road) -> None:
     places = np.arange(len(road.curvatures)) * road.step
-    reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
-    axes.set_ylim(-reach, reach)
-    axes.fill_between(places, road.curvatures, color=EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
-    axes.axhline(0.0, color=FAINT, lw=0.8, zorder=1.3)
-    axes.plot(places, road.curvatures, color="#48678a", lw=1.4, zorder=3)
-    for y, text, va in ((0.95, "left", "top"), (0.05, "right", "bottom")):
-        axes.text(1.004, y, text, transform=axes.transAxes, size=7.5, color=QUIET, va=va, ha="left")
+    area = [(places[0], 0.0), *zip(places, road.curvatures, strict=True), (places[-1], 0.0)]
+    panel.add(Polygon(area, color=EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2))
+    panel.level(0.0, color=FAINT, lw=0.8, zorder=1.3)
+    panel.line(places, road.curvatures, color=_LINE, lw=1.4, zorder=3)
+    for share, text, va in ((0.95, "left", "top"), (0.05, "right", "bottom")):
+        y = panel.up[0] + share * (panel.up[1] - panel.up[0])
+        panel.text(1.004 * road.length, y, text, size=7.5, color=QUIET, va=va, ha="left")
 
 
-def _draw_speed(axes: Any, seen: SeenDrive) -> None:
+def _draw_speed(panel: Panel, road: Road, seen: SeenDrive) -> None:
     limit = seen.drive.rules.speed_limit
-    axes.set_ylim(min(0.0, float(seen.speed.min())), 1.15 * max(limit, float(seen.speed.max())))
-    axes.axhline(limit, color=QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
-    axes.annotate(
-        "limit",
-        (1.004, limit),
-        xycoords=("axes fraction", "data"),
-        size=7.5,
-        color=QUIET,
-        va="center",
-    )
-    axes.plot(seen.distance, seen.speed, color="#48678a", lw=1.4, zorder=3)
+    panel.level(limit, color=QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
+    panel.text(1.004 * road.length, limit, "limit", size=7.5, color=QUIET, va="center")
+    panel.line(seen.distance, seen.speed, color=_LINE, lw=1.4, zorder=3)
 
 
 # --- The contact sheet -----------------------------------------------------------------------
@@ -412,11 +397,7 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
     page = Paper(Figure(figsize=(WIDTH, total), dpi=DPI, facecolor="white"), WIDTH, total)
     if title:
         page.text(MARGIN, 0.68, one_line(title, 60), size=19, weight="bold")
-    bar = page.axes(WIDTH - MARGIN - 3.2, top - 0.45, 3.2, 0.11)
-    draw_colour_bar(bar, 0.5 * items[0][1].lane_width)
-    page.text(
-        WIDTH - MARGIN - 3.35, top - 0.35, "oob distance (m)", size=8.5, color=QUIET, ha="right"
-    )
+    draw_colour_bar(page, WIDTH - MARGIN, top - 0.45, 0.5 * items[0][1].lane_width)
     letters = int(width / 0.088)
     for k, (text, road, drive) in enumerate(items):
         row, column = divmod(k, columns)

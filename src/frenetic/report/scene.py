@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.patches import Rectangle
@@ -23,6 +23,7 @@ from frenetic.report.style import (
     POINT,
     QUIET,
     WIDTH,
+    Panel,
     Paper,
 )
 from frenetic.road import Road
@@ -189,11 +190,17 @@ def box_of(road: Road, seen: SeenDrive | None, turn: float) -> Box:
     return Box(float(x), float(y), float(width), float(height))
 
 
+_REACHES: Final = np.array([11.0, 18.0, 28.0, 42.0, 60.0, 84.0])
+_DIRECTIONS: Final = np.column_stack(
+    [trig(np.arange(16) * (math.pi / 8.0)) for trig in (np.cos, np.sin)]
+)
+
+
 @dataclass
 class _Labels:
     """Places labels in a panel without hiding anything or touching each other."""
 
-    axes: Any
+    panel: Panel
     view: View
     obstacles: FloatArray  # (n, 2) points on paper
     size: float = 9.0
@@ -202,42 +209,37 @@ class _Labels:
     def put(self, place: FloatArray, text: str, colour: str) -> None:
         """Write ``text`` beside (2,) ``place`` (points on paper), with a leader if need be."""
         half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])
-        best, chosen, cheapest = place, 0.0, math.inf
-        for reach in (11.0, 18.0, 28.0, 42.0, 60.0, 84.0):
-            for angle in np.arange(16) * (math.pi / 8.0):
-                direction = np.array([math.cos(angle), math.sin(angle)])
-                # From the label's edge to the place it is reach.
-                to_edge = min(
-                    h / abs(d) for h, d in zip(half, direction, strict=True) if abs(d) > 1e-9
-                )
-                centre = place + (reach + to_edge - 4.0) * direction
-                cost = self._cost(centre, half) + 0.25 * reach
-                if cost < cheapest:
-                    best, cheapest, chosen = centre, cost, reach
+        # From the label's edge to the place it is the reach.
+        to_edge = np.min(half / np.maximum(np.abs(_DIRECTIONS), 1e-9), axis=1)
+        away = (_REACHES[:, None] + to_edge - 4.0)[:, :, None]
+        centres = (place + away * _DIRECTIONS).reshape(-1, 2)
+        reaches = np.repeat(_REACHES, len(_DIRECTIONS))
+        i = int(np.argmin(self._costs(centres, half) + 0.25 * reaches))
+        best, chosen = centres[i], reaches[i]
         low, high = best - half, best + half
         self.taken.append((*low, *high))
         if chosen > 15.0:
             near = np.clip(place, low + 1.0, high - 1.0)
             away = (near - place) / max(float(np.hypot(*(near - place))), 1e-9)
             tip = place + 6.0 * away
-            self.axes.plot(
+            self.panel.line(
                 [tip[0], near[0]], [tip[1], near[1]], color=colour, lw=0.7, alpha=0.7, zorder=8
             )
-        self.axes.text(
-            *best, text, size=self.size, color=colour, ha="center", va="center", weight="bold",
-            parse_math=False, zorder=9,
+        self.panel.text(
+            float(best[0]), float(best[1]), text, size=self.size, color=colour,
+            ha="center", va="center", weight="bold", zorder=9,
         )  # fmt: skip
 
-    def _cost(self, centre: FloatArray, half: FloatArray) -> float:
-        low, high = centre - half - 2.0, centre + half + 2.0
+    def _costs(self, centres: FloatArray, half: FloatArray) -> FloatArray:
+        """What labels at (n, 2) ``centres`` would hide, touch or cut off, (n,)."""
+        low, high = (centres - half - 2.0)[:, None], (centres + half + 2.0)[:, None]
         frame = np.array([self.view.width, self.view.height]) / 2.0
         outside = np.maximum(high - frame, 0.0) + np.maximum(-frame - low, 0.0)
-        hidden = ((self.obstacles > low) & (self.obstacles < high)).all(axis=1).sum()
-        touching = sum(
-            low[0] < b[2] and b[0] < high[0] and low[1] < b[3] and b[1] < high[1]
-            for b in self.taken
-        )
-        return float(100.0 * outside.sum() + 20.0 * hidden + 500.0 * touching)
+        hidden = ((self.obstacles > low) & (self.obstacles < high)).all(axis=2).sum(axis=1)
+        taken = np.array(self.taken).reshape(-1, 4)
+        touching = ((low < taken[:, 2:]) & (taken[:, :2] < high)).all(axis=2).sum(axis=1)
+        costs: FloatArray = 100.0 * outside.sum(axis=(1, 2)) + 20.0 * hidden + 500.0 * touching
+        return costs
 
     def keep_clear(self, centre: FloatArray, half: float) -> None:
         """Let no label touch the square of 2 ``half`` points around (2,) ``centre``."""
@@ -245,7 +247,7 @@ class _Labels:
 
 
 def draw_scene(
-    axes: Any,
+    panel: Panel,
     view: View,
     road: Road,
     seen: SeenDrive | None,
@@ -256,29 +258,29 @@ def draw_scene(
     labelled: bool = True,
 ) -> None:
     """The whole road from above with the drive on it, and a frame around what ``near`` shows."""
-    _draw_map_edge(axes, view, map_size)
-    _draw_surface(axes, view, road)
+    _draw_map_edge(panel, view, map_size)
+    _draw_surface(panel, view, road)
     spacing = max(1.0, road.length / _MAX_POINTS)
     start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
     size, width = (7.0, 1.5) if labelled else (4.5, 1.1)
     for place, marker, fill in ((start, "o", "white"), (end, "s", INK)):
-        axes.plot(*place, marker, ms=size, mfc=fill, mec=INK, mew=width, zorder=7)
+        panel.mark(place, marker, ms=size, mfc=fill, mec=INK, mew=width, zorder=7)
 
     # What labels must not hide.
     drawn = [view.at(road.sample(spacing, k * road.lane_width)) for k in (-1, -0.5, 0, 0.5, 1)]
     mark = None
     if seen is not None and focus is not None:
-        _draw_path(axes, view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
+        _draw_path(panel, view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
         drawn.append(view.at(sane(seen.xy)))
         if labelled:
             some = _some_records(seen, focus)
-            _draw_cars(axes, view, seen, some, INK)
-            _draw_cars(axes, view, seen, [focus.record], focus.colour, zorder=6.0)
+            _draw_cars(panel, view, seen, some, INK)
+            _draw_cars(panel, view, seen, [focus.record], focus.colour, zorder=6.0)
             drawn += _boxes(view, seen, [*some, focus.record])
         mark = view.at(sane(seen.xy[[focus.record]]))[0]
         if near is not None and near.scale > 2.0 * view.scale:
             half = 0.5 * np.array([near.width, near.height]) * view.scale / near.scale
-            axes.add_patch(
+            panel.add(
                 Rectangle(
                     mark - half, *(2.0 * half), fill=False, ec=QUIET, lw=0.8, alpha=0.7, zorder=6
                 )
@@ -291,10 +293,10 @@ def draw_scene(
             mark = None
         else:
             size, width = (15.0, 1.8) if labelled else (9.0, 1.4)
-            axes.plot(*mark, "o", ms=size, mfc="none", mec=focus.colour, mew=width, zorder=7)
+            panel.mark(mark, "o", ms=size, mfc="none", mec=focus.colour, mew=width, zorder=7)
     if not labelled:
         return
-    labels = _Labels(axes, view, np.vstack(drawn))
+    labels = _Labels(panel, view, np.vstack(drawn))
     for place in (start, end):
         labels.keep_clear(place, 4.0)
     if focus is not None and mark is not None:
@@ -304,13 +306,13 @@ def draw_scene(
     labels.put(end, "end", INK)
 
 
-def _draw_surface(axes: Any, view: View, road: Road) -> None:
+def _draw_surface(panel: Panel, view: View, road: Road) -> None:
     """Both lanes. They are lines as wide as they are, which no bend and no crossing can upset."""
     lane, scale = road.lane_width, view.scale
     spacing = max(0.5, road.length / _MAX_POINTS)
 
     def strip(offset: float, width: float, colour: str, zorder: float, **how: Any) -> None:
-        axes.plot(
+        panel.line(
             *view.at(road.sample(spacing, offset)).T, color=colour, lw=width, zorder=zorder,
             solid_capstyle="butt", dash_capstyle="butt", solid_joinstyle="round", **how,
         )  # fmt: skip
@@ -321,10 +323,10 @@ def _draw_surface(axes: Any, view: View, road: Road) -> None:
     width = max(0.9, 0.15 * scale)
     dash = max(3.0 * scale, 3.0) / width
     strip(0.0, width, "white", 1.3, dashes=(dash, dash))
-    _draw_arrows(axes, view, road)
+    _draw_arrows(panel, view, road)
 
 
-def _draw_arrows(axes: Any, view: View, road: Road) -> None:
+def _draw_arrows(panel: Panel, view: View, road: Road) -> None:
     """Arrows on the ego lane that point in driving direction."""
     size = float(np.clip(1.3 * view.scale, 3.2, 11.0))
     apart = max(130.0 / view.scale, road.length / 40.0)
@@ -337,19 +339,22 @@ def _draw_arrows(axes: Any, view: View, road: Road) -> None:
         half = 0.5 * road.lane_width
         place = np.array([[x + half * math.sin(heading), y - half * math.cos(heading)]])
         polygons.append(view.at(place) + turned(shape, heading + view.turn))
-    axes.add_collection(
-        PolyCollection(polygons, facecolor="white", edgecolor="none", zorder=1.4), autolim=False
-    )
+    panel.add(PolyCollection(polygons, facecolor="white", edgecolor="none", zorder=1.4))
 
 
-def _draw_path(axes: Any, view: View, seen: SeenDrive, half: float, width: float) -> None:
+def _draw_path(panel: Panel, view: View, seen: SeenDrive, half: float, width: float) -> None:
     """The path of the car's centre of mass, coloured by oob distance."""
     places = view.at(sane(seen.xy))
-    draw_coloured(axes, places, places, seen.oob_distance, half, width)
+    draw_coloured(panel, places, places, seen.oob_distance, half, width)
 
 
 def draw_coloured(
-    axes: Any, places: FloatArray, on_paper: FloatArray, oob: FloatArray, half: float, width: float
+    panel: Panel,
+    places: FloatArray,
+    on_paper: FloatArray,
+    oob: FloatArray,
+    half: float,
+    width: float,
 ) -> None:
     """A line through (n, 2) ``places``, which are (n, 2) ``on_paper`` in points."""
     if len(places) < 2:
@@ -377,7 +382,7 @@ def draw_coloured(
         zorder=4,
     )
     line.set_array(shades[first] + 0.5)
-    axes.add_collection(line, autolim=False)
+    panel.add(line)
 
 
 def _some_records(seen: SeenDrive, focus: Focus) -> list[int]:
@@ -398,7 +403,7 @@ def _boxes(view: View, seen: SeenDrive, records: Sequence[int]) -> list[FloatArr
 
 
 def _draw_cars(
-    axes: Any,
+    panel: Panel,
     view: View,
     seen: SeenDrive,
     records: Sequence[int],
@@ -412,19 +417,14 @@ def _draw_cars(
     boxes = _boxes(view, seen, records)
     screens = [np.array([0.3 * b[0] + 0.7 * b[1], 0.7 * b[2] + 0.3 * b[3]]) for b in boxes]
     inside = (*to_rgb(colour), fill) if fill else (1.0, 1.0, 1.0, 0.35)
-    axes.add_collection(
-        PolyCollection(boxes, ec=colour, facecolor=inside, linewidths=width, zorder=zorder),
-        autolim=False,
-    )
-    axes.add_collection(
-        LineCollection(screens, colors=colour, linewidths=width, zorder=zorder), autolim=False
-    )
+    panel.add(PolyCollection(boxes, ec=colour, facecolor=inside, linewidths=width, zorder=zorder))
+    panel.add(LineCollection(screens, colors=colour, linewidths=width, zorder=zorder))
 
 
-def _draw_map_edge(axes: Any, view: View, map_size: float | None) -> None:
+def _draw_map_edge(panel: Panel, view: View, map_size: float | None) -> None:
     if map_size is not None:
         edge = view.at(_map_edge(map_size))
-        axes.plot(*edge.T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+        panel.line(*edge.T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
 
 
 def _map_edge(map_size: float) -> FloatArray:
@@ -436,10 +436,10 @@ def _map_edge(map_size: float) -> FloatArray:
     return np.column_stack([x, y])
 
 
-def draw_close_up(axes: Any, view: View, road: Road, seen: SeenDrive, focus: Focus) -> None:
+def draw_close_up(panel: Panel, view: View, road: Road, seen: SeenDrive, focus: Focus) -> None:
     """The place that the picture is about, large enough to see the car on the lane."""
-    _draw_surface(axes, view, road)
-    _draw_path(axes, view, seen, 0.5 * road.lane_width, 4.0)
+    _draw_surface(panel, view, road)
+    _draw_path(panel, view, seen, 0.5 * road.lane_width, 4.0)
     # Boxes a little more than a car apart, back and forth from the one that matters.
     away = np.abs(seen.distance - seen.distance[focus.record])
     step = 1.35 * seen.drive.car.length
@@ -451,11 +451,10 @@ def draw_close_up(axes: Any, view: View, road: Road, seen: SeenDrive, focus: Foc
                 chosen.append(i)
                 due = away[i] + step
             i += direction
-    _draw_cars(axes, view, seen, chosen, INK)
-    _draw_cars(axes, view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
-    axes.plot(
-        *view.at(sane(seen.xy[[focus.record]]))[0], "o", ms=4.5, color=focus.colour, zorder=7
-    )  # fmt: skip
+    _draw_cars(panel, view, seen, chosen, INK)
+    _draw_cars(panel, view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
+    place = view.at(sane(seen.xy[[focus.record]]))[0]
+    panel.mark(place, "o", ms=4.5, color=focus.colour, zorder=7)
 
 
 def draw_key(
@@ -484,34 +483,28 @@ def draw_key(
         page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=QUIET, lw=1.0, dashes=(5.0, 3.0))
         page.text(x + 0.45, y + 0.24, "edge of the map", size=8.5, color=QUIET)
     if seen is not None and len(seen):
-        width = 3.2
-        bar = page.axes(WIDTH - MARGIN - width, y + 0.07, width, 0.11)
-        half = 0.5 * road.lane_width
-        draw_colour_bar(bar, half)
-        page.text(
-            WIDTH - MARGIN - width - 0.15,
-            y + 0.17,
-            "oob distance (m)",
-            size=8.5,
-            color=QUIET,
-            ha="right",
-        )
+        draw_colour_bar(page, WIDTH - MARGIN, y + 0.07, 0.5 * road.lane_width)
 
 
-def draw_colour_bar(axes: Any, half: float) -> None:
-    """Key to the colours of a path; ``half`` is half a lane, in m."""
-    axes.figure.colorbar(
-        ScalarMappable(Normalize(-half, half), _OOB_MAP),
-        cax=axes,
-        orientation="horizontal",
-        extend="min",
-        extendfrac=0.04,
-        ticks=[-half, 0.0, half],
-    ).outline.set_visible(False)
-    axes.axvline(0.0, color=INK, lw=1.2)
-    axes.tick_params(length=0.0, pad=3.0)
-    labels = axes.set_xticklabels([f"−{half:g}", "0 lane edge", f"{half:g} lane centre"])
-    labels[-1].set_horizontalalignment("right")
+def draw_colour_bar(page: Paper, right: float, y: float, half: float) -> None:
+    """Key to the colours of a path up to ``right``; ``half`` is half a lane, in m."""
+    width, pointed = 3.2, 0.04
+    left = right - width
+    ends = np.linspace(-half, half, len(OOB_COLOURS) + 1)
+    tip = -half - pointed * 2.0 * half
+    bar = page.chart(left, y, width, 0.11, (tip, half), (0.0, 1.0))
+    shapes = [[(tip, 0.5), (-half, 0.0), (-half, 1.0)]]
+    shapes += [[(a, 0.0), (b, 0.0), (b, 1.0), (a, 1.0)] for a, b in pairwise(ends)]
+    colours = [OOB_COLOURS[0], *OOB_COLOURS]
+    bar.add(PolyCollection(shapes, facecolors=colours, edgecolors="none", antialiaseds=False))
+    bar.line((0.0, 0.0), bar.up, color=INK, lw=1.2)
+    for at, text, side in (
+        (-half, f"−{half:g}", "center"),
+        (0.0, "0 lane edge", "center"),
+        (half, f"{half:g} lane centre", "right"),
+    ):
+        bar.beside((at, 0.0), (0.0, -3.0), text, size=8.5, color=QUIET, ha=side, va="top")
+    page.text(left - 0.15, y + 0.1, "oob distance (m)", size=8.5, color=QUIET, ha="right")
 
 
 def draw_scale(page: Paper, x: float, y: float, view: View, metres: float) -> None:
