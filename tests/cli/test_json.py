@@ -36,6 +36,8 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
     "compare": ("one=c", "two=d"),
     "bench": ("--strategy", "random", "--simulations", "3", "--repeats", "1", *ONE, "--out", "b"),
     "drive": ("road.json",),
+    "rank": ("road.json",),
+    "rank-service": ("--port", "0"),
     "validate": ("road.json",),
     "export-road": ("road.json", "--format", "csv"),
     "drivers": (),
@@ -53,6 +55,7 @@ MISTAKES: Final[dict[str, tuple[str, ...]]] = {
     "export-road": ("nowhere", "--format", "csv"),
     "confirm": ("nowhere", "--simulator", "embedded"),
     "doctor": ("--simulator", "nowhere"),
+    "rank-service": ("--port", "no"),
     "validate": ("road.json", "--map-size", "1"),
     "drivers": ("nowhere",),
     "strategies": ("nowhere",),
@@ -74,7 +77,10 @@ def test_every_command_takes_json(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_prints_one_document(frenetic: Frenetic, campaign: str, name: str) -> None:
+def test_every_command_prints_one_document(
+    frenetic: Frenetic, campaign: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.cli.rank_service.until_interrupted", lambda: None)
     Path("road.json").write_text(json.dumps(ROAD))
     if name == "compare":
         frenetic("run", "--simulations", "3", "--seed", "2", *ONE, "--out", "d", "--json")

@@ -67,6 +67,10 @@ COMMANDS: Final = {
     "compare": Row("compare:compare", "Compare groups of campaigns, with their repeats."),
     "bench": Row("bench:bench", "Compare road generators, with repeats."),
     "drive": Row("drive:drive", "Drive one road from a file."),
+    "rank": Row("rank:rank", "Say which of many roads to drive first in a slow simulator."),
+    "rank-service": Row(
+        "rank_service:rank_service", "Rank roads for the SDC test competitions' evaluators."
+    ),
     "validate": Row("validate:validate", "Say whether roads are valid, as the competition does."),
     "export-road": Row(
         "export_road:export_road", "Write one road for other tools: OpenDRIVE, CSV, ..."

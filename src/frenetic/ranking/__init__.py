@@ -1,0 +1,21 @@
+"""Ranking: which of many roads to drive first in a slow simulator, by drives in a fast one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from frenetic._support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from frenetic.ranking.ranking import Prospect, RankedRoad, Twin, rank
+    from frenetic.ranking.roads import FoundRoads, NamedRoad, find_roads
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.ranking.ranking": ("Prospect", "RankedRoad", "Twin", "rank"),
+        "frenetic.ranking.roads": ("FoundRoads", "NamedRoad", "find_roads"),
+    },
+)
+
+__all__ = ["FoundRoads", "NamedRoad", "Prospect", "RankedRoad", "Twin", "find_roads", "rank"]

@@ -1,0 +1,223 @@
+"""The gRPC service of the SDC test selection (2025) and prioritisation (2026) competitions.
+
+A competition's evaluator calls ``CompetitionTool``: `Name`; `Initialize` with tests whose outcome
+is known; then `Select`, which gives back the tests worth driving, or `Prioritize`, which gives back
+all of them in order. The messages are made here, field by field as the competition's interface
+numbers them, so nothing has to be generated.
+
+The twin ranks. The tests that it is initialised with only say from which score on a test is
+selected: the one that best tells failed tests from passed ones (Youden's index). Without such
+tests, those are selected that the twin fails itself.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import Any, Final
+
+from frenetic.errors import FreneticError, RoadError
+from frenetic.outcome import Outcome
+from frenetic.ranking.ranking import Prospect, Twin, rank
+from frenetic.road import Road
+
+try:
+    import grpc
+    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+except ImportError:
+    raise FreneticError(
+        "the competitions' service needs gRPC: pip install 'frenetic-roads[service]'"
+    ) from None
+
+logger = logging.getLogger(__name__)
+
+SERVICE: Final = "CompetitionTool"
+PORT: Final = 4545
+"""The port that the competitions' own sample tools use."""
+
+_MESSAGES: Final = {
+    "Empty": (),
+    "NameReply": (("name", "string"),),
+    "RoadPoint": (("sequenceNumber", "int64"), ("x", "float"), ("y", "float")),
+    "SDCTestCase": (("testId", "string"), ("roadPoints", "repeated RoadPoint")),
+    "Oracle": (("testCase", "SDCTestCase"), ("hasFailed", "bool")),
+    "InitializationReply": (("ok", "bool"),),
+    "SelectionReply": (("testId", "string"),),
+    "PrioritizationReply": (("testId", "string"),),
+}
+"""Message -> its fields with their types, numbered from 1 on."""
+
+
+def _messages() -> dict[str, Any]:
+    """The classes of the messages."""
+    kinds = descriptor_pb2.FieldDescriptorProto
+    file = descriptor_pb2.FileDescriptorProto(name="sdc_competition.proto", syntax="proto3")
+    for name, entries in _MESSAGES.items():
+        message = file.message_type.add(name=name)
+        for number, (entry, kind) in enumerate(entries, 1):
+            repeated = kind.startswith("repeated ")
+            kind = kind.removeprefix("repeated ")
+            described = message.field.add(
+                name=entry,
+                number=number,
+                label=kinds.LABEL_REPEATED if repeated else kinds.LABEL_OPTIONAL,
+            )
+            if kind in _MESSAGES:
+                described.type, described.type_name = kinds.TYPE_MESSAGE, kind
+            else:
+                described.type = getattr(kinds, f"TYPE_{kind.upper()}")
+    pool = descriptor_pool.DescriptorPool()  # of its own: others may define the same names
+    pool.Add(file)
+    return {
+        name: message_factory.GetMessageClass(pool.FindMessageTypeByName(name))
+        for name in _MESSAGES
+    }
+
+
+@dataclass
+class CompetitionTool:
+    """The competitions' tool: answers the calls of an evaluator, one at a time."""
+
+    twin: Twin
+    name: str = "frenetic"
+    lane_width: float = 5.0
+    """m, of each lane."""
+    threshold: tuple[float, float] | None = None
+    """(oob share, -MOOBD) from which on a test is selected, None until it is initialised with
+    failed and passed tests."""
+    _one_call: Lock = field(default_factory=Lock)
+
+    def initialize(self, known: Iterable[tuple[str, Any, bool]]) -> None:
+        """Learns from (test's id, (N, 2) points in m, whether it failed) the threshold."""
+        with self._one_call:
+            tests = [(self._prospect(name, points), failed) for name, points, failed in known]
+            self.threshold = _threshold(tests)
+        logger.info("%s tests known, threshold %s", len(tests), self.threshold)
+
+    def select(self, tests: Iterable[tuple[str, Any]]) -> list[str]:
+        """The ids of the tests that are worth driving, the most promising first.
+
+        At least one, so that the competition's ratios exist.
+        """
+        with self._one_call:
+            ranked = self._ranked(tests)
+        chosen = [one.name for one in ranked if self._is_selected(one)]
+        return chosen or [one.name for one in ranked[:1]]
+
+    def prioritize(self, tests: Iterable[tuple[str, Any]]) -> list[str]:
+        """The ids of all tests, the most promising first."""
+        with self._one_call:
+            return [one.name for one in self._ranked(tests)]
+
+    def _ranked(self, tests: Iterable[tuple[str, Any]]) -> list[Prospect]:
+        return [one.prospect for one in rank(self._prospect(*test) for test in tests)]
+
+    def _is_selected(self, prospect: Prospect) -> bool:
+        if self.threshold is None:
+            return prospect.outcome is Outcome.FAIL
+        score = _score(prospect)
+        return score is not None and score >= self.threshold
+
+    def _prospect(self, name: str, points: Any) -> Prospect:
+        try:
+            road = Road.from_points(points, lane_width=self.lane_width)
+        except RoadError as error:
+            return Prospect(name, 0.0, Outcome.INVALID, str(error))
+        return self.twin.prospect(name, road, anyway=True)
+
+
+def _score(prospect: Prospect) -> tuple[float, float] | None:
+    """Its score, the largest for the most promising; None if it was not driven."""
+    if prospect.max_oob_share is None or prospect.moobd is None:
+        return None
+    return prospect.max_oob_share, -prospect.moobd
+
+
+def _threshold(tests: Iterable[tuple[Prospect, bool]]) -> tuple[float, float] | None:
+    """The least score of a selected test that maximises Youden's index; None without failures."""
+    scored = [(score, failed) for one, failed in tests if (score := _score(one)) is not None]
+    failures = sum(failed for _, failed in scored)
+    passes = len(scored) - failures
+    if not failures or not passes:
+        return None
+    found, best, gained = None, -math.inf, 0.0
+    ordered = sorted(scored, reverse=True)
+    for i, (score, failed) in enumerate(ordered):
+        gained += 1.0 / failures if failed else -1.0 / passes
+        is_last_of_equals = i + 1 == len(ordered) or ordered[i + 1][0] != score
+        if is_last_of_equals and gained > best:
+            found, best = score, gained
+    return found
+
+
+@contextmanager
+def serving(tool: CompetitionTool, host: str = "127.0.0.1", port: int = PORT) -> Iterator[int]:
+    """Serves the tool; gives the port, which is another one if ``port`` is 0.
+
+    Raises:
+        FreneticError: the port cannot be had.
+    """
+    # Two servers would share a port otherwise.
+    options = [("grpc.so_reuseport", 0)]
+    server = grpc.server(ThreadPoolExecutor(max_workers=4), options=options)
+    server.add_generic_rpc_handlers((_handlers(tool),))
+    place = f"[{host}]" if ":" in host else host
+    try:
+        bound = server.add_insecure_port(f"{place}:{port}")
+    except RuntimeError:
+        bound = 0
+    if not bound:
+        raise FreneticError(f"cannot listen at {place}:{port}: is it taken? choose another --port")
+    server.start()
+    try:
+        yield bound
+    finally:
+        server.stop(None).wait()
+
+
+def _handlers(tool: CompetitionTool) -> Any:
+    """The calls of the service, from and to its messages."""
+    messages = _messages()
+
+    def points_of(case: Any) -> list[tuple[float, float]]:
+        ordered = sorted(case.roadPoints, key=lambda point: point.sequenceNumber)
+        return [(point.x, point.y) for point in ordered]
+
+    def tests_of(cases: Any) -> Iterator[tuple[str, Any]]:
+        return ((case.testId, points_of(case)) for case in cases)
+
+    def name(_: Any, __: Any) -> Any:
+        return messages["NameReply"](name=tool.name)
+
+    def initialize(oracles: Any, _: Any) -> Any:
+        tool.initialize(
+            (oracle.testCase.testId, points_of(oracle.testCase), oracle.hasFailed)
+            for oracle in oracles
+        )
+        return messages["InitializationReply"](ok=True)
+
+    def select(cases: Any, _: Any) -> Iterator[Any]:
+        return (messages["SelectionReply"](testId=one) for one in tool.select(tests_of(cases)))
+
+    def prioritize(cases: Any, _: Any) -> Iterator[Any]:
+        ordered = tool.prioritize(tests_of(cases))
+        return (messages["PrioritizationReply"](testId=one) for one in ordered)
+
+    def call(kind: Any, behaviour: Any, request: str, reply: str) -> Any:
+        return kind(behaviour, messages[request].FromString, messages[reply].SerializeToString)
+
+    streamed = grpc.stream_stream_rpc_method_handler
+    calls = {
+        "Name": call(grpc.unary_unary_rpc_method_handler, name, "Empty", "NameReply"),
+        "Initialize": call(
+            grpc.stream_unary_rpc_method_handler, initialize, "Oracle", "InitializationReply"
+        ),
+        "Select": call(streamed, select, "SDCTestCase", "SelectionReply"),
+        "Prioritize": call(streamed, prioritize, "SDCTestCase", "PrioritizationReply"),
+    }
+    return grpc.method_handlers_generic_handler(SERVICE, calls)
