@@ -79,7 +79,7 @@ def known(tool: CompetitionTool, *tests: tuple[float, bool]) -> CompetitionTool:
         str(i): Prospect(str(i), 90.0, Outcome.PASS, "so", share, 1.0)
         for i, (share, _) in enumerate(tests)
     }
-    tool._prospect = lambda name, _: answers[name]  # type: ignore[method-assign]
+    tool._prospect = lambda name, points: answers[name]  # type: ignore[method-assign]
     tool.initialize((str(i), None, failed) for i, (_, failed) in enumerate(tests))
     return tool
 

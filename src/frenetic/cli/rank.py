@@ -46,11 +46,11 @@ def rank(
 ) -> None:
     """Say which of many roads to drive first in a slow simulator.
 
-    ROADS are files as 'frenetic drive' takes them, or folders of them. The driver drives each road
-    to its end, in the embedded simulator by default. Roads on which more of its car was outside the
-    lane come first; invalid ones come last. A road that is 'like' another one promises the same
-    problem. How far the order holds elsewhere depends on how alike both drivers are. The exit code
-    is 2 if a named file holds no road; the others are ranked.
+    ROADS are files as 'frenetic drive' takes them, or folders of them. The driver drives each road,
+    in the embedded simulator by default, to its end or until the whole car is outside its lane.
+    Roads on which more of the car was outside come first; invalid ones come last. A road that is
+    'like' another one promises the same problem. How far the order holds elsewhere depends on how
+    alike both drivers are. The exit code is 2 if a named file holds no road; the others are ranked.
     """
     from frenetic.ranking import Twin, find_roads
     from frenetic.ranking import rank as in_order

@@ -1,7 +1,7 @@
 """The order in which to drive roads in a slow simulator, from drives in a fast one.
 
-A *twin*, a driver in a fast simulator, drives each road to its end, also where it leaves its lane
-on the way. Roads on which the largest share of its car was outside the lane come first; among equal
+A *twin*, a driver in a fast simulator, drives each road to its end, or until the whole car is
+outside its lane. Roads on which the largest share of the car was outside come first; among equal
 shares, those of lowest MOOBD.
 
 Two roads promise the same problem if their approaches to the place of departure, or of the least
@@ -28,8 +28,8 @@ from frenetic.road import Road
 from frenetic.simulators.drive import Rules
 from frenetic.spec import Spec
 
-_WHOLE: Final = 1.0
-"""Oob tolerance with which a drive ends on no departure."""
+_WHOLE: Final = 0.999
+"""Oob tolerance with which a drive ends when the whole car has left its lane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +44,9 @@ class Prospect:
     reason: str
     """The reason, in one sentence."""
     max_oob_share: float | None = None
-    """Largest share 0..1 of the car outside its lane on the whole road."""
+    """Largest share 0..1 of the car outside its lane."""
     moobd: float | None = None
-    """Minimum oob distance on the whole road, in m."""
+    """Minimum oob distance, in m."""
     distance: float | None = None
     """Distance along the road of the departure, or else of the least oob distance, in m."""
     side: Side | None = None
@@ -80,7 +80,7 @@ class RankedRoad:
 
 @dataclass(frozen=True)
 class Twin:
-    """A driver in a fast simulator that drives roads to their end; made by `entered`."""
+    """A driver in a fast simulator, which drives on where the rules end a drive; see `entered`."""
 
     tester: RoadTester
     rules: Rules
