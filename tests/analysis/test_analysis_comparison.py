@@ -183,12 +183,18 @@ def test_several_groups_are_corrected_for_being_several() -> None:
     assert found.p_overall < 0.01
 
 
-def test_a_group_ranks_by_the_mean_rank_of_its_campaigns() -> None:
+def test_a_group_is_placed_by_its_median_and_equal_ones_by_mean_rank() -> None:
     found = compare_measured({"c": group(1, 2), "a": group(9, 7), "b": group(8, 7)}).by("failures")
     # 9 8 7 7 2 1 have the ranks 1 2 3.5 3.5 5 6.
     assert found.mean_ranks == {"c": 5.5, "a": 2.25, "b": 2.75}
     assert found.places == {"c": 3, "a": 1, "b": 2}
     assert found.order == ("a", "b", "c")
+    # The medians are 6 and 5 and 5, the mean ranks 6 and 4.67 and 5.67.
+    groups = {"a": group(6, 6, 1), "b": group(5, 9, 5), "c": group(5, 8, 2)}
+    found = compare_measured(groups).by("failures")
+    assert found.mean_ranks["b"] < found.mean_ranks["a"]
+    assert found.order == ("a", "b", "c")
+    assert found.places == {"a": 1, "b": 2, "c": 3}
 
 
 def test_groups_that_rank_alike_share_a_place() -> None:

@@ -309,7 +309,8 @@ def test_mean_ranks_agree_with_scipy(groups: list[list[float]]) -> None:
 
 
 def test_places_are_shared() -> None:
-    assert places([2.0, 1.0, 2.0, 0.5, 3.0]) == [3, 2, 3, 1, 5]
+    assert places([(2.0,), (1.0,), (2.0,), (0.5,), (3.0,)]) == [3, 2, 3, 1, 5]
+    assert places([(2.0, 9.0), (1.0, 9.0), (2.0, 8.0)]) == [3, 1, 2]
 
 
 def test_spearman_by_hand() -> None:

@@ -18,7 +18,7 @@ import pytest
 from pids import LIMIT, descendants, until_gone
 
 from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
-from frenetic.bench.bench import unusual_endings
+from frenetic.bench.bench import endings_in_short, unusual_endings
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.processes import RUNS_PRELOADED
 from frenetic.bench.results import write_results
@@ -190,12 +190,23 @@ def test_threads_that_are_left_are_told(everybody: tuple[Bench, dict[str, RunEnd
     ending = everybody[1]["Threads"].ending
     assert ending is not None
     assert ending.threads == 2
-    told = unusual_endings(everybody[0].states())
-    assert "Threads left 2 threads running." in told
-    hung = "1 of 1 runs of NeverReturning did not end by the budget: 1 hung"
-    assert any(note.startswith(hung) for note in told)
-    assert not any("RandomRoads" in note for note in told)
-    assert set(told) <= set(everybody[0].comparison().notes)
+    assert unusual_endings(everybody[0].states())["Threads"].endswith("; 2 threads left running")
+
+
+def test_who_ended_before_the_budget_is_told_in_one_line(
+    everybody: tuple[Bench, dict[str, RunEnd]],
+) -> None:
+    states = everybody[0].states()
+    told = unusual_endings(states)
+    assert told["NeverReturning"].startswith("1 of 1 runs hung: ")
+    assert told["Crashing"].startswith("1 of 1 runs crashed: ")
+    assert "RandomRoads" not in told
+    short = endings_in_short(states)
+    assert "NeverReturning (hung in 1 of 1 runs)" in short
+    assert "Crashing (crashed in 1 of 1 runs)" in short
+    assert "RandomRoads" not in short
+    assert everybody[0].comparison().notes[0] == short
+    assert endings_in_short([one for one in states if one.run.entrant.name == "random"]) == ""
 
 
 def test_a_phase_of_a_fifth_of_the_budget_is_exactly_that(

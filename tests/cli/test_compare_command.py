@@ -96,7 +96,7 @@ def test_the_table_says_medians_and_what_can_be_said(frenetic: Frenetic) -> None
 def test_the_order_and_what_it_is_worth_are_said(frenetic: Frenetic) -> None:
     answer = frenetic("compare", "runs")
     lines = answer.out.splitlines()
-    assert lines[-2].startswith("Order by distinct failures per 100 simulations (mean rank): 1. ")
+    assert lines[-2].startswith("Order by distinct failures per 100 simulations (median): 1. ")
     assert lines[-1].startswith("Too few repeats to tell")
 
 

@@ -160,9 +160,16 @@ class MeasureComparison:
 
     @cached_property
     def places(self) -> Mapping[str, int]:
-        """Name of a group -> its place by mean rank, from 1; groups of equal mean rank share it."""
-        found = places([round(rank, 9) for rank in self.mean_ranks.values()])
-        return MappingProxyType(dict(zip(self.mean_ranks, found, strict=True)))
+        """Name of a group -> its place from 1, by the median and among equal ones by the mean rank.
+
+        Groups that have both alike share a place.
+        """
+        sign = -1.0 if self.measure.more_is_better else 1.0
+        scores = [
+            (sign * self.quartiles(name).median, round(rank, 9))
+            for name, rank in self.mean_ranks.items()
+        ]
+        return MappingProxyType(dict(zip(self.mean_ranks, places(scores), strict=True)))
 
     def said(self, pair: PairComparison) -> str:
         """The verdict on two groups in words of this measure, such as "a finds more than b"."""
@@ -173,7 +180,7 @@ class MeasureComparison:
 
     @property
     def order(self) -> tuple[str, ...]:
-        """The groups by mean rank, the best first."""
+        """The groups by place, the best first."""
         return tuple(sorted(self.values, key=lambda name: self.places.get(name, 1)))
 
     def pairs_of(self, group: str) -> tuple[PairComparison, ...]:

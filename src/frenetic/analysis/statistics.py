@@ -295,8 +295,11 @@ def mean_ranks(groups: Sequence[npt.ArrayLike]) -> list[float]:
     return [float(part.mean()) for part in parts]
 
 
-def places(scores: Sequence[float]) -> list[int]:
-    """Places from 1 by score, the lowest first; equal scores share the better place: 1, 1, 3."""
+def places(scores: Sequence[tuple[float, ...]]) -> list[int]:
+    """Places from 1 by score, the lowest first; equal scores share the better place: 1, 1, 3.
+
+    Later numbers of a score count among those of equal earlier ones.
+    """
     return [1 + sum(other < score for other in scores) for score in scores]
 
 

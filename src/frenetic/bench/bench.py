@@ -255,7 +255,8 @@ class Bench:
             comparison = compare_measured(measured)
         else:
             comparison = compare(ordered)
-        return replace(comparison, notes=(*comparison.notes, *unusual_endings(self.states())))
+        short = endings_in_short(self.states())
+        return replace(comparison, notes=(*([short] if short else []), *comparison.notes))
 
     def words(self) -> list[str]:
         """The command line that repeats the bench; its driver and simulator need names."""
@@ -329,23 +330,41 @@ class Bench:
         )
 
 
-def unusual_endings(states: Sequence[RunState]) -> list[str]:
-    """Notes on runs that did not end by their budget, a sentence per entrant."""
-    found: list[str] = []
-    for name in dict.fromkeys(state.run.entrant.name for state in states):
-        runs = [state for state in states if state.run.entrant.name == name]
+def unusual_endings(states: Sequence[RunState]) -> dict[str, str]:
+    """Name of each entrant with runs that did not end by the budget -> how, with the reasons."""
+    found: dict[str, str] = {}
+    for name, runs in _by_entrant(states).items():
         reasons = Counter(
             "not run" if state.ending is None else str(state.ending)
             for state in runs
             if state.ending is None or state.ending.end is not End.OVER
         )
-        if reasons:
-            told = "; ".join(f"{count} {reason}" for reason, count in reasons.most_common(3))
-            found.append(
-                f"{reasons.total()} of {len(runs)} runs of {name} did not end by the budget: {told}"
-            )
+        told = [f"{count} of {len(runs)} runs {why}" for why, count in reasons.most_common(3)]
         if threads := sum(state.ending.threads for state in runs if state.ending is not None):
-            found.append(f"{name} left {threads} threads running.")
+            told.append(f"{threads} threads left running")
+        if told:
+            found[name] = "; ".join(told)
+    return found
+
+
+def endings_in_short(states: Sequence[RunState]) -> str:
+    """The entrants some of whose runs did not end by the budget, in a line; empty if none."""
+    told = []
+    for name, runs in _by_entrant(states).items():
+        ends = Counter(
+            "not run" if state.ending is None else str(state.ending.end) for state in runs
+        )
+        ends.pop(End.OVER, None)
+        if ends:
+            kinds = " and ".join(f"{end} in {count}" for end, count in ends.most_common())
+            told.append(f"{name} ({kinds} of {len(runs)} runs)")
+    return f"Ended before the budget: {', '.join(told)}" if told else ""
+
+
+def _by_entrant(states: Sequence[RunState]) -> dict[str, list[RunState]]:
+    found: dict[str, list[RunState]] = {}
+    for state in states:
+        found.setdefault(state.run.entrant.name, []).append(state)
     return found
 
 

@@ -217,8 +217,10 @@ def print_comparison(comparison: Comparison, *, with_all: bool = False) -> None:
         telling = [comparison.headline]
     _print_pairs(telling, several=len(comparison.groups) > 2)
     by = comparison.headline
-    order = ", ".join(f"{by.places[n]}. {n} ({by.mean_ranks[n]:.1f})" for n in by.order)
-    click.echo(f"Order by {by.measure.title} (mean rank): {order}")
+    order = ", ".join(
+        f"{by.places[n]}. {n} ({by.measure.text(by.quartiles(n).median)})" for n in by.order
+    )
+    click.echo(f"Order by {by.measure.title} (median): {order}")
     click.echo(verdict(comparison))
 
 

@@ -40,10 +40,15 @@ MOST_TILES: Final = 8
 _STATISTICS: Final = (
     Fact("median, quartiles", "Half of a group's campaigns lie between the quartiles."),
     Fact(
+        "order",
+        "All tables and charts list the groups by the median of the main measure. Of equal medians"
+        " the better mean rank comes first.",
+    ),
+    Fact(
         "mean rank",
         "All campaigns of all groups are put in one order: the best has rank 1, equal ones share"
         " the mean of their ranks. Then the mean over a group's campaigns: these are the ranks of"
-        " which the Kruskal-Wallis test is made. Groups of equal mean rank share a place.",
+        " which the Kruskal-Wallis test is made.",
     ),
     Fact(
         "A12",

@@ -228,9 +228,9 @@ def _ranks(
             )
             for group in groups
         ),
-        "Place by mean rank, and under it the mean rank of the group's campaigns among all"
-        f" {sum(map(len, comparison.groups.values()))} campaigns; 1 is the best. A place says"
-        " nothing of whether a difference is more than chance: see the pairs.",
+        "Place by median; equal medians by the mean rank of the group's campaigns among all"
+        f" {sum(map(len, comparison.groups.values()))} campaigns, which stands beneath; 1 is the"
+        " best. A place says nothing of whether a difference is more than chance: see the pairs.",
     )
 
 
