@@ -11,13 +11,17 @@ import importlib
 import json
 import os
 import pkgutil
+import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import traceback
 import types
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing import util
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -127,14 +131,18 @@ def _serve() -> None:
     gc.collect()
     gc.freeze()  # or each fork would look through all of this when it ends
     for line in sys.stdin:
-        with warnings.catch_warnings():
-            # Python 3.12 warns of threads; those of the linear algebra library are idle.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            child = os.fork()
+        child = _fork()
         if child == 0:
             _do(**json.loads(line))
         sys.stdout.write(f"{os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])}\n")
         sys.stdout.flush()
+
+
+def _fork() -> int:
+    with warnings.catch_warnings():
+        # Python 3.12 warns of threads; those of the linear algebra library are idle.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return os.fork()
 
 
 def _do(
@@ -157,8 +165,56 @@ def _do(
         code = "from frenetic.cli import main; main()"
     else:
         sys.argv = ["-c"]
+    _keep_a_fork_server_ready()
     exec(compile(code, "<string>", "exec"), main.__dict__)
     sys.exit()
+
+
+def _keep_a_fork_server_ready() -> None:
+    """Lets a fork of this process, as it is now, be the server from which workers are forked.
+
+    The interpreter that multiprocessing starts for it would load everything anew.
+    """
+    ours, theirs = socket.socketpair()
+    server = _fork()
+    if server == 0:
+        ours.close()
+        _become_fork_server(theirs)
+    theirs.close()
+    start = util.spawnv_passfds
+
+    def start_with_fork(path: bytes, args: Sequence[Any], passfds: Sequence[int]) -> int:
+        code = str(args[-1])
+        if "forkserver" not in code or ours.fileno() < 0:
+            return start(path, args, passfds)
+        socket.send_fds(ours, [json.dumps([code, list(passfds)]).encode()], list(passfds))
+        ours.close()
+        return server
+
+    util.spawnv_passfds = start_with_fork
+
+
+def _become_fork_server(asked: socket.socket) -> NoReturn:
+    """Runs the code that comes, with the files that come under the same numbers as there."""
+    try:
+        data, got, *_ = socket.recv_fds(asked, 1 << 16, 8)
+        if data:
+            code, wanted = json.loads(data)
+            out_of_the_way = [os.dup2(file, 500 + i) for i, file in enumerate(got)]
+            asked.close()
+            for file, number in zip(out_of_the_way, wanted, strict=True):
+                os.dup2(file, number)
+                os.close(file)
+            for file in set(got) - set(wanted):
+                os.close(file)
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # as Frenetic starts it
+            exec(code, {})
+    except SystemExit:  # its end
+        pass
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(0)
 
 
 if __name__ == "__main__":
