@@ -21,6 +21,7 @@ pytest_plugins = ["command_line"]
 ROAD: Final = {"curvatures": [0.0, 0.02, 0.03, 0.0, -0.02, -0.02, 0.0, 0.0]}
 ONE: Final = ("--workers", "1")
 CALLS: Final[dict[str, tuple[str, ...]]] = {
+    "init": ("mine.py",),
     "run": ("--simulations", "3", "--seed", "1", *ONE, "--out", "new"),
     "resume": ("c", "--simulations", "2", *ONE),
     "watch": ("c",),
@@ -47,6 +48,7 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Command -> its arguments, in a folder with a road and the campaigns c and d."""
 MISTAKES: Final[dict[str, tuple[str, ...]]] = {
+    "init": ("no-module.py",),
     "run": ("--simulations", "0"),
     "compare": ("nowhere", "nowhere"),
     "bench": ("--simulations", "0"),

@@ -1,0 +1,56 @@
+"""A first driver of one's own, written as files to edit."""
+
+from __future__ import annotations
+
+import keyword
+import re
+import sys
+from importlib.resources import files
+from pathlib import Path
+from typing import Final
+
+from frenetic._support.files import write_file
+from frenetic.errors import FreneticError
+
+_MODULE: Final = "my_driver"
+_CLASS: Final = "MyDriver"
+
+
+def write_driver(path: Path) -> tuple[Path, Path, str]:
+    """Writes a driver that is ready to edit, and its test beside it.
+
+    Args:
+        path: a new file of a name that Python can import, such as ``my_driver.py``.
+
+    Returns:
+        The driver's file, the test's file, and the name of the driver's class.
+
+    Raises:
+        FreneticError: the name cannot be imported, or a file exists or cannot be written.
+    """
+    module = path.stem
+    if path.suffix != ".py" or not module.isidentifier() or keyword.iskeyword(module):
+        raise FreneticError(
+            f"{path.name} is no name of a Python module: letters, digits and _ before .py are"
+            f" allowed, such as {_MODULE}.py"
+        )
+    if module in sys.stdlib_module_names or module == "frenetic":
+        raise FreneticError(f"a module named {module} is there already: choose another name")
+    name = "".join(word[:1].upper() + word[1:] for word in module.split("_")) or _CLASS
+    test = path.with_name(f"test_{path.name}")
+    for file in (path, test):
+        if file.exists():
+            raise FreneticError(f"{file} exists and is not replaced: choose another name")
+    for file in (path, test):
+        template = files("frenetic.testing.templates").joinpath(
+            f"{_MODULE}.py" if file == path else f"test_{_MODULE}.py"
+        )
+        text = template.read_text(encoding="utf-8")
+        text = re.sub(rf"\b{_MODULE}\b", module, text)
+        write_file(
+            file,
+            re.sub(rf"\b{_CLASS}\b", name, text),
+            remedy="choose another place",
+            parents=True,
+        )
+    return path, test, name

@@ -1,0 +1,1 @@
+"""Files that `frenetic init` writes for its user to edit."""

@@ -1,0 +1,68 @@
+"""`frenetic init`: the files that it writes work, and nothing is replaced."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+
+def test_the_driver_passes_its_test_and_most_roads(frenetic: Frenetic) -> None:
+    told = frenetic("init", "parts/lane_keeper.py")
+    assert "lane_keeper.py:LaneKeeper" in told.out
+    assert "pytest" in told.out
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", "parts"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "5 passed" in done.stdout
+    ended = frenetic(
+        *("run", "--driver", "parts/lane_keeper.py:LaneKeeper", "--driver-option", "sight=30"),
+        *("--strategy", "random", "--simulations", "8", "--seed", "1", "--workers", "1", "--json"),
+    )
+    assert ended.json["passed"] >= 5
+
+
+def test_a_search_finds_where_it_fails(frenetic: Frenetic) -> None:
+    frenetic("init")
+    ended = frenetic(
+        *("run", "--driver", "my_driver.py:MyDriver", "--failures", "1", "--simulations", "400"),
+        *("--seed", "1", "--workers", "1", "--json"),
+    )
+    assert ended.json["failed"] == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("my-driver.py", "my-driver.py is no name"),
+        ("class.py", "class.py is no name"),
+        ("driver", "driver is no name"),
+        ("json.py", "a module named json"),
+        ("frenetic.py", "a module named frenetic"),
+    ],
+)
+def test_a_name_that_cannot_be_imported_is_a_mistake(
+    frenetic: Frenetic, file: str, words: str
+) -> None:
+    assert frenetic("init", file).refuses(words)
+    assert not list(Path().iterdir())
+
+
+@pytest.mark.parametrize("there", ["my_driver.py", "test_my_driver.py"])
+def test_nothing_is_replaced(frenetic: Frenetic, there: str) -> None:
+    Path(there).write_text("mine")
+    assert frenetic("init").refuses(f"{there} exists")
+    assert [path.name for path in Path().iterdir()] == [there]
+    assert Path(there).read_text() == "mine"
