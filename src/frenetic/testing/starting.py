@@ -43,7 +43,7 @@ def write_driver(path: Path) -> tuple[Path, Path, str]:
             raise FreneticError(f"{file} exists and is not replaced: choose another name")
     for file in (path, test):
         template = files("frenetic.testing.templates").joinpath(
-            f"{_MODULE}.py" if file == path else f"test_{_MODULE}.py"
+            f"{_MODULE}.py" if file == path else f"test_{_MODULE}.txt"  # imports what is not there
         )
         text = template.read_text(encoding="utf-8")
         text = re.sub(rf"\b{_MODULE}\b", module, text)
