@@ -148,7 +148,7 @@ def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
         ("StatsBreaker", End.OVER, "", SIMULATIONS),
         ("Crashing", End.CRASHED, "", 3),
         ("Exiting", End.EXIT, "exit code 7", None),
-        ("NeverReturning", End.HUNG, "no test for 8 s", 2),
+        ("NeverReturning", End.HUNG, "no test for 8 s, with 288 s of its budget left", 2),
         ("Stubborn", End.OVER, "", SIMULATIONS),
         ("Threads", End.RETURNED, "", 4),
         ("Old2021", End.RETURNED, "", SIMULATIONS // 2),

@@ -9,6 +9,7 @@ import json
 import math
 from itertools import combinations, pairwise
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -433,6 +434,14 @@ def test_nodes_are_four_numbers_each_or_refused(nodes: list[list[float]]) -> Non
     else:
         with pytest.raises(RoadError):
             RoadPoints.from_nodes(nodes)
+
+
+def test_a_road_is_drawn_on_axes_by_its_lines() -> None:
+    axes = MagicMock()
+    road = RoadTest(BEND, 1).get_road_polygon().road_points
+    road.plot_on_ax(axes)
+    drawn = [list(zip(*call.args, strict=True)) for call in axes.plot.call_args_list]
+    assert drawn == [road.middle, road.left, road.right]
 
 
 def test_the_box_of_the_map() -> None:

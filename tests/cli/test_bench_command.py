@@ -142,6 +142,12 @@ def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path:
     assert kept[2]["options"] == {"threshold": -0.2, "cross_num": 4}
 
 
+def test_recipes_are_listed_with_what_they_need(frenetic: Frenetic) -> None:
+    assert "pymoo==0.6.1" in frenetic("bench", "--recipes").out
+    listed = frenetic("bench", "--recipes", "--json").json
+    assert {"optangle-2024", "crag-2023", "deeper-2021"} <= {one["name"] for one in listed}
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -162,6 +168,11 @@ def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path:
         (["--generator", "wiggly", "--path", "."], ["'wiggly' is not", "add the class"]),
         (["--strategy", "random", "--copy", "."], ["random is a strategy", "no copy"]),
         (["--generator", "wiggly.py:Wiggly", "--copy", "no"], ["there is no folder 'no'"]),
+        (["--recipe", "optangle"], ["no recipe 'optangle'", "did you mean 'optangle-2024'"]),
+        (["--recipe", "optangle-2024"], ["OptAngle 2024 has to be there", "branch tools24"]),
+        (["--recipe", "optangle-2024", "--path", "."], ["optangle.py is not there"]),
+        (["--recipe", "rigaa-2023", "--path", "."], ["--seconds-per-test 40"]),
+        (["--recipe", "crag-2024", "--path", ".", "--copy", "."], ["without --copy"]),
         (["--simulations", "5", "--time", "2h"], ["--simulations and --time exclude"]),
         (["--time", "10s"], ["allows 0.278 tests", "1 to 10000000"]),
         (["--list", "--strategy", "random"], ["--list without --out"]),

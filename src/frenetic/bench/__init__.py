@@ -13,6 +13,7 @@ from frenetic._support.lazy import lazy_names
 if TYPE_CHECKING:
     from frenetic.bench.bench import Bench, BenchProgress, new_folder, read_bench
     from frenetic.bench.entrants import Entrant
+    from frenetic.bench.recipes import RECIPES, Recipe, find_recipe
     from frenetic.bench.runs import Run, RunEnd, RunState, Terms, run_entrant
     from frenetic.bench.strategy import End, Ending
 
@@ -21,21 +22,25 @@ __getattr__ = lazy_names(
     {
         "frenetic.bench.bench": ("Bench", "BenchProgress", "new_folder", "read_bench"),
         "frenetic.bench.entrants": ("Entrant",),
+        "frenetic.bench.recipes": ("RECIPES", "Recipe", "find_recipe"),
         "frenetic.bench.runs": ("Run", "RunEnd", "RunState", "Terms", "run_entrant"),
         "frenetic.bench.strategy": ("End", "Ending"),
     },
 )
 
 __all__ = [
+    "RECIPES",
     "Bench",
     "BenchProgress",
     "End",
     "Ending",
     "Entrant",
+    "Recipe",
     "Run",
     "RunEnd",
     "RunState",
     "Terms",
+    "find_recipe",
     "new_folder",
     "read_bench",
     "run_entrant",

@@ -201,7 +201,11 @@ class GeneratorStrategy:
         if message is not None:
             self._clock.computing += _seconds(message, time.monotonic() - self._since)
         if message is None:
-            self.ending = Ending(End.HUNG, f"it asked for no test for {limit:.3g} s")
+            left = max(0.0, self._clock.budget - self._clock.spent)
+            self.ending = Ending(
+                End.HUNG,
+                f"it asked for no test for {limit:.3g} s, with {left:.3g} s of its budget left",
+            )
         elif message.get("kind") == "end":
             self.ending = self._ending_of(message)
             message = None

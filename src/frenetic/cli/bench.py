@@ -42,10 +42,10 @@ SEED: Final = 1
 
 _ENTRANTS: Final = "Who takes part"
 _PLACES: Final = ("path", "copy", "python")
-_OPENING: Final = ("generator", "strategy")
+_OPENING: Final = ("generator", "strategy", "recipe")
 _OF_ENTRANT: Final = ("path", "copy", "name", "options", "python")
 _FIXED: Final = (
-    *("generator", "strategy", *_OF_ENTRANT, "simulations", "seconds", "repeats", "seed"),
+    *(*_OPENING, *_OF_ENTRANT, "simulations", "seconds", "repeats", "seed"),
     *("seconds_per_test", "count_computing", "patience", "records"),
 )
 """Options that begin a bench and stay when it is resumed."""
@@ -73,16 +73,34 @@ class _AskedEntrant:
     """An entrant on the command line."""
 
     spec: str
+    """Of a generator or strategy, or name of a recipe."""
     is_strategy: bool
+    is_recipe: bool = False
     may_be_generator: bool = False
     """Whether a path or the like would show that it is a generator, whose class is missing."""
     given: dict[str, str] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
 
-    def entrant(self) -> Entrant:
-        """The entrant."""
-        from frenetic.bench import Entrant
+    def entrant(self, seconds_per_test: float) -> Entrant:
+        """The entrant of a bench, in which a drive costs so much."""
+        from frenetic.bench import Entrant, find_recipe
 
+        if self.is_recipe:
+            recipe = find_recipe(self.spec)
+            if "path" not in self.given:
+                raise FreneticError(
+                    f"{recipe.title} has to be there: give --path, a folder with the files of"
+                    f" {recipe.source}"
+                )
+            if "copy" in self.given or self.options:
+                raise FreneticError(f"{recipe.title} comes with a recipe: without --copy, --option")
+            recipe.check(seconds_per_test)
+            python = self.given.get("python")
+            return recipe.entrant(
+                Path(self.given["path"]),
+                python=None if python is None else Path(python),
+                name=self.given.get("name"),
+            )
         places = {name: Path(self.given[name]) for name in _PLACES if name in self.given}
         return Entrant(
             name=self.given.get("name", self._name()),
@@ -118,6 +136,15 @@ class _AskedEntrant:
     group=_ENTRANTS,
     help="A search strategy, by name or package.module:Class; may be repeated."
     " [default: all built-in ones, without a --generator]",
+)
+@click.option(
+    "--recipe",
+    multiple=True,
+    metavar="R",
+    cls=GroupedOption,
+    group=_ENTRANTS,
+    help="A published generator, as --recipes lists them, with the folder of its repository's files"
+    " as --path; may be repeated.",
 )
 @click.option(
     "--path",
@@ -232,6 +259,12 @@ class _AskedEntrant:
     is_flag=True,
     help="List the runs of the bench in the folder --out, or else who can take part by name.",
 )
+@click.option(
+    "--recipes",
+    "lists_recipes",
+    is_flag=True,
+    help="List the published generators, and their needs.",
+)
 @json_option
 @click.pass_context
 def bench(
@@ -241,6 +274,7 @@ def bench(
     out: Path | None,
     resume: bool,
     as_list: bool,
+    lists_recipes: bool,
     as_json: bool,
     **asked: Any,
 ) -> None:
@@ -252,6 +286,9 @@ def bench(
     """
     from frenetic.bench import Bench
 
+    if lists_recipes:
+        _list_recipes(as_json)
+        return
     if as_list and out is None:
         _refuse_given(context, "--list without --out lists who can take part by name")
         _list_names(as_json)
@@ -278,13 +315,14 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
 
     if asked["simulations"] is not None and asked["seconds"] is not None:
         raise click.UsageError("--simulations and --time exclude each other: both are the budget")
-    entrants = tuple(one.entrant() for one in _asked_entrants(context.meta[__name__]))
+    cost = asked["seconds_per_test"]
+    with as_usage_error():
+        entrants = tuple(one.entrant(cost) for one in _asked_entrants(context.meta[__name__]))
     if not entrants:
         entrants = tuple(
             Entrant(name=entry.name, spec=entry.name, is_strategy=True)
             for entry in STRATEGIES.entries()
         )
-    cost = asked["seconds_per_test"]
     spec = asked_spec(context, {name: asked[name] for name in drive_options()})
     with as_usage_error():
         return Bench(
@@ -312,10 +350,12 @@ def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]
                 yield entrant
             is_named = name == "generator" and ":" not in value
             is_strategy = name == "strategy" or (is_named and not set(value) & set("./\\"))
-            entrant = _AskedEntrant(value, is_strategy, may_be_generator=is_named)
+            entrant = _AskedEntrant(value, is_strategy, name == "recipe", is_named)
         elif entrant is None:
             option = "option" if name == "options" else name
-            raise click.UsageError(f"--{option} belongs after the --generator or --strategy")
+            raise click.UsageError(
+                f"--{option} belongs after the --generator, --strategy or --recipe"
+            )
         elif name == "options":
             key, setting = Setting().convert(value, None, None)
             entrant.options[key] = setting
@@ -461,6 +501,19 @@ def _list_names(as_json: bool) -> None:
         [(entry.name, entry.target, entry.summary or entry.origin) for entry in entries],
     )
     click.echo("Others: --generator package.module:Class or path/to/file.py:Class")
+
+
+def _list_recipes(as_json: bool) -> None:
+    from frenetic.bench import RECIPES
+
+    if as_json:
+        click.echo(json.dumps([one.as_json() for one in RECIPES.values()]))
+        return
+    print_table(
+        ("recipe", "files of", "needs"),
+        [(one.name, one.source, one.needs or "") for one in RECIPES.values()],
+    )
+    click.echo("Take part: --recipe NAME --path FOLDER --python INTERPRETER")
 
 
 def _list_runs(states: Sequence[RunState], as_json: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,13 @@ class RoadPoints:
     def from_nodes(cls, nodes: Iterable[Node]) -> RoadPoints:
         """Return the lines of a road whose nodes are x, y, height and width in m."""
         return cls(nodes)
+
+    def plot_on_ax(self, ax: Any) -> None:
+        """Draw the three lines on Matplotlib's axes, with equal scales."""
+        for line, colour in ((self.middle, "gold"), (self.left, "white"), (self.right, "white")):
+            ax.plot(*np.transpose(line), color=colour)
+        ax.set_facecolor("darkseagreen")
+        ax.set_aspect("equal", adjustable="datalim")
 
 
 def _table(nodes: list[tuple[float, ...]]) -> FloatArray:
