@@ -16,7 +16,7 @@ ensure_kernel_cache()  # before anything imports numba
 moved.install()
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord
+    from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord, evaluate
     from frenetic.drivers import (
         BeamngAi,
         Controls,
@@ -49,7 +49,14 @@ if TYPE_CHECKING:
 __getattr__ = lazy_names(
     __name__,
     {
-        "frenetic.campaign": ("Budget", "Campaign", "CampaignStore", "Summary", "TestRecord"),
+        "frenetic.campaign": (
+            "Budget",
+            "Campaign",
+            "CampaignStore",
+            "Summary",
+            "TestRecord",
+            "evaluate",
+        ),
         "frenetic.drivers": (
             "BeamngAi",
             "Controls",
@@ -128,6 +135,7 @@ __all__ = [
     "data_frame",
     "draw_drive",
     "draw_road",
+    "evaluate",
     "judge",
 ]
 

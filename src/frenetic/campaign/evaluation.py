@@ -10,10 +10,54 @@ import numpy as np
 
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import TestRecord
-from frenetic.search.records import Evaluation, Trace
-from frenetic.simulators.drive import Trajectory
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search.records import Candidate, Evaluation, Trace
+from frenetic.simulators.drive import Drive, Trajectory
 
 _END: Final = 1e-3  # [s] after the end of a drive, for the rounding of its times
+
+
+def evaluate(
+    candidate: Candidate,
+    road: Road | None,
+    drive: Drive | None,
+    *,
+    budget_spent: float = 0.0,
+    objective: str = MOOBD,
+) -> Evaluation:
+    """The evaluation of a candidate, for whoever asks and tells a strategy without a campaign.
+
+    Args:
+        candidate: from the strategy.
+        road: the candidate's road as it was driven.
+        drive: of that road; None if it is INVALID, so that nothing was driven.
+        budget_spent: share of the budget, 0..1, after this drive.
+        objective: name of what the strategy minimises, see `frenetic.campaign.objective`.
+
+    Raises:
+        CampaignError: the objective has no value for the drive.
+        FreneticError: the objective cannot be loaded.
+    """
+    if road is None or drive is None:
+        return Evaluation(candidate, Outcome.INVALID, None, budget_spent)
+    result = judge(road, drive)
+    if not result.outcome.is_driven:
+        return Evaluation(candidate, result.outcome, None, budget_spent, duration=result.duration)
+    severity = None if objective == MOOBD else Objective.load(objective).severity(road, drive)
+    departure, path = result.departure, drive.trajectory
+    return Evaluation(
+        candidate,
+        result.outcome,
+        result.moobd,
+        budget_spent,
+        place=result.moobd_distance if departure is None else departure.distance,
+        side=None if departure is None else departure.side,
+        duration=result.duration,
+        objective=severity,
+        read_trace=lambda: _trace_of(road, path, result.duration),
+    )
 
 
 def evaluation_of(
@@ -52,6 +96,10 @@ def evaluation_of(
 def _trace(record: TestRecord, path: Trajectory | None) -> Trace | None:
     if path is None or not record.outcome.is_driven:
         return None
-    end = np.inf if record.duration is None else record.duration + _END
+    return _trace_of(record.road, path, record.duration)
+
+
+def _trace_of(road: Road, path: Trajectory, duration: float | None) -> Trace:
+    end = np.inf if duration is None else duration + _END
     n = int(np.searchsorted(path.time, end))
-    return Trace.along(record.road, np.column_stack((path.x[:n], path.y[:n])), path.speed[:n])
+    return Trace.along(road, np.column_stack((path.x[:n], path.y[:n])), path.speed[:n])

@@ -1,0 +1,82 @@
+"""Asking and telling by hand, as a campaign does it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import frenetic
+from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Outcome, evaluate
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import Objective
+from frenetic.errors import FreneticError
+from frenetic.search import Origin
+
+SIMULATIONS = 40
+DRIVER = frenetic.Planner(aggression=1.1)
+
+
+def by_hand(strategy: frenetic.Strategy) -> list[Evaluation]:
+    """What a loop of one's own tells."""
+    simulator = frenetic.EmbeddedSimulator()
+    told: list[Evaluation] = []
+    driven = 0
+    while driven < SIMULATIONS:
+        candidate = strategy.ask()
+        road, verdict = frenetic.Road(candidate.curvatures, candidate.step).placed()
+        drive = simulator.drive(road, DRIVER) if road is not None and verdict.valid else None
+        driven += drive is not None
+        told.append(evaluate(candidate, road, drive, budget_spent=driven / SIMULATIONS))
+        strategy.tell(told[-1])
+    return told
+
+
+def test_a_loop_of_ones_own_finds_what_a_campaign_finds(tmp_path: Path) -> None:
+    campaign = Campaign(
+        strategy=frenetic.Frenetic2021(seed=4),
+        simulator=frenetic.EmbeddedSimulator(),
+        driver=DRIVER,
+        budget=Budget(simulations=SIMULATIONS),
+        folder=tmp_path / "c",
+    )
+    campaign.run()
+    told = by_hand(frenetic.Frenetic2021(seed=4))
+    with CampaignStore.open(tmp_path / "c") as store:
+        records = list(store.tests(with_trajectory=True))
+    assert len(records) == len(told)
+    assert {Outcome.PASS, Outcome.FAIL} <= {one.outcome for one in told}
+    for record, mine in zip(records, told, strict=True):
+        theirs = evaluation_of(record, lambda: record.trajectory, Objective.load("moobd"))  # noqa: B023
+        assert replace(theirs, candidate=mine.candidate) == mine
+        np.testing.assert_array_equal(record.candidate.curvatures, mine.candidate.curvatures)
+        assert (theirs.trace is None) == (mine.trace is None)
+        if theirs.trace is not None and mine.trace is not None:
+            for name in ("distance", "lateral_offset", "speed"):
+                a, b = getattr(theirs.trace, name), getattr(mine.trace, name)
+                np.testing.assert_allclose(a, b, rtol=0.0, atol=1e-3)  # rounded in the database
+
+
+def test_what_was_not_driven_or_broke_has_no_moobd() -> None:
+    candidate = Candidate(1, np.zeros(5), 10.0, Origin("mine"))
+    road = frenetic.Road(candidate.curvatures, 10.0)
+    invalid = evaluate(candidate, None, None, budget_spent=0.5)
+    assert (invalid.outcome, invalid.moobd, invalid.budget_spent) == (Outcome.INVALID, None, 0.5)
+    drive = frenetic.EmbeddedSimulator().drive(road, DRIVER)
+    broken = evaluate(candidate, road, frenetic.Drive(drive.trajectory, error="it broke"))
+    assert (broken.outcome, broken.moobd, broken.trace) == (Outcome.ERROR, None, None)
+
+
+def test_an_objective_has_its_value_and_an_unknown_one_is_a_mistake() -> None:
+    candidate = Candidate(1, np.array([0.0, 0.03, 0.04, 0.03, 0.0]), 10.0, Origin("mine"))
+    road = frenetic.Road(candidate.curvatures, 10.0)
+    drive = frenetic.EmbeddedSimulator().drive(road, DRIVER)
+    accelerated = evaluate(candidate, road, drive, objective="lateral-acceleration")
+    expected = Objective.load("lateral-acceleration").severity(road, drive)
+    assert expected is not None
+    assert accelerated.severity == expected < 0.0
+    assert evaluate(candidate, road, drive).severity == accelerated.moobd
+    with pytest.raises(FreneticError, match="nothing"):
+        evaluate(candidate, road, drive, objective="nothing")
