@@ -105,6 +105,7 @@ def campaign(
     competition_filled: frozenset[Cell] = frozenset(),
     generator_seconds: float | None = None,
     pairwise_diversity: float = -math.inf,
+    min_moobd: float | None = None,
 ) -> CampaignMeasures:
     curve = np.zeros(simulations + 1, dtype=np.int64)
     if failures:
@@ -124,6 +125,7 @@ def campaign(
         competition_filled=competition_filled,
         generator_seconds=generator_seconds,
         pairwise_diversity=pairwise_diversity,
+        min_moobd=min_moobd,
     )
 
 
@@ -155,6 +157,16 @@ def test_never_failing_is_worse_than_any_failure() -> None:
     assert found.pairs[0].a12 == 0.0
     assert found.pairs[0].verdict is Verdict.SECOND_IS_BETTER
     assert found.quartiles("never").median == math.inf
+
+
+def test_searches_of_a_driver_that_never_fails_differ_in_how_near_they_bring_it() -> None:
+    near = tuple(campaign(0, math.inf, min_moobd=0.3 + 0.01 * i) for i in range(5))
+    far = tuple(campaign(0, math.inf, min_moobd=0.9 + 0.01 * i) for i in range(5))
+    by = compare_measured({"near": near, "far": far}).by("min_moobd")
+    assert by.said(by.pairs[0]) == "near has less than far"
+    assert by.text("near") == "0.32 (0.31 to 0.33)"
+    without = compare_measured({"near": near, "empty": group(0, 0, 0, 0, 0)})
+    assert all(one.measure.name != "min_moobd" for one in without.measures)
 
 
 @pytest.mark.parametrize("repeats", [1, 4])

@@ -414,6 +414,19 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
                 is_main=False,
             ),
             Measure(
+                "min_moobd",
+                "lowest MOOBD",
+                "Lowest minimum oob distance of all drives: how near to failing, or beyond, a"
+                " driver was brought. The one measure that tells searches apart where none fails.",
+                "-inf..2",
+                "lowest MOOBD",
+                Topic.SOON,
+                unit="m",
+                more_is_better=False,
+                decimals=2,
+                is_main=False,
+            ),
+            Measure(
                 "invalid_share",
                 "invalid share",
                 "Refused roads divided by all roads tested.",

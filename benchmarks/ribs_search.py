@@ -1,0 +1,262 @@
+"""MAP-Elites, CMA-MAE and CMA-ES of pyribs over our roads: peers for a bench.
+
+    pip install "frenetic-roads[peers]"
+    frenetic bench --strategy benchmarks/ribs_search.py:RibsSearch --option algorithm=cma-mae \
+        --strategy frenetic
+
+pyribs (PyPI: ribs) is the library of quality diversity algorithms. Its archives and emitters run
+here as they are, on the terms of our own strategies: curvature values every 10 m, a road that does
+not fit the map or is invalid is refused before it is driven and costs no simulation, the first 30
+roads are random, and what is told is what every strategy is told. The defaults are pyribs' own or
+the best of a few lengths, axes, batches and spreads, tried with `planner` on seeds 101 to 106.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections import deque
+from typing import Any, Final
+
+import numpy as np
+from ribs.archives import GridArchive
+from ribs.emitters import EvolutionStrategyEmitter, IsoLineEmitter
+
+from frenetic._support.arrays import FloatArray
+from frenetic.analysis.features import FEATURES, HEADING_BINS
+from frenetic.analysis.segments import REACH, heading_range
+from frenetic.road import MAP_SIZE
+from frenetic.search import Candidate, Evaluation, Origin
+from frenetic.search.operators import CURVATURE_BOUND
+from frenetic.search.random_search import RANDOM, STEP, MapCheck, RandomRoads
+from frenetic.search.strategy import Ledger, options_of
+
+ALGORITHMS: Final = ("map-elites", "cma-mae", "cma-es")
+AXES: Final = ("direction_coverage", "max_curvature", "mean_speed", "mean_offset")
+"""Features that span the archive, with the ranges and bins of `FEATURES`.
+
+Of the published feature map, the standard deviation of steering is replaced by the mean speed,
+because strategies are told offsets and speeds, but no steering.
+"""
+REFUSED: Final = -1e3
+"""Objective in m of a road that is not driven."""
+MOST_BATCHES: Final = 50
+"""Batches of which every road is refused, before a random road is proposed."""
+
+
+class RibsSearch:
+    """A `Strategy` that lets pyribs choose the roads.
+
+    The solution is a fixed number of curvature values, the objective the negative MOOBD, and the
+    behaviour the features around the place where the car left its lane or came nearest to it.
+
+    ``map-elites`` keeps the worst road of each cell and varies it towards another one; ``cma-mae``
+    adapts a distribution to what improves a soft archive; ``cma-es`` adapts it to the objective
+    alone, which is pure exploitation.
+
+    Args:
+        seed: a whole number of at least 0.
+        map_size: m, side of the square map.
+        algorithm: one of `ALGORITHMS`.
+        values: curvature values of a road.
+        axes: features that span the archive, by commas.
+        random_roads: number of the first roads, which are random.
+        batch: roads between two looks at the archive; 0 for the usual number of CMA-ES.
+        iso_sigma: 1/m, standard deviation of MAP-Elites' noise.
+        line_sigma: standard deviation of its way towards another road, as a share.
+        sigma: 1/m, first standard deviation of CMA-ES.
+        learning_rate: of the thresholds of CMA-MAE's archive, 0..1.
+        threshold_min: m, objective from which CMA-MAE's archive takes roads.
+    """
+
+    def __init__(
+        self,
+        *,
+        seed: int,
+        map_size: float = MAP_SIZE,
+        algorithm: str = "map-elites",
+        values: int = 29,
+        axes: str = ",".join(AXES),
+        random_roads: int = 30,
+        batch: int = 0,
+        iso_sigma: float = 0.01,
+        line_sigma: float = 0.2,
+        sigma: float = 0.02,
+        learning_rate: float = 0.1,
+        threshold_min: float = -2.0,
+    ) -> None:
+        self.options = options_of(locals())
+        if algorithm not in ALGORITHMS:
+            raise ValueError(f"algorithm must be one of {', '.join(ALGORITHMS)}, got {algorithm!r}")
+        self._axes = tuple(FEATURES[name] for name in axes.split(","))
+        self._map_check = MapCheck(map_size, None)
+        self._roads = RandomRoads(
+            map_size=(values + 0.5) * STEP,
+            length_jitter=0,
+            max_length=values,
+            is_valid=self._map_check,
+            max_redraws=100,
+        )
+        seeds = np.random.SeedSequence(seed).generate_state(3)
+        self._rng = np.random.default_rng(seeds[0])
+        self._algorithm = algorithm
+        self._settings: dict[str, Any] = {
+            "batch_size": batch or 4 + int(3.0 * math.log(values)),
+            "bounds": [(-CURVATURE_BOUND, CURVATURE_BOUND)] * values,
+            "seed": int(seeds[1]),
+        }
+        self._iso_line = iso_sigma, line_sigma
+        self._sigma = sigma
+        soft: dict[str, Any] = {"learning_rate": learning_rate, "threshold_min": threshold_min}
+        self._archive = GridArchive(
+            solution_dim=values,
+            dims=[axis.bins for axis in self._axes],
+            ranges=[(axis.low, axis.high) for axis in self._axes],
+            seed=int(seeds[2]),
+            **(soft if algorithm == "cma-mae" else {}),
+        )
+        self._emitter: Any = None
+        self._first_roads = random_roads
+        self._driven = 0
+        self._best: tuple[float, FloatArray] | None = None
+        self._ledger = Ledger()
+        self._batch = _Batch(np.empty((0, values)), len(self._axes))
+        self._waiting: deque[int] = deque()
+        """Rows of the batch that are not proposed yet."""
+        self._rows: dict[int, tuple[_Batch, int]] = {}
+        """Id of an outstanding candidate -> its place in a batch."""
+
+    def keep_margin(self, margin: float) -> None:
+        """Takes only roads for valid that keep so many m from the map's edge."""
+        self._map_check.keep_margin(margin)
+
+    def ask(self) -> Candidate:
+        """The next road to try: random at first, and while results of a batch are missing."""
+        if self._driven >= self._first_roads and not self._waiting and not self._rows:
+            self._next_batch()
+        if not self._waiting:
+            return self._ledger.issue(self._roads.draw(self._rng), STEP, Origin(RANDOM))
+        row = self._waiting.popleft()
+        candidate = self._ledger.issue(self._batch.solutions[row], STEP, Origin(self._algorithm))
+        self._rows[candidate.id] = self._batch, row
+        return candidate
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Learns the result of a candidate.
+
+        Raises:
+            ValueError: see `Ledger.settle`.
+        """
+        candidate = self._ledger.settle(evaluation)
+        batch, row = self._rows.pop(candidate.id, (None, 0))
+        if evaluation.outcome.is_driven and evaluation.severity is not None:
+            self._driven += 1
+            objective, measures = -evaluation.severity, self._behaviour(evaluation, candidate)
+            if self._best is None or objective > self._best[0]:
+                self._best = objective, candidate.curvatures
+            if batch is None:
+                self._archive.add_single(candidate.curvatures, objective, measures)
+            else:
+                batch.objective[row], batch.measures[row] = objective, measures
+        if batch is not None and not self._waiting and not self._rows:
+            self._learn(batch)
+
+    def _next_batch(self) -> None:
+        """Lets the emitter draw roads until one is worth a drive."""
+        if self._emitter is None:
+            self._emitter = self._new_emitter()
+        for _ in range(MOST_BATCHES):
+            with warnings.catch_warnings():  # that bounds are tight: the validity check sees to it
+                warnings.simplefilter("ignore", UserWarning)
+                solutions = np.asarray(self._emitter.ask())
+            self._batch = _Batch(solutions, len(self._axes))
+            self._waiting.extend(
+                row
+                for row, solution in enumerate(self._batch.solutions)
+                if self._map_check(solution, STEP)
+            )
+            if self._waiting:
+                return
+            self._learn(self._batch)
+
+    def _new_emitter(self) -> Any:
+        if self._algorithm == "map-elites":
+            iso_sigma, line_sigma = self._iso_line
+            return IsoLineEmitter(
+                self._archive,
+                iso_sigma=iso_sigma,
+                line_sigma=line_sigma,
+                x0=self._best_road,
+                **self._settings,
+            )
+        return EvolutionStrategyEmitter(
+            self._archive,
+            x0=self._best_road,
+            sigma0=self._sigma,
+            ranker="imp" if self._algorithm == "cma-mae" else "obj",
+            selection_rule="mu",
+            restart_rule="basic",
+            **self._settings,
+        )
+
+    @property
+    def _best_road(self) -> FloatArray:
+        return np.zeros(self._archive.solution_dim) if self._best is None else self._best[1]
+
+    def _learn(self, batch: _Batch) -> None:
+        """Adds what was driven to the archive, and tells the emitter all."""
+        driven = np.flatnonzero(batch.objective > REFUSED)
+        info = {
+            "status": np.zeros(len(batch.objective), dtype=np.int32),
+            "value": batch.objective.copy(),
+        }
+        if len(driven):
+            added = self._archive.add(
+                batch.solutions[driven], batch.objective[driven], batch.measures[driven]
+            )
+            for name, values in info.items():
+                values[driven] = added[name]
+        if not self._archive.empty:
+            self._emitter.tell(batch.solutions, batch.objective, batch.measures, info)
+
+    def _behaviour(self, evaluation: Evaluation, candidate: Candidate) -> FloatArray:
+        """The features around the place, as `frenetic.analysis.features` defines them."""
+        length = (len(candidate.curvatures) - 1) * STEP
+        place = evaluation.place or 0.0
+        start, end = max(place - REACH, 0.0), min(place + REACH, length)
+        samples = np.arange(len(candidate.curvatures)) * STEP
+        inner = samples[(samples > start) & (samples < end)]
+        distances = np.concatenate([[start], inner, [end]])
+        curvatures = np.interp(distances, samples, candidate.curvatures)
+        found = {
+            "max_curvature": float(np.abs(curvatures).max()),
+            "direction_coverage": _direction_coverage(distances, curvatures),
+        }
+        if evaluation.trace is not None:
+            trace = evaluation.trace
+            inside = (trace.distance >= start) & (trace.distance <= end)
+            inside[np.argmin(np.abs(trace.distance - place))] = True
+            offset, speed = trace.lateral_offset[inside], trace.speed[inside]
+            found |= {
+                "mean_speed": float(speed.mean()),
+                "std_speed": float(speed.std()),
+                "mean_offset": float(offset.mean()),
+                "extreme_offset": float(offset[np.argmax(np.abs(offset))]),
+            }
+        return np.array([found.get(axis.name, 0.0) for axis in self._axes])
+
+
+class _Batch:
+    """Roads that an emitter drew together, and their results."""
+
+    def __init__(self, solutions: FloatArray, measures: int) -> None:
+        self.solutions = solutions
+        self.objective = np.full(len(solutions), REFUSED)
+        self.measures = np.zeros((len(solutions), measures))
+
+
+def _direction_coverage(distances: FloatArray, curvatures: FloatArray) -> float:
+    width = 2.0 * math.pi / HEADING_BINS
+    least, most = heading_range(distances, curvatures)
+    first, last = math.ceil(least / width - 0.5), math.floor(most / width + 0.5)
+    return min(last - first + 1, HEADING_BINS) / HEADING_BINS

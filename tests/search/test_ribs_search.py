@@ -1,0 +1,65 @@
+"""The peers of pyribs that take part in benches, see benchmarks/ribs_search.py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from frenetic.outcome import Outcome
+from frenetic.registry import STRATEGIES
+from frenetic.road import Road
+from frenetic.search.records import Evaluation, Trace
+from frenetic.testing import StrategyContract
+
+if TYPE_CHECKING:
+    from frenetic.search import Strategy
+
+SPEC = f"{Path(__file__).parents[2] / 'benchmarks' / 'ribs_search.py'}:RibsSearch"
+ALGORITHMS = ("map-elites", "cma-mae", "cma-es")
+
+
+def peer(algorithm: str, seed: int = 1, **options: object) -> Strategy:
+    strategy: Strategy = STRATEGIES.make_from(
+        SPEC, {"algorithm": algorithm, **options}, {"seed": seed, "map_size": 200.0}
+    )
+    return strategy
+
+
+class TestRibsSearch(StrategyContract):
+    def make(self, seed: int) -> Strategy:
+        return peer("cma-mae", seed, values=8)
+
+
+def search(strategy: Strategy, drives: int) -> list[tuple[str, float, bool]]:
+    """Origin, sum of |curvature| and validity of roads; the tighter a road, the lower its MOOBD."""
+    found = []
+    trace = Trace(np.array([95.0, 100.0]), np.array([0.5, 1.0]), np.array([9.0, 10.0]))
+    for _ in range(drives):
+        candidate = strategy.ask()
+        bent = float(np.abs(candidate.curvatures).sum())
+        _, verdict = Road(candidate.curvatures, candidate.step).placed(200.0, 10.0)
+        found.append((candidate.origin.operator, bent, verdict.valid))
+        moobd = 2.0 - bent
+        strategy.tell(
+            Evaluation(candidate, Outcome.PASS, moobd, 0.0, place=100.0, read_trace=lambda: trace)
+        )
+    return found
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_it_goes_where_the_driver_is_worse_and_proposes_valid_roads_only(algorithm: str) -> None:
+    found = search(peer(algorithm, values=12), 120)
+
+    assert [origin for origin, _, _ in found[:30]] == ["random"] * 30
+    assert {origin for origin, _, _ in found[30:]} == {algorithm}
+    assert all(valid for _, _, valid in found)
+    first, last = ([bent for _, bent, _ in part] for part in (found[:30], found[-60:]))
+    assert np.median(last) > np.median(first)
+
+
+def test_an_unknown_algorithm_is_refused() -> None:
+    with pytest.raises(Exception, match="algorithm must be one of map-elites, cma-mae, cma-es"):
+        peer("nsga")
