@@ -14,6 +14,9 @@ from typing import Any
 
 import pytest
 
+# As the command line does, before numpy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 HERE = Path(__file__).parent
 DURATIONS = HERE / "durations.txt"
 APART = ("test_docs.py", "test_compatibility.py")

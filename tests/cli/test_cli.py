@@ -716,6 +716,25 @@ def test_a_command_is_called_like_its_module() -> None:
                 assert row.target.partition(":")[0] == name.replace("-", "_")
 
 
+def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "road.json").write_text('{"curvatures": [0.0, 0.02, 0.0]}')
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    code = (
+        "from frenetic.cli import main\n"
+        "try: main(['validate', 'road.json'])\n"
+        "except SystemExit: pass\n"
+        "from threadpoolctl import threadpool_info\n"
+        "pools = [pool for pool in threadpool_info() if pool['user_api'] == 'blas']\n"
+        "assert {pool['num_threads'] for pool in pools} <= {1}, pools\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    assert frenetic("--version").code == 0
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_a_command_needs_nothing_that_takes_time(command: str) -> None:
     code = (

@@ -6,6 +6,7 @@ A command is imported when it runs, so ``frenetic --help`` starts at once.
 from __future__ import annotations
 
 import logging
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ __all__ = ["cli", "main"]
 
 logger = logging.getLogger(__name__)
 
+BLAS_THREADS: Final = "OPENBLAS_NUM_THREADS"
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 100}
 
 
@@ -109,6 +111,9 @@ class CommandTable(click.Group):
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Runs the command line; a user's mistake is one line on stderr and exit code 2."""
+    # Numpy reads it when it is imported. Matrices are small here, where threads that wait for each
+    # other take many times the processor's time, and workers have the other cores.
+    os.environ.setdefault(BLAS_THREADS, "1")
     try:
         with ending_in_order():
             code = cli.main(args=arguments, prog_name="frenetic", standalone_mode=False)
