@@ -426,3 +426,23 @@ def test_a_changed_objective_of_ones_own_is_refused(tmp_path: Path, driver_file:
     with pytest.raises(CampaignError, match=r"objective: objective\.py was changed"):
         searching(10).resume()
     assert searching(10).resume(accept_changed=True).simulations == 10
+
+
+def test_a_search_goes_on_from_what_another_version_of_it_began(tmp_path: Path) -> None:
+    def searching(name: str, simulations: int, seed: int) -> Campaign:
+        search = Frenetic(seed=seed, random_roads=5, random_budget=1.0)
+        return campaign(tmp_path / name, search, simulations=simulations)
+
+    for name in ("in steps", "at once"):
+        searching(name, 20, seed=1).run()
+    with pytest.raises(CampaignError, match="made with another strategy"):
+        searching("in steps", 30, seed=2).resume()
+    for simulations in (30, 40):
+        searching("in steps", simulations, seed=2).resume(accept_changed=True)
+    searching("at once", 40, seed=2).resume(accept_changed=True)
+    found = []
+    for name in ("in steps", "at once"):
+        with CampaignStore.open(tmp_path / name) as store:
+            found.append([record.candidate.curvatures.tobytes() for record in store.tests()])
+    assert len(set(found[0])) == 40
+    assert found[0] == found[1]

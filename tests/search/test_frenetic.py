@@ -25,6 +25,7 @@ from frenetic.search.approach import (
     nearest_square,
     road_around,
     states_before,
+    table_around,
 )
 from frenetic.search.archive import APART, LEFT, RIGHT, Archive, Place, places_of
 from frenetic.search.operators import CURVATURE_BOUND, random_curvatures
@@ -71,6 +72,36 @@ def test_thirty_random_roads_come_first_and_fewer_in_a_short_budget() -> None:
         candidate = brief.ask()
         assert (candidate.origin.operator == "random") or count > 4
         brief.tell(drive(candidate, -1.0, 50.0, spent=count / 20))
+
+
+def test_roads_that_are_out_count_among_the_first_ones() -> None:
+    for budget, least, most in ((1.0, 30, 32), (0.2, 20, 22)):
+        search = Frenetic(seed=1, random_budget=budget, random_share=0.0)
+        out: list[Candidate] = []
+        first = 0
+        for count in range(1, 61):
+            while len(out) < 16:
+                out.append(search.ask())
+                first += out[-1].origin.operator == "random"
+            search.tell(drive(out.pop(0), -1.0, 50.0, spent=count / 100))
+        assert least <= first <= most
+
+
+def test_a_child_avoids_the_failures_that_those_out_are_expected_to_be() -> None:
+    archive = Archive()
+    candidate = Frenetic(seed=1).ask()
+    (place, *_) = places_of(drive(candidate, -2.0, 120.0), candidate, -2.0)
+    archive.add(candidate, place)
+    for number in range(2, 100):
+        archive.expect(number, place.side, place.vector + number)
+        archive.expect(-number, RIGHT, place.vector - number)
+    expected = [place.vector + number for number in (0, *range(2, 100))]
+    np.testing.assert_array_equal(archive.failures(place.side), expected)
+    assert archive.add(candidate, place._replace(vector=place.vector + 2.0)) == 4.0
+    for number in range(2, 100):
+        archive.settle(number)
+    np.testing.assert_array_equal(archive.failures(LEFT), [place.vector, place.vector + 2.0])
+    assert len(archive.failures(RIGHT)) == 98
 
 
 def test_it_goes_on_from_a_budget_of_one_failure() -> None:
@@ -136,8 +167,10 @@ def test_a_kept_place_has_the_approach_that_analysis_computes() -> None:
     np.testing.assert_allclose(place.vector, expected, atol=1e-9)
     laid = expected.copy()
     laid[: 2 * len(around)] = np.nan
-    lay_road(laid, curvatures, 10.0, 120.0)
-    np.testing.assert_allclose(laid, expected, atol=1e-9)
+    for low, high in ((120.0, 120.0), (80.0, 160.0), (-50.0, 500.0)):
+        table, ds, start = table_around(curvatures, 10.0, low, high)
+        lay_road(laid, table, ds, 120.0 - start)
+        np.testing.assert_allclose(laid, expected, atol=1e-9)
 
 
 def test_a_second_peak_is_kept_if_it_is_apart() -> None:
@@ -219,6 +252,7 @@ def test_a_child_that_would_fail_as_known_is_refused() -> None:
             same,
             np.empty(0),
             np.empty(40),
+            np.empty(SIZE),
         )[0]
 
     known = vector[np.newaxis]

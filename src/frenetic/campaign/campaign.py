@@ -16,7 +16,14 @@ from typing import Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.words import counted
-from frenetic.campaign.changes import CHANGES, PARTS, PartChange, changed_parts, present_parts
+from frenetic.campaign.changes import (
+    CHANGES,
+    PARTS,
+    PartChange,
+    changed_parts,
+    present_parts,
+    read_changes,
+)
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order
 from frenetic.campaign.objective import MOOBD, Objective
@@ -323,7 +330,15 @@ class Campaign:
             configuration = self.configuration()
             changes = self._changes(store, configuration, accept_changed=accept_changed)
             store.require_whole()
-            tally, outstanding = replay(store, self.strategy, self.budget, self.objective)
+            tally, outstanding = replay(
+                store,
+                self.strategy,
+                self.budget,
+                self.objective,
+                is_revised=any(
+                    "strategy" in one.parts for one in read_changes(changes.get(CHANGES))
+                ),
+            )
             # However this process ends, the campaign is resumed to this budget.
             store.reopen(budget=asdict(self.budget), **changes)
             log = stack.enter_context(CampaignLog(self.folder))

@@ -15,14 +15,27 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
-from frenetic.search.strategy import SearchEnded, Strategy
+from frenetic.search.strategy import RevisableStrategy, SearchEnded, Strategy
 from frenetic.spec import Budget
 
 
 def replay(
-    store: CampaignStore, strategy: Strategy, budget: Budget, objective: Objective
+    store: CampaignStore,
+    strategy: Strategy,
+    budget: Budget,
+    objective: Objective,
+    *,
+    is_revised: bool = False,
 ) -> tuple[Tally, dict[int, Candidate]]:
     """Replays the log to a fresh strategy, asking and telling in the same order.
+
+    Args:
+        store: with the log.
+        strategy: fresh.
+        budget: of the campaign.
+        objective: of the campaign.
+        is_revised: whether an earlier version of the strategy made part of the log. Then its roads
+            take the place of those that the strategy proposes, if it is a `RevisableStrategy`.
 
     Returns:
         The progress, and the candidates that were asked but not told, by id in the order of asking.
@@ -44,7 +57,16 @@ def replay(
         nonlocal following
         while following is not None and following[1] <= told:
             logged = following[0]
-            _require_same_road(store, logged, _proposed(strategy, tally))
+            proposed = _proposed(strategy, tally)
+            if not _is_same(logged, proposed):
+                if (
+                    not is_revised
+                    or proposed is None
+                    or proposed.step != logged.step
+                    or not isinstance(strategy, RevisableStrategy)
+                ):
+                    raise _differs(store, logged)
+                strategy.replace(logged)
             outstanding[logged.id] = logged
             following = next(asked, None)
 
@@ -72,16 +94,17 @@ def _proposed(strategy: Strategy, tally: Tally) -> Candidate | None:
         return None
 
 
-def _require_same_road(store: CampaignStore, logged: Candidate, proposed: Candidate | None) -> None:
-    same = (
+def _is_same(logged: Candidate, proposed: Candidate | None) -> bool:
+    return (
         proposed is not None
         and proposed.id == logged.id
         and proposed.step == logged.step
         and proposed.origin == logged.origin
         and np.array_equal(proposed.curvatures, logged.curvatures)
     )
-    if same:
-        return
+
+
+def _differs(store: CampaignStore, logged: Candidate) -> CampaignError:
     theirs = store.config.get("versions")
     ours = package_versions()
     differing = (
@@ -89,7 +112,7 @@ def _require_same_road(store: CampaignStore, logged: Candidate, proposed: Candid
         if isinstance(theirs, Mapping)
         else []
     )
-    raise CampaignError(
+    return CampaignError(
         f"{store.folder} cannot be resumed: the strategy now proposes another road as candidate"
         f" {logged.id} than it did; "
         + (f"versions differ: {', '.join(differing)}" if differing else "was it changed?")

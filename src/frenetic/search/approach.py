@@ -86,15 +86,22 @@ def as_vector(road: FloatArray, offsets: FloatArray, speeds: FloatArray) -> Floa
 
 
 @njit()
-def lay_road(vector: FloatArray, curvatures: FloatArray, step: float, place: float) -> None:
-    """Put the road around a place into an approach, (64,) in m; the states stay."""
+def table_around(
+    curvatures: FloatArray, step: float, low: float, high: float
+) -> tuple[FloatArray, float, float]:
+    """Table of the road around the places from `low` to `high`, its spacing and where it begins."""
     last = len(curvatures) - 1
-    first = min(max(int((place - BEHIND) / step), 0), last - 1)
-    end = max(min(int((place + AHEAD) / step) + 1, last), first + 1)
+    first = min(max(int((low - BEHIND) / step), 0), last - 1)
+    end = max(min(int((high + AHEAD) / step) + 1, last), first + 1)
     piece = curvatures[first : end + 1]
     per_piece = sub_steps(piece, step)
-    table = build_table(piece, step, 0.0, 0.0, 0.0, per_piece)
-    points = road_around(table, step / per_piece, place - first * step)
+    return build_table(piece, step, 0.0, 0.0, 0.0, per_piece), step / per_piece, first * step
+
+
+@njit()
+def lay_road(vector: FloatArray, table: FloatArray, ds: float, place: float) -> None:
+    """Put the road around a place into an approach, (64,) in m; the states stay."""
+    points = road_around(table, ds, place)
     for i in range(_POINTS):
         vector[2 * i] = points[i, 0] * _POINT_SCALE
         vector[2 * i + 1] = points[i, 1] * _POINT_SCALE

@@ -70,6 +70,7 @@ class Archive:
         self._squares = np.empty(64)
         self._failures = [np.empty((64, SIZE)) for _ in (LEFT, RIGHT, NEITHER)]
         self._counts = [0, 0, 0]  # of failures by side
+        self._expected: dict[int, tuple[int, FloatArray]] = {}  # side and approach by candidate
 
     def __len__(self) -> int:
         return len(self.candidates)
@@ -90,8 +91,25 @@ class Archive:
         return self._squares[: len(self)]
 
     def failures(self, side: int) -> FloatArray:
-        """Approaches of the known failures on a side, (n, 64) in m; a view."""
-        return self._failures[side][: self._counts[side]]
+        """Approaches of the known failures on a side, then of the expected ones, (n, 64) in m.
+
+        It is a view, which holds until something is added.
+        """
+        end = self._counts[side]
+        for other, vector in self._expected.values():
+            if other == side:
+                self._failures[side] = _with_room(self._failures[side], end)
+                self._failures[side][end] = vector
+                end += 1
+        return self._failures[side][:end]
+
+    def expect(self, candidate: int, side: int, vector: FloatArray) -> None:
+        """Count a candidate, by its id, as failing on a side, until it is told."""
+        self._expected[candidate] = side, vector
+
+    def settle(self, candidate: int) -> None:
+        """Expect nothing of a candidate any more."""
+        self._expected.pop(candidate, None)
 
     @property
     def has_failures(self) -> bool:
@@ -101,12 +119,13 @@ class Archive:
     def add(self, candidate: Candidate, place: Place) -> float:
         """Add a place; return its difference from the failures known before, up to `FAR` m."""
         side, vector = place.side, place.vector
-        square = nearest_square(self.failures(side), vector, FAR * FAR)
+        known = self._failures[side][: self._counts[side]]
+        square = nearest_square(known, vector, FAR * FAR)
         if place.has_failed:
-            known = self._counts[side]
-            self._failures[side] = _with_room(self._failures[side], known)
-            self._failures[side][known] = vector
-            self._counts[side] = known + 1
+            last = self._counts[side]
+            self._failures[side] = _with_room(self._failures[side], last)
+            self._failures[side][last] = vector
+            self._counts[side] = last + 1
             lower_squares(self.squares, self.places["side"], self.vectors, side, vector)
         row = len(self)
         self._places = _with_room(self._places, row)

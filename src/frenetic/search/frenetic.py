@@ -11,6 +11,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE
+from frenetic.search.approach import SIZE
 from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
 from frenetic.search.frenetic_2021 import Frenetic2021, fingerprint
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES
@@ -28,7 +29,7 @@ from frenetic.search.random_search import (
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
 from frenetic.search.strategy import Ledger, options_of, require, require_whole
-from frenetic.search.variation import OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
+from frenetic.search.variation import MIRROR, OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
 
 _ROAD_PER_MAP = 1.45  # m of road for each m of the map's side
 _MORE_VALUES = 6  # than the longest random road has
@@ -70,12 +71,14 @@ class Frenetic:
        parents that failed and others.
     5. *Refusal*: where the child is expected to fail as a known failure did, another one is drawn,
        up to `max_redraws` times, then another parent taken. Expected are the child's own road, the
-       parent's offsets, and the parent's speeds with the change that a `SpeedModel` predicts,
-       within 5 m of the parent's place.
+       parent's offsets, and the parent's speeds with the change that a `SpeedModel` predicts, from
+       5 m before the parent's place to 15 m after it. Until a child is told, it counts as failing
+       where it is expected to.
 
     A failure is new if it differs from all known ones by 2 m, in part if it does by 1 m.
 
-    With several candidates outstanding, each decision follows from the results told by then.
+    With several candidates outstanding, each decision follows from the results told by then and
+    from what the others are expected to do.
 
     `Frenetic2021` is the search of the paper. An option that only it has makes one, since this
     class was that search in version 0.1.
@@ -107,7 +110,7 @@ class Frenetic:
 
     """
 
-    BEHAVIOUR: ClassVar[int] = 2
+    BEHAVIOUR: ClassVar[int] = 3
     """Raised when its proposals change; campaigns record it."""
     __signature__: ClassVar[inspect.Signature]
     """Options that a registry offers and checks; `__new__` hides them."""
@@ -214,6 +217,16 @@ class Frenetic:
                 return child
         return self._random_road()
 
+    def replace(self, candidate: Candidate) -> None:
+        """Take the road that an earlier version proposed instead, see `RevisableStrategy`."""
+        self._ledger.replace(candidate)
+        self._room = np.empty(max(len(self._room), len(candidate.curvatures)))
+        self._proposed.add(fingerprint(candidate.curvatures))
+        self._archive.settle(candidate.id)
+        parent = self._parents.pop(candidate.id, None)
+        if parent is not None:
+            self._archive.places["cost"][parent.row] -= _USE
+
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
 
@@ -223,6 +236,7 @@ class Frenetic:
         """
         candidate = self._ledger.settle(evaluation)
         parent = self._parents.pop(candidate.id, None)
+        self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
         if not evaluation.outcome.is_driven:
             return
@@ -264,8 +278,11 @@ class Frenetic:
     @property
     def _in_random_phase(self) -> bool:
         driven = len(self._severities)
-        return driven == 0 or (
-            driven < self._first_roads and self._budget_spent < self._random_budget
+        if driven == 0:
+            return True
+        asked = driven + len(self._ledger)  # and what these will spend
+        return (
+            asked < self._first_roads and self._budget_spent * asked / driven < self._random_budget
         )
 
     def _random_road(self) -> Candidate:
@@ -321,6 +338,7 @@ class Frenetic:
         if not self._use_archive:
             known = known[0][:0], known[1][:0]
         model = self._model if self._model is not None and self._model.is_ready else None
+        expected = np.empty(SIZE)
         first = 0
         while first < draws:
             k, n = draw_child(
@@ -339,12 +357,15 @@ class Frenetic:
                 self._same,
                 np.empty(0) if model is None else model.weights,
                 self._room,
+                expected,
             )
             if k < 0:
                 return None
-            curvatures = self._room[:n].copy()
+            curvatures, operator = self._room[:n].copy(), int(operators[first + k])
             if fingerprint(curvatures) not in self._proposed and self._is_valid(curvatures, step):
-                return self._issue(curvatures, row, int(operators[first + k]))
+                child = self._issue(curvatures, row, operator)
+                archive.expect(child.id, opposite if operator == MIRROR else side, expected)
+                return child
             first += k + 1
         return None
 

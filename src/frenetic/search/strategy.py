@@ -87,6 +87,19 @@ class CheckingStrategy(Strategy, Protocol):
 
 
 @runtime_checkable
+class RevisableStrategy(Strategy, Protocol):
+    """A strategy that goes on from a search that an earlier version of it began.
+
+    Where it proposes another road than the earlier version did, a campaign that is resumed with
+    `--accept-changed` puts the earlier one's in place of its own.
+    """
+
+    def replace(self, candidate: Candidate) -> None:
+        """Take a candidate instead of the one that was asked under its id and not told yet."""
+        ...
+
+
+@runtime_checkable
 class NotifyingStrategy(Strategy, Protocol):
     """A strategy that says when its search is not what its user expects."""
 
@@ -139,6 +152,17 @@ class Ledger:
         self._last_id = candidate.id
         self._outstanding[candidate.id] = candidate
         return candidate
+
+    def replace(self, candidate: Candidate) -> None:
+        """Put a candidate in place of the outstanding one of its id.
+
+        Raises:
+            ValueError: None is outstanding under this id.
+
+        """
+        if candidate.id not in self._outstanding:
+            raise ValueError(f"candidate {candidate.id} is not outstanding")
+        self._outstanding[candidate.id] = candidate
 
     def settle(self, evaluation: Evaluation) -> Candidate:
         """Return the candidate as it was issued, and strike it off.

@@ -17,11 +17,11 @@ from frenetic._support.compiled import njit
 from frenetic.search.approach import (
     BEHIND,
     ROAD_SIZE,
-    SIZE,
     STATE_SCALE,
     STATES,
     is_near,
     lay_road,
+    table_around,
 )
 from frenetic.search.speed_model import predict
 
@@ -69,8 +69,8 @@ PARAMETERS = 8
 """Number of uniform random numbers that an operator takes beside one for each new value."""
 MIN_REST = 3
 """Least number of values after the site that a road has if its rest is redrawn."""
-SLACK = 5.0
-"""Distance within which a child is expected to fail around its parent's place, in m."""
+WAYS = (0.0, -5.0, 5.0, 10.0, 15.0)
+"""Ways from the parent's place to those where a child may fail, in m, the likeliest first."""
 _MIN_VALUES = 5
 
 
@@ -209,11 +209,12 @@ def draw_child(
     same: float,
     weights: FloatArray,
     child: FloatArray,
+    expected: FloatArray,
 ) -> tuple[int, int]:
     """Draw children until one will fail as no known failure does; return its draw and size.
 
     Where a child will fail, the parent's offsets are expected, its speeds with the change that the
-    model predicts, and the place within `SLACK` m of the parent's. The draw is -1 if all are
+    model predicts, and the place at one of the `WAYS` from the parent's. The draw is -1 if all are
     refused.
 
     Args:
@@ -233,9 +234,9 @@ def draw_child(
         same: m, least difference from all of them.
         weights: See `SpeedModel.weights`; empty if no speeds are predicted.
         child: Room for the child's values.
+        expected: (64,) m, room for the approach with which the child is expected to fail.
 
     """
-    expected = np.empty(SIZE)
     before, after = np.empty(STATES), np.empty(STATES)
     if len(weights):
         predict(weights, parent, step, place - BEHIND, before)
@@ -264,12 +265,15 @@ def draw_child(
             predict(weights, child[:n], step, there - BEHIND, after)
             for i in range(STATES):
                 expected[ROAD_SIZE + STATES + i] += (after[i] - before[i]) * STATE_SCALE
+        table, ds, start = table_around(child[:n], step, there + min(WAYS), there + max(WAYS))
+        there -= start
         is_new = True
-        for slack in (0.0, -SLACK, SLACK):
-            lay_road(expected, child[:n], step, there + slack)
+        for way in WAYS:
+            lay_road(expected, table, ds, there + way)
             if is_near(failures, expected, same * same):
                 is_new = False
                 break
         if is_new:
+            lay_road(expected, table, ds, there)
             return k, n
     return -1, 0
