@@ -121,7 +121,7 @@ class Link(Record, frozen=True, kw_only=True):
 class Validation(Record, frozen=True, kw_only=True):
     """The cross-validated figures of a twin and of its baselines."""
 
-    by: Literal["run", "recording", "road"]
+    by: Literal["run", "road"]
     """What was held out as a whole."""
     folds: Count
     twin: Figures

@@ -229,7 +229,7 @@ def mann_whitney(first: npt.ArrayLike, second: npt.ArrayLike) -> float:
         ValueError: no values, or one that is not a number.
     """
     x, y = _values(first), _values(second)
-    doubled = np.rint(2.0 * _ranks(np.concatenate([x, y]))).astype(np.int64)
+    doubled = np.rint(2.0 * ranks(np.concatenate([x, y]))).astype(np.int64)
     n, total = len(x), len(doubled)
     seen = int(doubled[:n].sum())
     mean = n * (total + 1)  # of the doubled rank sum
@@ -290,8 +290,9 @@ def mean_ranks(groups: Sequence[npt.ArrayLike]) -> list[float]:
     samples = [_values(group) for group in groups]
     if not samples:
         raise ValueError("0 groups: at least one is needed")
-    ranks = _ranks(np.concatenate(samples))
-    parts = np.split(ranks, np.cumsum([len(sample) for sample in samples])[:-1])
+    parts = np.split(
+        ranks(np.concatenate(samples)), np.cumsum([len(sample) for sample in samples])[:-1]
+    )
     return [float(part.mean()) for part in parts]
 
 
@@ -315,7 +316,7 @@ def spearman(first: npt.ArrayLike, second: npt.ArrayLike) -> tuple[float, float]
     """
     from scipy.stats import spearmanr  # takes its time
 
-    x, y = _ranks(_values(first)), _ranks(_values(second))
+    x, y = ranks(_values(first)), ranks(_values(second))
     n = len(x)
     if n != len(y) or n < 3 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         raise ValueError(f"{n} and {len(y)} values: three or more pairs that vary are needed")
@@ -345,7 +346,7 @@ def _values(values: npt.ArrayLike) -> FloatArray:
     return array
 
 
-def _ranks(values: FloatArray) -> FloatArray:
+def ranks(values: FloatArray) -> FloatArray:
     """(n,) ranks from 1; equal values share the mean of theirs."""
     _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
     last = np.cumsum(counts)

@@ -67,6 +67,7 @@ COMMANDS: Final = {
     "minimise": Row(
         "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
     ),
+    "calibrate": Row("calibrate:calibrate", "Fit a twin to recorded drives, of any simulator."),
     "compare": Row("compare:compare", "Compare groups of campaigns, with their repeats."),
     "bench": Row("bench:bench", "Compare road generators, with repeats."),
     "drive": Row("drive:drive", "Drive one road from a file."),

@@ -94,6 +94,19 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
             f"{path} holds {type(content).__name__}: an object with curvatures or road_points,"
             " or a list of points, is needed"
         )
+    return road_file(path, content)
+
+
+def road_file(path: Path, content: Mapping[str, Any]) -> RoadFile:
+    """The road of a JSON object, as `read_road` describes it.
+
+    Args:
+        path: where the object is from, for messages.
+        content: the object.
+
+    Raises:
+        RoadError: it holds no road.
+    """
     curvatures, points = content.get("curvatures"), content.get("road_points")
     if curvatures is None and points is None:
         keys = ", ".join(sorted(map(str, content))[:8]) or "nothing"

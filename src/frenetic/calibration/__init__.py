@@ -1,0 +1,24 @@
+"""Calibration: a twin in the embedded simulator that drives as recorded drives do.
+
+`read_recordings` reads them, `Model.of` names what is fitted, `calibrate` fits, cross-validates and
+makes the profile.
+"""
+
+from __future__ import annotations
+
+from frenetic.calibration.calibrate import Calibration, Settings, calibrate
+from frenetic.calibration.parameters import Asked, Model, Parameter
+from frenetic.calibration.recordings import RecordedDrive, Recordings, Terms, read_recordings
+
+__all__ = [
+    "Asked",
+    "Calibration",
+    "Model",
+    "Parameter",
+    "RecordedDrive",
+    "Recordings",
+    "Settings",
+    "Terms",
+    "calibrate",
+    "read_recordings",
+]

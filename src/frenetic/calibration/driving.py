@@ -1,0 +1,195 @@
+"""Candidates driven: the twin on the recorded roads, compared with the record, on all cores."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import threading
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import parent_process
+from types import TracebackType
+from typing import Any, Final, Self, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.child_processes import LOST_PARENT, process_context
+from frenetic.calibration.parameters import Model
+from frenetic.calibration.recordings import RecordedDrive, on_grid
+from frenetic.drivers.driver import Driver
+from frenetic.errors import FreneticError
+from frenetic.oracle import LEFT_LANE, REACHED, assess
+from frenetic.simulators.embedded import EmbeddedSimulator, compile_kernels
+
+IntArray: TypeAlias = npt.NDArray[np.int64]
+
+# Columns of a twin's drive.
+FAILED, SHARE, MOOBD, OOB_DISTANCE, STEERING, DEPARTURE = range(6)
+"""0 or 1; largest oob share 0..1; m; mean oob distance in m; standard deviation in rad; m along the
+road, NaN if it did not leave the lane."""
+COVERED, OFFSET, SPEED, OFFSET_MEDIAN, SPEED_MEDIAN = range(6, 11)
+"""Share 0..1 of the recorded places that the twin reached; there, the mean absolute errors of
+offset (m) and speed (m/s, or a share of the mean), and the medians. NaN without a record."""
+COLUMNS: Final = 11
+_CHUNK: Final = 25  # drives of a task
+
+
+def drive_twin(
+    recorded: RecordedDrive,
+    driver: Driver,
+    simulator: EmbeddedSimulator,
+    *,
+    shapes: bool = False,
+) -> FloatArray:
+    """The twin's drive along a recorded road, (COLUMNS,); NaN if the driver broke.
+
+    Args:
+        recorded: the recorded drive.
+        driver: the twin's.
+        simulator: the twin's, whose rules become those of the record.
+        shapes: whether only the shapes of the speeds are compared, each divided by its mean.
+    """
+    row = np.full(COLUMNS, math.nan)
+    drive = simulator.drive(recorded.road, driver)
+    if drive.error is not None:
+        return row
+    seen = assess(recorded.road, drive)
+    n = len(seen.distance)
+    row[FAILED] = seen.end != REACHED
+    row[SHARE] = seen.oob_share.max()
+    row[MOOBD] = seen.oob_distance.min()
+    row[OOB_DISTANCE] = seen.oob_distance.mean()
+    row[STEERING] = drive.trajectory.steering[:n].std()
+    if seen.end == LEFT_LANE:
+        row[DEPARTURE] = seen.distance[-1]
+    if len(recorded.offset):
+        offset, speed = on_grid(seen.distance, seen.lateral_offset, drive.trajectory.speed[:n])
+        m = min(len(offset), len(recorded.offset))
+        both = np.flatnonzero(np.isfinite(offset[:m]) & np.isfinite(recorded.offset[:m]))
+        row[COVERED] = len(both) / max(1, int(np.isfinite(recorded.offset).sum()))
+        if len(both):
+            theirs, ours = recorded.speed[both], speed[both]
+            if shapes:
+                theirs, ours = (one / max(float(one.mean()), 1e-9) for one in (theirs, ours))
+            errors = np.abs(offset[both] - recorded.offset[both]), np.abs(ours - theirs)
+            row[[OFFSET, SPEED]] = [error.mean() for error in errors]
+            row[[OFFSET_MEDIAN, SPEED_MEDIAN]] = [np.median(error) for error in errors]
+    return row
+
+
+def _rows(
+    model: Model,
+    drives: Sequence[RecordedDrive],
+    values: Mapping[str, float],
+    indices: Sequence[int],
+    shapes: bool,
+) -> FloatArray:
+    rows = np.full((len(indices), COLUMNS), math.nan)
+    try:
+        driver, simulator = model.make(values, drives[0].rules)
+    except (FreneticError, ValueError):
+        return rows  # together, values within their bounds may be no car
+    for i, index in enumerate(indices):
+        rows[i] = drive_twin(drives[index], driver, simulator, shapes=shapes)
+    return rows
+
+
+# In a worker
+_shared: tuple[Model, Sequence[RecordedDrive], bool] | None = None
+
+
+def _begin(model: Model, drives: Sequence[RecordedDrive], shapes: bool) -> None:
+    global _shared  # a worker's own
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent stops it
+    parent = parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    compile_kernels()
+    _shared = model, drives, shapes
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(LOST_PARENT)
+
+
+def _work(values: Mapping[str, float], indices: Sequence[int]) -> FloatArray:
+    assert _shared is not None
+    model, drives, shapes = _shared
+    return _rows(model, drives, values, indices, shapes)
+
+
+class TwinDriver:
+    """Drives candidates along recorded roads; a context manager.
+
+    The results are the same whatever the number of workers.
+
+    Args:
+        model: of the twin.
+        drives: the recorded ones.
+        shapes: as for `drive_twin`.
+        workers: number of processes; with 1, this one drives.
+    """
+
+    def __init__(
+        self, model: Model, drives: Sequence[RecordedDrive], *, shapes: bool, workers: int = 1
+    ) -> None:
+        self._model, self._drives, self._shapes = model, drives, shapes
+        self._pool: ProcessPoolExecutor | None = None
+        self._workers = workers
+
+    def __enter__(self) -> Self:
+        """Starts the processes."""
+        compile_kernels()
+        if self._workers > 1:
+            self._pool = ProcessPoolExecutor(
+                self._workers,
+                mp_context=process_context(),
+                initializer=_begin,
+                initargs=(self._model, self._drives, self._shapes),
+            )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends the processes."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)
+
+    def rows(self, candidates: Sequence[Mapping[str, float]], indices: IntArray) -> FloatArray:
+        """The drives of candidates, (candidates, indices, COLUMNS).
+
+        Args:
+            candidates: name -> value of the parameters, each.
+            indices: of the recorded drives.
+
+        Raises:
+            FreneticError: a worker died.
+        """
+        wanted = indices.tolist()
+        if self._pool is None:
+            found = [
+                _rows(self._model, self._drives, values, wanted, self._shapes)
+                for values in candidates
+            ]
+            return np.stack(found)
+        chunks = [wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)]
+        try:
+            tasks = [
+                [self._pool.submit(_work, dict(values), chunk) for chunk in chunks]
+                for values in candidates
+            ]
+            return np.stack([np.concatenate([task.result() for task in row]) for row in tasks])
+        except BrokenProcessPool:
+            raise FreneticError(
+                "a worker died, as for want of memory; the same command goes on, with --workers 1"
+                " in one process"
+            ) from None

@@ -1,0 +1,246 @@
+"""The loss of a twin: what its drives say about the recorded ones, 0 all and 1 nothing.
+
+It is a weighted mean of terms, each a mean over drives, so the share of one drive in it is known.
+A term counts only where the recording has what it compares:
+
+============ ======================================================================================
+term         per drive
+============ ======================================================================================
+outcome      log loss of the recorded outcome, over that of the share of failures; the chance of a
+             failure is a logistic function of the twin's largest oob share, fitted anew each time
+oob_share    half the squared difference of the standardised ranks of both largest oob shares: its
+             mean is 1 minus Spearman's rank correlation
+oob_distance the same of the mean oob distance, where there is no trajectory
+steering     the same of the standard deviation of steering, likewise
+offset       mean absolute error of the lateral offset every 2 m of road, over the mean absolute
+             deviation of all recorded ones from their median; 1 where the twin does not come
+speed        the same of the speed
+============ ======================================================================================
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.analysis.statistics import ranks
+from frenetic.calibration.driving import (
+    COVERED,
+    MOOBD,
+    OFFSET,
+    OOB_DISTANCE,
+    SHARE,
+    SPEED,
+    STEERING,
+    IntArray,
+)
+from frenetic.calibration.recordings import RecordedDrive
+from frenetic.errors import FreneticError
+
+WEIGHTS: Final[Mapping[str, float]] = MappingProxyType(
+    {
+        "outcome": 1.0,
+        "oob_share": 1.0,
+        "oob_distance": 0.5,
+        "steering": 0.25,
+        "offset": 1.0,
+        "speed": 1.0,
+    }
+)
+"""Name of a term -> its usual weight."""
+REFUSED: Final = 10.0
+"""Loss of a candidate with which no car can be made, or with which the driver broke."""
+_RIDGE: Final = 1e-3
+_STEPS: Final = 25
+_LEAST: Final = 1e-9
+_STEEPEST: Final = 30.0
+
+
+@dataclass(frozen=True)
+class Logistic:
+    """The chance of a failure: 1 / (1 + exp(-(intercept + slope * score)))."""
+
+    intercept: float
+    slope: float
+
+    def chance(self, score: FloatArray) -> FloatArray:
+        """The chances of scores, of the same shape."""
+        logit = np.clip(self.intercept + self.slope * score, -_STEEPEST, _STEEPEST)
+        found: FloatArray = 1.0 / (1.0 + np.exp(-logit))
+        return found
+
+    @classmethod
+    def fitted(cls, score: FloatArray, failed: FloatArray) -> Logistic:
+        """The most likely one, by Newton's method with a slight ridge; its slope is at least 0.
+
+        Args:
+            score: (n,).
+            failed: (n,) 0 or 1, both of them there.
+        """
+        base = float(failed.mean())
+        middle, width = float(score.mean()), float(score.std())
+        flat = math.log(base / (1.0 - base))
+        if width < _LEAST:
+            return cls(flat, 0.0)
+        x = (score - middle) / width
+        a, b = flat, 0.0
+        for _ in range(_STEPS):
+            p = 1.0 / (1.0 + np.exp(-np.clip(a + b * x, -_STEEPEST, _STEEPEST)))
+            w = p * (1.0 - p) + 1e-9
+            g = np.array([(failed - p).mean(), ((failed - p) * x).mean() - _RIDGE * b])
+            h = np.array(
+                [[w.mean(), (w * x).mean()], [(w * x).mean(), (w * x * x).mean() + _RIDGE]]
+            )
+            step = np.linalg.solve(h, g)
+            a, b = a + float(step[0]), b + float(step[1])
+            if abs(step).max() < 1e-8:
+                break
+        if b <= 0.0:
+            return cls(flat, 0.0)
+        return cls(a - b * middle / width, b / width)
+
+
+def check_weights(weights: Mapping[str, float]) -> None:
+    """Refuses weights of unknown terms, and negative ones.
+
+    Raises:
+        FreneticError: there is such a weight.
+    """
+    for name, weight in weights.items():
+        if name not in WEIGHTS:
+            raise FreneticError(f"there is no term {name!r}; there are: {', '.join(WEIGHTS)}")
+        if not (math.isfinite(weight) and weight >= 0.0):
+            raise FreneticError(f"the weight of {name} is {weight}: 0 or more is needed")
+
+
+def scores(rows: FloatArray) -> FloatArray:
+    """The twin's scores of roads, larger is worse: the largest oob share, then the MOOBD.
+
+    Args:
+        rows: (..., COLUMNS).
+    """
+    found: FloatArray = rows[..., SHARE] - 1e-6 * rows[..., MOOBD]
+    return found
+
+
+class Loss:
+    """The loss of a twin on recorded drives.
+
+    Args:
+        drives: all recorded drives.
+        indices: of those that count.
+        weights: name of a term -> its weight, in place of the usual one.
+
+    Raises:
+        FreneticError: there is no such term, a weight is negative, or nothing can be compared.
+    """
+
+    def __init__(
+        self,
+        drives: Sequence[RecordedDrive],
+        indices: IntArray,
+        weights: Mapping[str, float] | None = None,
+    ) -> None:
+        check_weights(weights or {})
+        chosen = [drives[i] for i in indices]
+        self.n = len(chosen)
+        self.failed = np.array([drive.failed for drive in chosen], dtype=np.float64)
+        has_path = np.array([len(drive.offset) > 0 for drive in chosen])
+        self._ranked: dict[str, tuple[int, FloatArray]] = {}
+        present: dict[str, float] = {}
+        if 0.0 < self.failed.mean() < 1.0:
+            present["outcome"] = 1.0
+        columns = {
+            "oob_share": (SHARE, [drive.max_oob_share for drive in chosen]),
+            "oob_distance": (OOB_DISTANCE, [drive.mean_oob_distance for drive in chosen]),
+            "steering": (STEERING, [drive.std_steering for drive in chosen]),
+        }
+        for name, (column, values) in columns.items():
+            told = np.array(values)
+            if name != "oob_share" and has_path.any():
+                continue  # the trajectories say more
+            if np.isfinite(told).all() and np.ptp(told) > 0.0:
+                self._ranked[name] = column, _standard_ranks(told)
+                present[name] = 1.0
+        self._has_path = has_path
+        self._scale = {}
+        for name, column in (("offset", OFFSET), ("speed", SPEED)):
+            values = [getattr(drive, name) for drive in chosen if len(drive.offset)]
+            told = np.concatenate(values) if values else np.empty(0)
+            told = told[np.isfinite(told)]
+            spread = float(np.abs(told - np.median(told)).mean()) if len(told) else 0.0
+            if spread > _LEAST:
+                self._scale[name] = column, spread
+                present[name] = 1.0
+        self.speed_scale = float(np.mean(told)) if len(told) else 1.0
+        wanted = {name: (weights or {}).get(name, WEIGHTS[name]) for name in present}
+        self.weights = {name: weight for name, weight in wanted.items() if weight > 0.0}
+        """Name of a term that counts -> its weight."""
+        if not self.weights:
+            raise FreneticError(
+                "there is nothing to fit to: the drives neither differ in outcome or oob share nor"
+                " have trajectories, or all weights are 0"
+            )
+        self.shapes = False
+
+    def contributions(self, rows: FloatArray) -> FloatArray:
+        """The share of each drive in the loss, (n,), whose mean is the loss.
+
+        Args:
+            rows: (n, COLUMNS) of the twin.
+        """
+        if np.isnan(rows[:, SHARE]).any():
+            return np.full(self.n, REFUSED)
+        found = np.zeros(self.n)
+        for name, values in self.terms(rows).items():
+            found += self.weights[name] * values
+        return found / sum(self.weights.values())
+
+    def terms(self, rows: FloatArray) -> dict[str, FloatArray]:
+        """Name of a term -> its share in each drive, (n,)."""
+        found = {}
+        for name in self.weights:
+            if name == "outcome":
+                found[name] = self._outcome(rows)
+            elif name in self._ranked:
+                column, theirs = self._ranked[name]
+                values = rows[:, column]
+                ours = _standard_ranks(values)
+                # One that tells no two drives apart knows nothing.
+                found[name] = 0.5 * (theirs - ours) ** 2 if np.ptp(values) > 0.0 else theirs**2
+            else:
+                found[name] = self._along(name, rows)
+        return found
+
+    def _outcome(self, rows: FloatArray) -> FloatArray:
+        score = rows[:, SHARE]
+        chance = np.clip(Logistic.fitted(score, self.failed).chance(score), 1e-6, 1.0 - 1e-6)
+        base = float(self.failed.mean())
+        nothing = -(base * math.log(base) + (1.0 - base) * math.log(1.0 - base))
+        losses: FloatArray = -np.where(self.failed > 0.5, np.log(chance), np.log1p(-chance))
+        return losses / nothing
+
+    def _along(self, name: str, rows: FloatArray) -> FloatArray:
+        column, spread = self._scale[name]
+        if name == "speed" and self.shapes:
+            spread /= self.speed_scale
+        covered = np.nan_to_num(rows[:, COVERED])
+        errors = np.nan_to_num(rows[:, column]) / spread
+        found: FloatArray = covered * errors + (1.0 - covered)
+        # Drives without a record count as the mean of the others.
+        mean = float(found[self._has_path].mean())
+        return np.where(self._has_path, found, mean)
+
+
+def _standard_ranks(values: FloatArray) -> FloatArray:
+    """(n,) ranks with mean 0 and variance 1; 0 where all are equal."""
+    found = ranks(values)
+    centred: FloatArray = found - found.mean()
+    width = float(centred.std())
+    return centred / width if width > 0.0 else centred
