@@ -96,6 +96,8 @@ class Figures(Record, frozen=True, kw_only=True):
     """Share of failures in the tenth of the roads that rank first, over that in all."""
     early_half: float | None = None
     """Share of the roads, as ranked, that hold half of all failures."""
+    twin_failures: Count | None = None
+    """Number of drives in which the twin fails."""
     agreement: float | None = None
     """Share of equal outcomes."""
     offset_error: float | None = None
@@ -115,7 +117,7 @@ class Link(Record, frozen=True, kw_only=True):
 
     intercept: float
     slope: float
-    """Per unit of the score, the twin's largest oob share."""
+    """Per m of the score, the twin's MOOBD with the other sign."""
 
 
 class Validation(Record, frozen=True, kw_only=True):

@@ -34,7 +34,7 @@ from frenetic.calibration.driving import (
     TwinDriver,
 )
 from frenetic.calibration.journal import Journal
-from frenetic.calibration.loss import Logistic, Loss
+from frenetic.calibration.loss import Logistic, Loss, scores, with_ties
 from frenetic.calibration.validation import auc_of, found_by, linear_model, verdict_of
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
@@ -225,6 +225,16 @@ def test_a_journal_of_other_settings_is_replaced_and_one_in_use_refused(tmp_path
 # The loss
 
 
+def test_a_twin_is_ranked_by_moobd_where_it_stays_in_its_lane() -> None:
+    recorded = np.array([0.0, 0.4, 0.0, 0.9])
+    rows = np.zeros((4, COLUMNS))
+    rows[:, MOOBD] = [1.5, 0.9, 1.2, 0.8]
+    assert np.argsort(with_ties(scores(rows), recorded), kind="stable").tolist() == [0, 2, 1, 3]
+    drives = drives_of(recorded.tolist(), [False, False, False, True])
+    loss = Loss(drives, np.arange(4), {"offset": 0.0, "speed": 0.0})
+    assert loss.terms(rows)["oob_share"] == pytest.approx(np.zeros(4))
+
+
 def drives_of(shares: list[float], failed: list[bool]) -> list[RecordedDrive]:
     road = Road([0.0, 0.01, 0.0])
     return [
@@ -238,7 +248,8 @@ def drives_of(shares: list[float], failed: list[bool]) -> list[RecordedDrive]:
 
 def rows_of(shares: list[float], *, covered: float, error: float) -> Any:
     rows = np.zeros((len(shares), COLUMNS))
-    rows[:, SHARE], rows[:, COVERED] = shares, covered
+    rows[:, SHARE], rows[:, MOOBD] = shares, 1.0 - 2.0 * np.array(shares)
+    rows[:, COVERED] = covered
     rows[:, OFFSET] = rows[:, SPEED] = error
     return rows
 
@@ -344,6 +355,13 @@ def test_the_verdict(
     found, reason = verdict_of(twin, (low, 0.95), {"length": other})
     assert found == verdict
     assert ("length ranks no worse" in reason) == (baseline >= auc)
+
+
+def test_a_twin_that_fails_more_or_less_often_is_told() -> None:
+    for ours, is_told in ((0, True), (29, False), (46, True)):
+        twin = Figures(drives=200, failures=30, auc=0.8, top_tenth=3.0, twin_failures=ours)
+        _, reason = verdict_of(twin, (0.7, 0.9), {})
+        assert ("trust its order, not its outcomes" in reason) == is_told
 
 
 # What is refused

@@ -34,6 +34,7 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
     "regression": ("c",),
     "back-to-back": ("c", "--driver-option", "aggression=0.5", "--fresh", "20", "--top", "1"),
     "minimise": ("c", "--max-drives", "5"),
+    "calibrate": ("c", "--driver", "planner", "--fit", "braking", "--evaluations", "1", *ONE),
     "compare": ("one=c", "two=d"),
     "bench": ("--strategy", "random", "--simulations", "3", "--repeats", "1", *ONE, "--out", "b"),
     "drive": ("road.json",),
@@ -50,6 +51,7 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
 MISTAKES: Final[dict[str, tuple[str, ...]]] = {
     "init": ("no-module.py",),
     "run": ("--simulations", "0"),
+    "calibrate": ("nowhere", "--driver", "planner", "--fit", "braking"),
     "compare": ("nowhere", "nowhere"),
     "bench": ("--simulations", "0"),
     "back-to-back": ("nowhere", "--driver", "planner"),

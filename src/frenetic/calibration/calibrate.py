@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import plain
 from frenetic.calibration.determination import Interval, intervals, moved_alone
-from frenetic.calibration.driving import COLUMNS, SHARE, IntArray, TwinDriver
+from frenetic.calibration.driving import COLUMNS, MOOBD, SHARE, IntArray, TwinDriver
 from frenetic.calibration.fitting import Evaluator, Stopped, best, fit
 from frenetic.calibration.journal import Journal
 from frenetic.calibration.loss import Logistic, Loss, check_weights, scores
@@ -247,6 +247,7 @@ def calibrate(
             )
             final = best([*candidates, *others])
             alone = evaluator.evaluate("alone", moved_alone(final.places), chosen, loss)
+            final = best([final, *alone])
             notify(total)
             journal.remove()
     except Stopped:
@@ -263,7 +264,7 @@ def calibrate(
     failed = np.array([drive.failed for drive in drives], dtype=np.float64)
     link = None
     if 0.0 < failed.mean() < 1.0:
-        logistic = Logistic.fitted(rows[:, SHARE], failed)
+        logistic = Logistic.fitted(-rows[:, MOOBD], failed)
         link = Link(intercept=logistic.intercept, slope=logistic.slope)
     held_out_loss = loss_on(everything)
     profile = _profile(

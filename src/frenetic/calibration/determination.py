@@ -4,8 +4,9 @@ A candidate explains them as well as the best one if its loss is larger by no mo
 standard errors of that difference, over runs (over roads where there are few runs). Candidates are
 all that the last fit drove, which differ in several parameters at once, the best ones of the folds,
 and the best one with one parameter moved alone. The values of a parameter among those that are as
-good, and those that the folds found, are its interval. A parameter is determined if that interval
-is less than half as wide as its bounds.
+good, and those that the folds found, are its interval, widened to the next value that, moved alone,
+is worse: what lies between was not driven. A parameter is determined if that interval is less than
+half as wide as its bounds.
 """
 
 from __future__ import annotations
@@ -25,8 +26,10 @@ LIMIT: Final = 1.96
 """Standard errors."""
 WIDE: Final = 0.5
 """Share of the bounds' distance from which on a parameter is not determined."""
-PLACES: Final = 9
-"""Number of places at which each parameter is moved alone."""
+_STEPS: Final = np.array([0.01, 0.03, 0.1, 0.3])
+"""Steps by which each parameter is moved alone, as shares of the bounds' distance."""
+PLACES: Final = 2 * len(_STEPS) + 2
+"""Number of places at which each parameter is moved alone: by each step, and its bounds."""
 _EDGE: Final = 0.02
 _TRADED: Final = 0.8
 _ENOUGH: Final = 8
@@ -39,7 +42,7 @@ class Interval:
     parameter: Parameter
     value: float
     low: float
-    """Least value with which a candidate explains the drives as well."""
+    """Lower end of the interval of the values with which a twin explains the drives as well."""
     high: float
     is_determined: bool
     at_bound: bool
@@ -47,7 +50,8 @@ class Interval:
     traded_with: tuple[str, ...]
     """Parameters that move along with it among the candidates that are as good."""
     curve: tuple[tuple[float, float, float], ...]
-    """(value, loss, standard error of its difference from the least) where it is moved alone."""
+    """(value, loss, standard error of its difference from the least), ascending, where it is moved
+    alone, and of the best one."""
 
     def __str__(self) -> str:
         text = "the data determine it" if self.is_determined else "the data do not determine it"
@@ -61,8 +65,9 @@ class Interval:
 def moved_alone(best: FloatArray) -> FloatArray:
     """(parameters * PLACES, parameters) places: the best ones with one parameter moved each."""
     found = np.repeat(best[None, :], len(best) * PLACES, axis=0)
-    for k in range(len(best)):
-        found[k * PLACES : (k + 1) * PLACES, k] = np.linspace(0.0, 1.0, PLACES)
+    for k, place in enumerate(best):
+        steps = np.concatenate(([0.0, 1.0], place - _STEPS, place + _STEPS))
+        found[k * PLACES : (k + 1) * PLACES, k] = np.sort(np.clip(steps, 0.0, 1.0))
     return found
 
 
@@ -106,12 +111,22 @@ def intervals(
         return mean <= LIMIT * error
 
     joint = np.stack([best.places, *(c.places for c in candidates if is_as_good(c))])
-    apart = [c.places for c in alone if is_as_good(c)]
-    good = np.stack([*joint, *apart, *(c.places for c in folds)])
+    apart = [is_as_good(c) for c in alone]
+    good = np.stack(
+        [
+            *joint,
+            *(c.places for c, fine in zip(alone, apart, strict=True) if fine),
+            *(c.places for c in folds),
+        ]
+    )
     found = []
     for k, parameter in enumerate(parameters):
         low, high = float(good[:, k].min()), float(good[:, k].max())
-        curve = []
+        own = range(k * PLACES, (k + 1) * PLACES)
+        worse = [float(alone[i].places[k]) for i in own if not apart[i]]
+        low = max((place for place in worse if place < low), default=low)
+        high = min((place for place in worse if place > high), default=high)
+        curve = [(parameter.at(float(best.places[k])), best.loss, 0.0)]
         for one in alone[k * PLACES : (k + 1) * PLACES]:
             _, error = difference(one.contributions, best.contributions, labels)
             curve.append((parameter.at(float(one.places[k])), one.loss, error))
@@ -125,7 +140,7 @@ def intervals(
                 is_determined=high - low < WIDE,
                 at_bound=min(place, 1.0 - place) < _EDGE,
                 traded_with=_traded(joint, k, parameters),
-                curve=tuple(curve),
+                curve=tuple(sorted(curve)),
             )
         )
     return found

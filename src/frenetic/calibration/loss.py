@@ -7,9 +7,9 @@ A term counts only where the recording has what it compares:
 term         per drive
 ============ ======================================================================================
 outcome      log loss of the recorded outcome, over that of the share of failures; the chance of a
-             failure is a logistic function of the twin's largest oob share, fitted anew each time
+             failure is a logistic function of the twin's MOOBD, fitted anew each time
 oob_share    half the squared difference of the standardised ranks of both largest oob shares: its
-             mean is 1 minus Spearman's rank correlation
+             mean is 1 minus Spearman's rank correlation; see `scores` and `with_ties` for the twin
 oob_distance the same of the mean oob distance, where there is no trajectory
 steering     the same of the standard deviation of steering, likewise
 offset       mean absolute error of the lateral offset every 2 m of road, over the mean absolute
@@ -129,6 +129,17 @@ def scores(rows: FloatArray) -> FloatArray:
     return found
 
 
+def with_ties(score: FloatArray, recorded: FloatArray) -> FloatArray:
+    """The scores, the lowest of them equal, as many as the recorded values have equal lowest ones.
+
+    A record does not tell apart the drives that never left the lane; the MOOBD of a twin does.
+    Without the ties, a twin that drives as recorded would not agree with the record.
+    """
+    equal = int((recorded == recorded.min()).sum())
+    found: FloatArray = np.maximum(score, np.partition(score, equal - 1)[equal - 1])
+    return found
+
+
 class Loss:
     """The loss of a twin on recorded drives.
 
@@ -152,7 +163,7 @@ class Loss:
         self.n = len(chosen)
         self.failed = np.array([drive.failed for drive in chosen], dtype=np.float64)
         has_path = np.array([len(drive.offset) > 0 for drive in chosen])
-        self._ranked: dict[str, tuple[int, FloatArray]] = {}
+        self._ranked: dict[str, tuple[int, FloatArray, FloatArray]] = {}
         present: dict[str, float] = {}
         if 0.0 < self.failed.mean() < 1.0:
             present["outcome"] = 1.0
@@ -166,7 +177,7 @@ class Loss:
             if name != "oob_share" and has_path.any():
                 continue  # the trajectories say more
             if np.isfinite(told).all() and np.ptp(told) > 0.0:
-                self._ranked[name] = column, _standard_ranks(told)
+                self._ranked[name] = column, told, _standard_ranks(told)
                 present[name] = 1.0
         self._has_path = has_path
         self._scale = {}
@@ -209,8 +220,10 @@ class Loss:
             if name == "outcome":
                 found[name] = self._outcome(rows)
             elif name in self._ranked:
-                column, theirs = self._ranked[name]
+                column, told, theirs = self._ranked[name]
                 values = rows[:, column]
+                if column == SHARE:
+                    values = with_ties(scores(rows), told)
                 ours = _standard_ranks(values)
                 # One that tells no two drives apart knows nothing.
                 found[name] = 0.5 * (theirs - ours) ** 2 if np.ptp(values) > 0.0 else theirs**2
@@ -219,7 +232,7 @@ class Loss:
         return found
 
     def _outcome(self, rows: FloatArray) -> FloatArray:
-        score = rows[:, SHARE]
+        score = -rows[:, MOOBD]
         chance = np.clip(Logistic.fitted(score, self.failed).chance(score), 1e-6, 1.0 - 1e-6)
         base = float(self.failed.mean())
         nothing = -(base * math.log(base) + (1.0 - base) * math.log(1.0 - base))

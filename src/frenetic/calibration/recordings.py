@@ -54,7 +54,7 @@ FIELDS: Final[Mapping[str, str]] = {
 
 _TABLES: Final = (".jsonl", ".ndjson", ".csv", ".parquet")
 _RUN: Final = ("recording", "search", "run")
-_RECORD: Final = {"timer": 0, "pos": 1, "vel": 3, "steering": 4}
+_RECORD: Final = {"timer": 0, "pos": 1, "dir": 2, "vel": 3, "steering": 4}
 _OOB_DISTANCE, _OOB_SHARE = 15, 16  # places in the competition's records
 
 
@@ -477,7 +477,7 @@ def _competition_records(
         return [row[name] if isinstance(row, Mapping) else row[place] for row in records]
 
     try:
-        timer, pos, vel, steering = (column(place, name) for name, place in _RECORD.items())
+        timer, pos, ahead, vel, steering = (column(place, name) for name, place in _RECORD.items())
         distance = column(_OOB_DISTANCE, "oob_distance")
         share = column(_OOB_SHARE, "oob_percentage")
         arrays = [np.array(values, dtype=np.float64) for values in (steering, distance, share)]
@@ -487,7 +487,8 @@ def _competition_records(
         places, _ = _trajectory(
             {"time": timer, "x": [p[0] for p in path], "y": [p[1] for p in path]}, where
         )
-        speed = np.hypot(*np.array([v[:2] for v in vel], dtype=np.float64).T)
+        along = [[v[:2] for v in vectors] for vectors in (vel, ahead)]
+        speed = np.prod(np.array(along, dtype=np.float64), axis=0).sum(axis=1)
     except (TypeError, ValueError, IndexError, KeyError):
         raise FreneticError(f"{where}: its execution_data are no records of a drive") from None
     measures = {

@@ -14,10 +14,10 @@ from frenetic.calibration.driving import (
     DEPARTURE,
     FAILED,
     OFFSET_MEDIAN,
-    SHARE,
     SPEED_MEDIAN,
     IntArray,
 )
+from frenetic.calibration.loss import with_ties
 from frenetic.calibration.recordings import RecordedDrive
 from frenetic.profile import Figures
 from frenetic.road import Road
@@ -31,6 +31,8 @@ GOOD_AUC, FAIR_AUC = 0.65, 0.5
 GOOD_LIFT, FAIR_LIFT = 2.0, 1.3
 """Least lift of the top tenth; or as much of the largest possible lift as `ENOUGH`."""
 ENOUGH: Final = 0.8
+OFTEN: Final = 1.5
+"""Ratio of the twin's failures to the recorded ones, or the other way round, that is told."""
 VERDICTS: Final[Mapping[str, str]] = {
     "good": "Good enough to screen with",
     "fair": "Better than chance, screen with care",
@@ -79,7 +81,7 @@ def figures_of(
     shares = np.array([drive.max_oob_share for drive in drives])
     told = np.isfinite(shares)
     if told.sum() >= 3 and np.ptp(shares[told]) > 0.0:
-        ours = (score if rows is None else rows[:, SHARE])[told]  # the score tells equal ones apart
+        ours = with_ties(score[told], shares[told])
         varies = np.ptp(ours) > 0.0
         found["rank_correlation"] = spearman(ours, shares[told])[0] if varies else 0.0
     if 0 < failures < n:
@@ -88,6 +90,7 @@ def figures_of(
         found["early_half"] = float(roads[int(np.argmax(failing >= 0.5 - 1e-12))])
     if rows is None:
         return Figures(**found)
+    found["twin_failures"] = int(rows[:, FAILED].sum())
     found["agreement"] = float((rows[:, FAILED] == failed).mean())
     for name, column in (("offset_error", OFFSET_MEDIAN), ("speed_error", SPEED_MEDIAN)):
         values = rows[:, column]
@@ -192,6 +195,10 @@ def verdict_of(
     better = [k for k, v in baselines.items() if v.auc is not None and v.auc >= twin.auc]
     if better:
         told += f"; {' and '.join(better)} ranks no worse"
+    ours = twin.twin_failures
+    if ours is not None and not 1.0 / OFTEN <= (ours + 0.5) / (twin.failures + 0.5) <= OFTEN:
+        told += f"; it fails {ours} times, the record {twin.failures}: trust its order, not its"
+        told += " outcomes"
     if low >= GOOD_AUC and (lift >= GOOD_LIFT or lift >= ENOUGH * most) and not better:
         return "good", told
     if low > FAIR_AUC and (lift >= FAIR_LIFT or lift >= ENOUGH * most):

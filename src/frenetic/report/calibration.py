@@ -291,8 +291,8 @@ def _parameters(calibration: Calibration) -> Iterator[Block]:
     columns = (
         Column("parameter"),
         Column("fitted", True),
-        Column("from", True, "Least value with which a twin follows the drives as well."),
-        Column("to", True, "Largest such value."),
+        Column("from", True, "Lower end of the values with which a twin follows them as well."),
+        Column("to", True, "Upper end."),
         Column("bounds", True),
         Column("in the folds", True, "Values that the folds found, each without what it held out."),
         Column("finding"),
@@ -430,7 +430,17 @@ def _picture(calibration: Calibration) -> Figure:
     figure.suptitle(
         f"The twin {calibration.profile.name} on drives that it has not seen", color=INK
     )
-    grid = figure.add_gridspec(rows, 12, hspace=0.45, wspace=2.2)
+    bottom = 0.5 / (3.4 * rows)
+    grid = figure.add_gridspec(
+        rows,
+        12,
+        hspace=0.35,
+        wspace=3.0,
+        left=0.06,
+        right=0.98,
+        top=0.92,
+        bottom=bottom,
+    )
     failed = _failed(calibration)
     axes = figure.add_subplot(grid[0, :4])
     if 0.0 < failed.mean() < 1.0:
