@@ -45,6 +45,17 @@ from frenetic.spec import Spec
 
 KNOWN = 7.3
 MODEL_OF = [Asked("lateral_acceleration"), Asked("vehicle.brake_deceleration", 7.0, 9.0)]
+BROKEN = """
+class Broken:
+    def __init__(self, gain=1.0):
+        self.gain = gain
+
+    def reset(self, setup):
+        pass
+
+    def act(self, observation):
+        raise ValueError("no")
+"""
 QUICK = Settings(seed=1, evaluations=26, folds=2)
 
 
@@ -404,6 +415,9 @@ def test_usual_bounds_end_where_no_car_can_be_made() -> None:
         (lambda line: line | {"trajectory": {"time": [0, 1]}}, "its trajectory has no x"),
         (lambda line: line | {"trajectory": [[0, 1, 2], [1, 2]]}, "trajectory"),
         (lambda line: line | {"execution_data": [[1, 2]]}, "are no records of a drive"),
+        (lambda line: line | {"trajectory": 3}, "its trajectory is"),
+        (lambda line: line | {"outcome": ["PASS"]}, r"its outcome is \['PASS'\]: PASS or FAIL"),
+        (lambda line: line | {"execution_data": 3}, "are no records of a drive"),
         (lambda line: [line], "an object is needed"),
     ],
 )
@@ -441,6 +455,16 @@ def test_recordings_under_different_terms_are_not_mixed(
     )
     with pytest.raises(FreneticError, match=r"speed_limit 70 and 90 and oob_tol"):
         read_recordings([campaigns[0], tmp_path / "faster"])
+
+
+def test_a_driver_that_breaks_is_named(
+    recordings: Recordings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").write_text(BROKEN, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    broken = Model.of("mine.py:Broken", [Asked("gain")])
+    with pytest.raises(FreneticError, match=r"with driver.gain 1 broke on 16 of 16 recorded roads"):
+        calibrate(recordings, broken, QUICK)
 
 
 def test_too_few_drives_are_refused(recordings: Recordings, model: Model) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -192,9 +192,7 @@ def calibrate(
             on_progress(done, total)
 
     def loss_on(indices: IntArray) -> Loss:
-        loss = Loss(drives, indices, settings.weights)
-        loss.shapes = settings.shapes
-        return loss
+        return Loss(drives, indices, settings.weights, shapes=settings.shapes)
 
     digest = _digest(recordings, model, settings, evaluations, version)
     twins = TwinDriver(model, drives, shapes=settings.shapes, workers=workers)
@@ -211,7 +209,7 @@ def calibrate(
             evaluator = Evaluator(model, twins, journal, notify, should_stop or (lambda: False))
             start = np.array([one.place(one.start) for one in model.parameters])
             unfitted = evaluator.rows("unfitted", start, everything)
-            _refuse_broken(unfitted, model, drives)
+            _refuse_broken(unfitted, model, model.values(list(start)), drives)
             rankings[UNFITTED] = scores(unfitted)
             places = []
             for k in range(count):
@@ -233,6 +231,8 @@ def calibrate(
                 )
                 places.append(found.places)
                 rows[held_out] = evaluator.rows(f"{key} held out", found.places, held_out)
+                values = model.values(list(found.places))
+                _refuse_broken(rows[held_out], model, values, [drives[i] for i in held_out])
             chosen = _sampled(everything, drives, settings.sample, settings.seed + count)
             loss = loss_on(chosen)
             others = evaluator.evaluate("folds", np.stack(places), chosen, loss)
@@ -252,8 +252,6 @@ def calibrate(
             journal.remove()
     except Stopped:
         return None
-    if np.isnan(rows[:, SHARE]).any():
-        rows = np.where(np.isnan(rows[:, [SHARE]]), unfitted, rows)
     labels = cluster_labels([drives[i] for i in chosen])
     found_intervals = intervals(model.parameters, final, candidates, others, alone, labels)
     score = scores(rows)
@@ -343,16 +341,19 @@ def _sampled(
     return np.sort(np.concatenate((failing[:wanted], passing[: most - wanted])))
 
 
-def _refuse_broken(rows: FloatArray, model: Model, drives: tuple[RecordedDrive, ...]) -> None:
+def _refuse_broken(
+    rows: FloatArray, model: Model, values: Mapping[str, float], drives: Sequence[RecordedDrive]
+) -> None:
+    """Refuses a twin that broke on one of the drives."""
     broken = np.flatnonzero(np.isnan(rows[:, SHARE]))
     if not len(broken):
         return
     recorded = drives[int(broken[0])]
-    driver, simulator = model.make({}, recorded.rules)
-    error = simulator.drive(recorded.road, driver).error
+    driver, simulator = model.make(values, recorded.rules)
+    told = ", ".join(f"{name} {value:.4g}" for name, value in values.items())
     raise FreneticError(
-        f"the driver {model.driver!r} broke on {len(broken)} of {len(drives)} recorded roads, first"
-        f" on that of {recorded.name}: {error}"
+        f"the driver {model.driver!r} with {told} broke on {len(broken)} of {len(drives)} recorded"
+        f" roads, first on that of {recorded.name}: {simulator.drive(recorded.road, driver).error}"
     )
 
 

@@ -67,11 +67,13 @@ class Journal:
                 self._flush()
             self.found = len(self._known)
         except (BlockingIOError, PermissionError):
+            self.close()
             raise FreneticError(
                 f"{self._path} is being written by another process, or may not be: wait for that,"
                 " or choose another place with --out"
             ) from None
         except OSError as error:
+            self.close()
             raise FreneticError(
                 f"{self._path} cannot be written: {error.strerror or error}; choose another place"
                 " with --out"
@@ -85,8 +87,13 @@ class Journal:
         trace: TracebackType | None,
     ) -> None:
         """Closes the file, which stays."""
+        self.close()
+
+    def close(self) -> None:
+        """Closes the file; later results are not kept."""
         if self._file is not None:
             self._file.close()
+            self._file = None
 
     def get(self, key: str, count: int) -> FloatArray | None:
         """The results under a key, (count, ...); None if they are not there."""
@@ -102,9 +109,8 @@ class Journal:
 
     def remove(self) -> None:
         """Removes the file, when it is no longer needed."""
-        if self._path is not None and self._file is not None:
-            self._file.close()
-            self._file = None
+        if self._path is not None:
+            self.close()
             with suppress(OSError):
                 self._path.unlink()
 

@@ -147,6 +147,7 @@ class Loss:
         drives: all recorded drives.
         indices: of those that count.
         weights: name of a term -> its weight, in place of the usual one.
+        shapes: whether only the shapes of speeds are compared.
 
     Raises:
         FreneticError: there is no such term, a weight is negative, or nothing can be compared.
@@ -157,6 +158,8 @@ class Loss:
         drives: Sequence[RecordedDrive],
         indices: IntArray,
         weights: Mapping[str, float] | None = None,
+        *,
+        shapes: bool = False,
     ) -> None:
         check_weights(weights or {})
         chosen = [drives[i] for i in indices]
@@ -182,14 +185,15 @@ class Loss:
         self._has_path = has_path
         self._scale = {}
         for name, column in (("offset", OFFSET), ("speed", SPEED)):
-            values = [getattr(drive, name) for drive in chosen if len(drive.offset)]
-            told = np.concatenate(values) if values else np.empty(0)
+            paths = [getattr(drive, name) for drive in chosen if len(drive.offset)]
+            if name == "speed" and shapes:
+                paths = [path / max(float(np.nanmean(path)), _LEAST) for path in paths]
+            told = np.concatenate(paths) if paths else np.empty(0)
             told = told[np.isfinite(told)]
             spread = float(np.abs(told - np.median(told)).mean()) if len(told) else 0.0
             if spread > _LEAST:
                 self._scale[name] = column, spread
                 present[name] = 1.0
-        self.speed_scale = float(np.mean(told)) if len(told) else 1.0
         wanted = {name: (weights or {}).get(name, WEIGHTS[name]) for name in present}
         self.weights = {name: weight for name, weight in wanted.items() if weight > 0.0}
         """Name of a term that counts -> its weight."""
@@ -198,7 +202,6 @@ class Loss:
                 "there is nothing to fit to: the drives neither differ in outcome or oob share nor"
                 " have trajectories, or all weights are 0"
             )
-        self.shapes = False
 
     def contributions(self, rows: FloatArray) -> FloatArray:
         """The share of each drive in the loss, (n,), whose mean is the loss.
@@ -241,8 +244,6 @@ class Loss:
 
     def _along(self, name: str, rows: FloatArray) -> FloatArray:
         column, spread = self._scale[name]
-        if name == "speed" and self.shapes:
-            spread /= self.speed_scale
         covered = np.nan_to_num(rows[:, COVERED])
         errors = np.nan_to_num(rows[:, column]) / spread
         found: FloatArray = covered * errors + (1.0 - covered)

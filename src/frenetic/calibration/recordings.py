@@ -120,24 +120,17 @@ class Recordings:
         return list(dict.fromkeys(drive.run for drive in self.drives))
 
 
-def read_recordings(
-    places: Sequence[Path],
-    given: Terms | None = None,
-    *,
-    on_progress: Callable[[int], None] | None = None,
-) -> Recordings:
+def read_recordings(places: Sequence[Path], given: Terms | None = None) -> Recordings:
     """Reads recorded drives.
 
     Args:
         places: files and folders.
         given: terms that hold whatever a recording says.
-        on_progress: called now and then with the number of drives so far.
 
     Raises:
         FreneticError: one of them cannot be read or is damaged, they hold no drive that passed or
             failed, or they were driven under different terms.
     """
-    notify = on_progress or (lambda _: None)
     drives: list[RecordedDrive] = []
     digests: dict[str, str] = {}
     found: dict[Terms, str] = {}
@@ -157,8 +150,6 @@ def read_recordings(
                         continue
                     drives.append(drive)
                     _feed(digest, drive)
-                    if len(drives) % 100 == 0:
-                        notify(len(drives))
         if len(drives) == before:
             raise FreneticError(f"{place} holds no drive that passed or failed")
         digests[str(place)] = digest.hexdigest()
@@ -365,7 +356,7 @@ def _drive_of(
     outcome = entries.get("outcome", entries.get("test_outcome"))
     if outcome is None:
         raise FreneticError(f"{where} has no outcome: PASS or FAIL is needed")
-    if outcome not in set(Outcome):
+    if not isinstance(outcome, str) or outcome not in set(Outcome):
         raise FreneticError(f"{where}: its outcome is {shown(outcome)}: PASS or FAIL is needed")
     if not Outcome(outcome).is_driven:
         return None
@@ -448,7 +439,8 @@ def _trajectory(given: Any, where: object) -> tuple[FloatArray, FloatArray]:
         columns = [_array(given[name], where, f"its {name}") for name in ("time", "x", "y")]
         speed = _array(given.get("speed", []), where, "its speed")
     else:
-        rows = _array([row[:3] for row in given], where, "its trajectory")
+        is_rows = isinstance(given, list) and all(isinstance(row, list) for row in given)
+        rows = _array([row[:3] for row in given] if is_rows else None, where, "its trajectory")
         if rows.ndim != 2 or rows.shape[1] != 3:
             raise FreneticError(f"{where}: its trajectory is no list of [time, x, y]")
         columns, speed = list(rows.T), np.empty(0)
