@@ -24,6 +24,7 @@ from types import FunctionType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from frenetic._support.json_value import JSONValue, plain
+from frenetic._support.words import counted
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.fingerprint import Fingerprint, fingerprint_of, innermost, over_each_other
@@ -139,6 +140,49 @@ class Budget:
 
 
 @dataclass(frozen=True)
+class EarlierCampaign:
+    """An earlier campaign that a search starts from."""
+
+    folder: str
+    """Its folder, as it was given."""
+    digest: str = ""
+    """SHA-256 of what was taken from it; empty before that."""
+    simulations: int = 0
+    """Its drives."""
+    failures: int = 0
+    """Its failures."""
+    taken: int = 0
+    """Tests that were taken from it."""
+    left_out: int = 0
+    """Roads that do not fit the map or the strategy's step."""
+
+    @classmethod
+    def read(cls, value: Any) -> EarlierCampaign:
+        """One from JSON.
+
+        Raises:
+            ValueError: it is none; the message follows "is ..:".
+        """
+        numbers = [item.name for item in fields(cls) if item.type == "int"]
+        is_fine = (
+            isinstance(value, Mapping)
+            and value.keys() == {"folder", "digest", *numbers}
+            and all(isinstance(value[name], str) for name in ("folder", "digest"))
+            and all(type(value[name]) is int and value[name] >= 0 for name in numbers)
+        )
+        if not is_fine:
+            raise ValueError("a list of earlier campaigns is needed")
+        return cls(**value)
+
+    def __str__(self) -> str:
+        left_out = f", {self.left_out} left out that do not fit" if self.left_out else ""
+        return (
+            f"{self.folder} ({counted(self.simulations, 'simulation')},"
+            f" {counted(self.failures, 'failure')}): {counted(self.taken, 'road')} taken{left_out}"
+        )
+
+
+@dataclass(frozen=True)
 class Part:
     """A strategy, driver or simulator: its name and options, and the object's description."""
 
@@ -197,6 +241,8 @@ class Spec:
     """Number of outstanding candidates in an ordered campaign, None in an unordered one."""
     objective: str = "moobd"
     """Name of what the strategy minimises, see `frenetic.campaign.objective`."""
+    start_from: tuple[EarlierCampaign, ...] = ()
+    """Earlier campaigns that the search starts from."""
     budget: Budget | None = None
     """Budget, None without a search."""
     workers: int = 1
@@ -350,6 +396,7 @@ class Spec:
             "cluster": self.cluster,
             "lookahead": self.lookahead,
             "objective": self.objective,
+            **({"start_from": [asdict(one) for one in self.start_from]} if self.start_from else {}),
             "versions": dict(self.versions),
             "fingerprints": dict(self.fingerprints),
             **({} if command is None else {"command": command}),
@@ -457,6 +504,8 @@ class Spec:
         words += [*self.strategy.words("strategy"), *self.drive_words()]
         if self.objective != "moobd":
             words += ["--objective", self.objective]
+        for earlier in self.start_from:
+            words += ["--from", earlier.folder]
         if self.lookahead is None:
             words += ["--unordered"]
         else:
@@ -473,6 +522,14 @@ class Spec:
             return self.layers.get(name)
         value: float | None = getattr(self, name, getattr(self.rules, name, None))
         return value
+
+
+def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
+    """The earlier campaigns in a campaign's record, none if they cannot be read."""
+    found: tuple[EarlierCampaign, ...] | None = decode_config(config, ["start_from"]).values.get(
+        "start_from"
+    )
+    return found or ()
 
 
 def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
@@ -913,6 +970,12 @@ def _record(value: Any, kind: Callable[..., T], *, or_none: bool = False) -> T:
         raise ValueError(str(error)) from None
 
 
+def _earlier(value: Any) -> tuple[EarlierCampaign, ...]:
+    if not isinstance(value, list):
+        raise ValueError("a list of earlier campaigns is needed")
+    return tuple(map(EarlierCampaign.read, value))
+
+
 def _rules(value: Any) -> Rules:
     from frenetic.simulators.drive import Rules  # numba takes its time
 
@@ -941,6 +1004,7 @@ CONFIGURATION: Final[Mapping[str, Entry]] = MappingProxyType(
         "cluster": Entry(_or_none(_text), is_needed=False),
         "lookahead": Entry(_or_none(_whole_number(1)), is_needed=False),
         "objective": Entry(_text, is_needed=False),
+        "start_from": Entry(_earlier, is_needed=False),
         "versions": Entry(_versions),
         "fingerprints": Entry(_fingerprints, is_needed=False),
     }

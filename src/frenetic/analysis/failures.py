@@ -17,7 +17,7 @@ place where the car came nearest to its lane's edge.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -36,12 +36,13 @@ from frenetic.analysis.segments import (
     segment_profile,
     segments_of,
 )
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import EarlierTest, TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search.approach import as_vector, road_around, states_before
+from frenetic.search.approach import SIZE, as_vector, is_near, road_around, states_before
+from frenetic.search.archive import SIDES, places_of
 from frenetic.search.records import Trace
 from frenetic.simulators.drive import Drive
 
@@ -159,6 +160,8 @@ class Cluster:
     """Root mean square difference of the failures from their mean, in m."""
     description: str
     """Description of the most severe failure, in one phrase."""
+    was_known: bool = False
+    """Whether the campaign started from an earlier one that holds a failure like one of these."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -189,6 +192,11 @@ class Clusters:
         """Number of failures in all clusters."""
         return sum(map(len, self.clusters))
 
+    @property
+    def known(self) -> int:
+        """Number of clusters that were known from earlier campaigns."""
+        return sum(cluster.was_known for cluster in self.clusters)
+
     def of(self, id: int) -> Cluster:  # noqa: A002
         """The cluster of a test.
 
@@ -214,6 +222,9 @@ def failures_of(store: CampaignStore, limit: int | None = None) -> list[Failure]
 def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clusters:
     """The distinct failures of a campaign.
 
+    If it started from earlier campaigns, those are marked as known of which a failure differs by at
+    most 2 m from one that was taken from there.
+
     Args:
         store: the campaign.
         limit: number of failures to compare, the most severe first; None for all.
@@ -221,7 +232,30 @@ def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clu
     Raises:
         CampaignError: the campaign is damaged.
     """
-    return cluster_failures(failures_of(store, limit))
+    failures = failures_of(store, limit)
+    found, earlier = cluster_failures(failures), store.earlier()
+    return _with_known(found, failures, earlier) if earlier else found
+
+
+def _with_known(
+    clusters: Clusters, failures: Iterable[Failure], earlier: Iterable[EarlierTest]
+) -> Clusters:
+    places = [
+        places_of(test.evaluation, test.evaluation.candidate, 0.0)[0]
+        for test in earlier
+        if test.evaluation.outcome is Outcome.FAIL
+    ]
+    theirs = {
+        side: np.array([one.vector for one in places if one.side == SIDES[side]]).reshape(-1, SIZE)
+        for side in SIDES
+    }
+    known = {
+        failure.id
+        for failure in failures
+        if is_near(theirs[failure.side], failure.vector(), THRESHOLD**2)
+    }
+    marked = (replace(one, was_known=not known.isdisjoint(one.ids)) for one in clusters)
+    return Clusters(tuple(marked), clusters.threshold)
 
 
 def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:

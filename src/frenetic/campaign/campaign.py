@@ -7,7 +7,7 @@ import logging
 import os
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -24,8 +24,9 @@ from frenetic.campaign.changes import (
     present_parts,
     read_changes,
 )
+from frenetic.campaign.earlier import stored_earlier, take_earlier
 from frenetic.campaign.log import CampaignLog, Event
-from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order
+from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order, start
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.replay import replay
@@ -39,12 +40,20 @@ from frenetic.fingerprint import fingerprint_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
-from frenetic.search.strategy import CheckingStrategy, Strategy, notice_of
+from frenetic.search.strategy import CheckingStrategy, Strategy, WarmStartingStrategy, notice_of
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import isolated
 from frenetic.simulators.simulator import Simulator
-from frenetic.spec import MAX_WORKERS, Budget, Part, Spec, describe, describe_terms
+from frenetic.spec import (
+    MAX_WORKERS,
+    Budget,
+    EarlierCampaign,
+    Part,
+    Spec,
+    describe,
+    describe_terms,
+)
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -103,6 +112,9 @@ class Campaign:
         drive_limit: s of wall time after which a worker that tests one road counts as hanging; by
             default half as long again as the simulator's own ``wall_limit``, and 10 s.
         objective: name of what the strategy minimises, see `frenetic.campaign.objective`.
+        start_from: folders of earlier campaigns, such as those of the driver's last version. The
+            strategy, a `frenetic.search.WarmStartingStrategy`, drives again what failed there. What
+            is taken from them is kept in the new campaign, and a resumed one goes on with that.
         description: other facts for the campaign's configuration.
 
     Raises:
@@ -127,6 +139,7 @@ class Campaign:
         lookahead: int = LOOKAHEAD,
         drive_limit: float | None = None,
         objective: str = MOOBD,
+        start_from: Sequence[Path | str] = (),
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
         for name, number in (("workers", workers), ("lookahead", lookahead)):
@@ -151,7 +164,14 @@ class Campaign:
             )
         if isinstance(strategy, ObservingStrategy) and (workers > 1 or cluster is not None):
             raise ValueError("the strategy observes drives: it needs one worker, in this process")
+        if start_from and not isinstance(strategy, WarmStartingStrategy):
+            raise ValueError(
+                f"the strategy {type(strategy).__name__} starts from no earlier campaign: leave out"
+                " --from, or choose a strategy with start_from, such as frenetic"
+            )
         self.strategy = strategy
+        self.start_from = tuple(EarlierCampaign(str(folder)) for folder in start_from)
+        """Earlier campaigns that it starts from, read when it runs."""
         self.tester = RoadTester(simulator, driver, map_size, margin, lane_width)
         self.objective = Objective.load(objective)
         self.budget = budget
@@ -218,6 +238,7 @@ class Campaign:
             lookahead=spec.lookahead or LOOKAHEAD,
             drive_limit=drive_limit,
             objective=spec.objective,
+            start_from=[earlier.folder for earlier in spec.start_from],
         )
         campaign.named = spec
         return campaign
@@ -245,6 +266,7 @@ class Campaign:
             cluster=self.cluster,
             lookahead=self.order.lookahead,
             objective=self.objective.name,
+            start_from=self.start_from,
             versions=package_versions(),
             fingerprints=describe_terms() | self._objective_fingerprint(),
         )
@@ -273,9 +295,9 @@ class Campaign:
             on_interrupt: called at the first Ctrl-C.
 
         Raises:
-            CampaignError: the folder cannot be used or written, it holds a campaign already, no
-                worker can be started, or only broken drives or refused roads come. Stored results
-                stay.
+            CampaignError: the folder cannot be used or written, it holds a campaign already, an
+                earlier campaign cannot be read or has no road that fits, no worker can be started,
+                or only broken drives or refused roads come. Stored results stay.
         """
         prepare(self.tester.simulator)
         if self.cluster is not None:
@@ -284,13 +306,20 @@ class Campaign:
 
             require_scheduler(self.cluster)
         self._keep_margin()
+        folders = [earlier.folder for earlier in self.start_from]
+        step = (options_of(self.strategy) or {}).get("step")
+        self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
         configuration = self.configuration()
         with ExitStack() as stack:
-            store = stack.enter_context(CampaignStore.create(self.folder, configuration))
+            store = stack.enter_context(CampaignStore.create(self.folder, configuration, taken))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
             tally = Tally()
             _log_start(log, Event.STARTED, tally, configuration)
+            self.notes = tuple(f"starts from {earlier}" for earlier in self.start_from)
+            for note in self.notes:
+                log.write(Event.LOG, note, logger=__name__)
+            start(self.strategy, store.earlier(), tally)
             stack.enter_context(_saying_what_is_stored(store, tally))
             return self._search(store, log, tally, {}, on_progress, on_start, on_interrupt)
 
@@ -327,6 +356,7 @@ class Campaign:
             strategy = store.config.get("strategy")
             if isinstance(strategy, Mapping) and "margin" in strategy:
                 self._keep_margin()
+            self.start_from, taken = stored_earlier(store)
             configuration = self.configuration()
             changes = self._changes(store, configuration, accept_changed=accept_changed)
             store.require_whole()
@@ -338,6 +368,7 @@ class Campaign:
                 is_revised=any(
                     "strategy" in one.parts for one in read_changes(changes.get(CHANGES))
                 ),
+                earlier=taken,
             )
             # However this process ends, the campaign is resumed to this budget.
             store.reopen(budget=asdict(self.budget), **changes)

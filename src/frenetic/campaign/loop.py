@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Final, Protocol, runtime_checkable
 
@@ -17,13 +18,19 @@ from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.progress import Progress, Tally
-from frenetic.campaign.record import Attempt, TestRecord
+from frenetic.campaign.record import Attempt, EarlierTest, TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_raised
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
-from frenetic.search.strategy import SearchEnded, SelectiveStrategy, Strategy, notice_of
+from frenetic.search.strategy import (
+    SearchEnded,
+    SelectiveStrategy,
+    Strategy,
+    WarmStartingStrategy,
+    notice_of,
+)
 from frenetic.spec import Budget
 
 MAX_ATTEMPTS: Final = 2
@@ -370,6 +377,23 @@ def _traced(traceback: str) -> dict[str, JSONValue]:
     return {"traceback": traceback} if traceback else {}
 
 
+def start(strategy: Strategy, earlier: Sequence[EarlierTest], tally: Tally) -> None:
+    """Tells the strategy what earlier campaigns drove, if anything; its time is counted.
+
+    Raises:
+        CampaignError: the strategy raised, or starts from no earlier campaign.
+    """
+    if not earlier:
+        return
+    if not isinstance(strategy, WarmStartingStrategy):
+        raise StrategyError(
+            f"the campaign started from earlier ones, but the strategy {type(strategy).__name__}"
+            " has no start_from"
+        )
+    with _own_time(tally, CampaignError):
+        strategy.start_from([test.evaluation for test in earlier])
+
+
 def ask(strategy: Strategy, tally: Tally) -> Candidate:
     """The strategy's next candidate; its time is counted.
 
@@ -377,16 +401,8 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
         SearchEnded: it has none left.
         CampaignError: the strategy raised, or its proposal is no candidate or not finite.
     """
-    start = time.perf_counter()
-    try:
-        with one_process():
-            candidate = strategy.ask()
-    except SearchEnded:
-        raise
-    except Exception as error:
-        raise _raised(error) from error
-    finally:
-        tally.strategy_seconds += time.perf_counter() - start
+    with _own_time(tally, SearchEnded):
+        candidate = strategy.ask()
     if not isinstance(candidate, Candidate):
         raise StrategyError(
             f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
@@ -404,16 +420,23 @@ def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
     Raises:
         CampaignError: the strategy raised.
     """
-    start = time.perf_counter()
+    with _own_time(tally, CampaignError):  # a damaged trajectory
+        strategy.tell(evaluation)
+
+
+@contextmanager
+def _own_time(tally: Tally, passing: type[Exception]) -> Iterator[None]:
+    """Counts the strategy's time; what it raises is its fault, but for ``passing``."""
+    began = time.perf_counter()
     try:
         with one_process():
-            strategy.tell(evaluation)
-    except CampaignError:  # a damaged trajectory
+            yield
+    except passing:
         raise
     except Exception as error:
         raise _raised(error) from error
     finally:
-        tally.strategy_seconds += time.perf_counter() - start
+        tally.strategy_seconds += time.perf_counter() - began
 
 
 def _raised(error: Exception) -> StrategyError:

@@ -25,7 +25,8 @@ from frenetic.errors import CampaignError
 from frenetic.oracle import Departure, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
-from frenetic.search.records import Candidate, Origin
+from frenetic.search.random_search import EARLIER
+from frenetic.search.records import Candidate, Evaluation, Origin, Trace
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.spec import decode_config, is_number, shown
 
@@ -225,6 +226,23 @@ class TestRecord:
                 " says what is wrong with its configuration"
             )
         return self.setting
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierTest:
+    """Test of an earlier campaign that a search starts from."""
+
+    campaign: int
+    """Number from 1 of the campaign among those that it starts from."""
+    test: int
+    """Id of the test there."""
+    evaluation: Evaluation
+    """Result, as the strategy is told it; its candidate counts from 1 in this order."""
+
+    @property
+    def number(self) -> int:
+        """Number from 1 among all tests that a search starts from."""
+        return self.evaluation.candidate.id
 
 
 @dataclass(frozen=True)
@@ -462,6 +480,23 @@ _TEST_COLUMNS: Final = (
     Column("elapsed", Kind.REAL, "the campaign's time when it was told", "s", True, 0.0),
 )
 
+_EARLIER_COLUMNS: Final = (
+    Column("number", Kind.WHOLE, "counts from 1", low=1),
+    Column("campaign", Kind.WHOLE, "of those that it starts from, from 1", low=1),
+    Column("test", Kind.WHOLE, "id of the test there", low=1),
+    Column("step", Kind.REAL, "between two curvatures", "m", is_positive=True),
+    Column("curvatures", Kind.REALS, "of its road", "1/m"),
+    Column("outcome", Kind.CHOICE, "PASS or FAIL", choices=(Outcome.PASS, Outcome.FAIL)),
+    Column("moobd", Kind.REAL, "minimum oob distance", "m"),
+    Column("objective", Kind.REAL, "what is minimised instead", "", True),
+    Column("place", Kind.REAL, "along the road to where it left or was furthest off", "m", True),
+    Column("side", Kind.CHOICE, "left or right, where it left", "", True, choices=get_args(Side)),
+    Column("duration", Kind.REAL, "simulated time of the drive", "s", True, 0.0),
+    Column("distance", Kind.REALS, "along the road, of each record of the drive", "m"),
+    Column("lateral_offset", Kind.REALS, "left of the ego lane's centre line", "m"),
+    Column("speed", Kind.REALS, "likewise", "m/s"),
+)
+
 CANDIDATE_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {column.name: column for column in _CANDIDATE_COLUMNS}
 )
@@ -470,11 +505,19 @@ TEST_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {column.name: column for column in _TEST_COLUMNS}
 )
 """Name -> column of the table of tests, in its order."""
+EARLIER_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
+    {column.name: column for column in _EARLIER_COLUMNS}
+)
+"""Name -> column of the table of earlier campaigns' tests, in its order."""
 RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {name: column for name, column in TEST_COLUMNS.items() if name != "finished_at"}
 )
 """The columns that make a `TestRecord`."""
 _AS_THEY_ARE: Final = tuple(RECORD_COLUMNS.keys() - {"candidate_id", "outcome", *POSE})
+
+
+_OF_EVALUATION: Final = ("place", "side", "duration", "objective")
+_OF_TRACE: Final = ("distance", "lateral_offset", "speed")
 
 
 # Checksums of rows
@@ -595,6 +638,30 @@ def read_test(
     return record_of(read, candidate, trajectory, setting)
 
 
+def read_earlier(row: Iterable[object]) -> EarlierTest:
+    """The test of a row of `EARLIER_COLUMNS`.
+
+    Raises:
+        RowError: the row is damaged.
+    """
+    values = read_row(EARLIER_COLUMNS, row)
+    trace = Trace(*(values[name] for name in _OF_TRACE))
+    if not 0 < len(trace.distance) == len(trace.lateral_offset) == len(trace.speed):
+        raise RowError("distance", "has not as many records as lateral_offset and speed")
+    return EarlierTest(
+        values["campaign"],
+        values["test"],
+        Evaluation(
+            Candidate(values["number"], values["curvatures"], values["step"], Origin(EARLIER)),
+            Outcome(values["outcome"]),
+            values["moobd"],
+            0.0,
+            **{name: values[name] for name in _OF_EVALUATION},
+            read_trace=lambda: trace,
+        ),
+    )
+
+
 def record_of(
     values: Mapping[str, Any],
     candidate: Candidate,
@@ -645,10 +712,38 @@ def row_of_candidate(candidate: Candidate, asked_after: int) -> tuple[object, ..
         json.dumps([int(parent) for parent in origin.parents]),
         int(origin.generation),
         float(candidate.step),
-        curvatures.astype("<f8", copy=False).tobytes(),
+        _as_blob(curvatures),
         asked_after,
-        None if points is None else points.astype("<f8", copy=False).tobytes(),
+        None if points is None else _as_blob(points),
     )
+
+
+def row_of_earlier(test: EarlierTest) -> tuple[object, ...]:
+    """A test of an earlier campaign as a row of `EARLIER_COLUMNS`.
+
+    Raises:
+        ValueError: it has no trace.
+    """
+    told = test.evaluation
+    candidate, trace = told.candidate, told.trace
+    if trace is None or told.moobd is None:
+        raise ValueError(f"test {test.test} of an earlier campaign was not driven")
+    values: dict[str, object] = {
+        "number": candidate.id,
+        "campaign": test.campaign,
+        "test": test.test,
+        "step": float(candidate.step),
+        "curvatures": _as_blob(candidate.curvatures),
+        "outcome": str(told.outcome),
+        "moobd": float(told.moobd),
+        **{name: getattr(told, name) for name in _OF_EVALUATION},
+        **{name: _as_blob(getattr(trace, name)) for name in _OF_TRACE},
+    }
+    return tuple(values[name] for name in EARLIER_COLUMNS)
+
+
+def _as_blob(values: FloatArray) -> bytes:
+    return values.astype("<f8", copy=False).tobytes()
 
 
 def row_of_test(record: TestRecord, finished_at: str) -> tuple[object, ...]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 import numpy as np
 
 from frenetic.campaign.evaluation import evaluation_of
-from frenetic.campaign.loop import ObservingStrategy, ask, tell
+from frenetic.campaign.loop import ObservingStrategy, ask, start, tell
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.progress import Tally
+from frenetic.campaign.record import EarlierTest
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
@@ -26,6 +27,7 @@ def replay(
     objective: Objective,
     *,
     is_revised: bool = False,
+    earlier: Sequence[EarlierTest] = (),
 ) -> tuple[Tally, dict[int, Candidate]]:
     """Replays the log to a fresh strategy, asking and telling in the same order.
 
@@ -36,6 +38,7 @@ def replay(
         objective: of the campaign.
         is_revised: whether an earlier version of the strategy made part of the log. Then its roads
             take the place of those that the strategy proposes, if it is a `RevisableStrategy`.
+        earlier: tests of earlier campaigns that it started from.
 
     Returns:
         The progress, and the candidates that were asked but not told, by id in the order of asking.
@@ -49,6 +52,7 @@ def replay(
             " exactly; start a new campaign"
         )
     tally = Tally()
+    start(strategy, earlier, tally)
     asked = store.candidates_with_place()
     following = next(asked, None)
     outstanding: dict[int, Candidate] = {}

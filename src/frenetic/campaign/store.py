@@ -10,6 +10,7 @@ anyone with SQLite, while the campaign runs and long afterwards:
 | test | result that the strategy was told |
 | trajectory | drive, compressed by `frenetic.campaign.trajectory_codec` |
 | redrive_run, redrive | road that was driven again, see `frenetic.redrive.table` |
+| earlier | test of an earlier campaign that the search started from |
 
 and the view `overview` shows a test in one readable line.
 
@@ -26,7 +27,7 @@ import ctypes
 import json
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -41,14 +42,18 @@ from frenetic.campaign.lock import FileLock
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     CHECKSUM,
+    EARLIER_COLUMNS,
     TEST_COLUMNS,
+    EarlierTest,
     RowError,
     Setting,
     TestRecord,
     checksum_fault,
     read_candidate,
+    read_earlier,
     read_test,
     row_of_candidate,
+    row_of_earlier,
     row_of_test,
     setting_faults,
     with_checksum,
@@ -191,14 +196,36 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
         # m, between the recorded failure and this one; older drives have none
         "ALTER TABLE redrive ADD COLUMN difference REAL CHECK (difference >= 0)",
     ),
+    (
+        f"""
+        CREATE TABLE earlier (
+            number INTEGER PRIMARY KEY CHECK (number >= 1),
+            campaign INTEGER NOT NULL CHECK (campaign >= 1),  -- of those that it starts from
+            test INTEGER NOT NULL,  -- id of the test there
+            step REAL NOT NULL CHECK (step > 0),  -- m between curvatures
+            curvatures BLOB NOT NULL CHECK (length(curvatures) % 8 = 0),  -- 1/m, float64
+            outcome TEXT NOT NULL,  -- PASS or FAIL
+            moobd REAL NOT NULL,  -- m
+            objective REAL,  -- what is minimised, if it is not the MOOBD
+            place REAL,  -- m along the road to where the car left or was furthest off
+            side TEXT CHECK (side IN ('left', 'right')),  -- where it left its lane
+            duration REAL,  -- simulated s
+            distance BLOB NOT NULL,  -- m along the road, float64, of each record of the drive
+            lateral_offset BLOB NOT NULL,  -- m left of the ego lane's centre line, likewise
+            speed BLOB NOT NULL,  -- m/s, likewise
+            checksum INTEGER
+        ) {_STRICT}
+        """,
+    ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
-_UNREAD: Final = frozenset({4, 5})
+_UNREAD: Final = frozenset({4, 5, 6})
 """Schema versions that only add what readers of the store can do without."""
 
 _INSERT: Final = "INSERT INTO {} VALUES ({})"
 _INSERT_CANDIDATE: Final = _INSERT.format("candidate", "?, " * len(CANDIDATE_COLUMNS) + "?")
 _INSERT_TEST: Final = _INSERT.format("test", "?, " * len(TEST_COLUMNS) + "?")
+_INSERT_EARLIER: Final = _INSERT.format("earlier", "?, " * len(EARLIER_COLUMNS) + "?")
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?, ?)"
 _INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?, ?)"
 # {} is the column of checksums, NULL in older schemas.
@@ -209,6 +236,7 @@ _SELECT_TEST: Final = f"""
     FROM test LEFT JOIN candidate ON id = candidate_id WHERE candidate_id = ?
 """  # noqa: S608
 _SELECT_TRAJECTORY: Final = "SELECT candidate_id, data, {} FROM trajectory"
+_SELECT_EARLIER: Final = f"SELECT {', '.join(EARLIER_COLUMNS)}, {CHECKSUM} FROM earlier"  # noqa: S608
 _SELECT_FACTS: Final = "SELECT key, value, {} FROM campaign"
 _SELECT_IDS: Final[Mapping[str, str]] = {
     "told": """
@@ -226,6 +254,7 @@ SELECT_TESTED_ROADS: Final = """
 """
 """The roads of all tests, see `frenetic.campaign.counts.road_key`."""
 _CHECKSUMS_SINCE: Final = 5  # schema version
+_EARLIER_SINCE: Final = 6  # likewise
 _CONFIG: Final = "config"
 _CREATED_AT: Final = "created_at"
 
@@ -257,6 +286,7 @@ class CampaignStore:
         with translated(self._path):
             (version,) = connection.execute("PRAGMA user_version").fetchone()
             has_checksums = version >= _CHECKSUMS_SINCE
+            self._has_earlier = version >= _EARLIER_SINCE
             self.checksum_column: Final = CHECKSUM if has_checksums else "NULL"
             """The column of checksums in a SELECT, NULL in an older schema."""
             self._select_test = _SELECT_TEST.format(
@@ -273,8 +303,15 @@ class CampaignStore:
         self._setting = None if setting_faults(self._config) else Setting.of(self._config)
 
     @classmethod
-    def create(cls, folder: Path, config: Mapping[str, JSONValue]) -> Self:
+    def create(
+        cls,
+        folder: Path,
+        config: Mapping[str, JSONValue],
+        earlier: Iterable[EarlierTest] = (),
+    ) -> Self:
         """Return a new campaign in `folder`, open for writing; the folder is made if need be.
+
+        `earlier` are the tests of earlier campaigns that it starts from.
 
         Raises a `CampaignError` if `folder` holds a campaign already or cannot be written, and a
         `ValueError` if `config` is not JSON (NaN and infinity are not).
@@ -303,7 +340,7 @@ class CampaignStore:
             with translated(path):
                 for leftover in ("", "-wal", "-shm", "-journal"):
                     unfinished.with_name(unfinished.name + leftover).unlink(missing_ok=True)
-                _make_database(unfinished, facts)
+                _make_database(unfinished, facts, earlier)
                 unfinished.replace(path)
             return cls._open_locked(folder, lock)
         except BaseException:
@@ -594,6 +631,23 @@ class CampaignStore:
     def by_outcome(self) -> dict[Outcome, int]:
         """Return the number of results per outcome; every outcome is present."""
         return self._count_by_outcome()[0]
+
+    def earlier(self) -> list[EarlierTest]:
+        """Return the tests of earlier campaigns that this one started from, in their order.
+
+        Raises a `CampaignError` if one is damaged.
+        """
+        if not self._has_earlier:
+            return []
+        with translated(self._path):
+            rows = self._connection.execute(f"{_SELECT_EARLIER} ORDER BY number").fetchall()
+        found = []
+        for row in rows:
+            name = f"earlier test {row[0]}"
+            with self._naming(f"of {name}"):
+                found.append(read_earlier(row[:-1]))
+            self._require_checksum(row, name)
+        return found
 
     def counts(self) -> StoredCounts:
         """Return the number of tests per outcome and of different roads, and the lowest MOOBD.
@@ -992,14 +1046,15 @@ def check_identity(connection: sqlite3.Connection, path: Path) -> int:
     return int(version)
 
 
-def _make_database(path: Path, facts: Mapping[str, str]) -> None:
-    """Write a complete, empty campaign to the new file at `path`."""
+def _make_database(path: Path, facts: Mapping[str, str], earlier: Iterable[EarlierTest]) -> None:
+    """Write a complete campaign without tests to the new file at `path`."""
     connection = _connect(path, "mode=rwc")
     try:
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         _migrate(connection, 0)
         connection.execute("BEGIN")
         connection.executemany(_REPLACE_FACT, map(with_checksum, facts.items()))
+        connection.executemany(_INSERT_EARLIER, map(with_checksum, map(row_of_earlier, earlier)))
         connection.execute("COMMIT")
     finally:
         connection.close()

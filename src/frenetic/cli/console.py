@@ -228,13 +228,20 @@ def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
         title = counted(len(clusters), "distinct failure")
         if clusters.failures < failures:
             title += f" among the {clusters.failures} most severe of {failures}"
+        if clusters.known:
+            title += f", {clusters.known} known before"
         if listed < len(clusters):
             title += f", the {listed} most severe"
     Results().print(title, style="bold", markup=False)
     print_table(
         (">test", ">MOOBD (m)", ">alike", heading),
         [
-            (one.most_severe, two_digits(one.moobd), len(one), one.description)
+            (
+                one.most_severe,
+                two_digits(one.moobd),
+                len(one),
+                f"known before: {one.description}" if one.was_known else one.description,
+            )
             for one in clusters.clusters[:listed]
         ],
     )
@@ -255,6 +262,7 @@ def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
             "moobd": cluster.moobd,
             "description": cluster.description,
             "tests": list(cluster.ids),
+            "was_known": cluster.was_known,
         }
         for cluster in clusters
     ]
@@ -284,8 +292,9 @@ def facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[
 
 def print_facts(facts: Sequence[tuple[str, str]]) -> None:
     """Prints names and values, one pair a line."""
+    width = max([10, *(len(name) for name, _ in facts)]) + 1
     for name, value in facts:
-        click.echo(f"{name:<11}{value}")
+        click.echo(f"{name:<{width}}{value}")
 
 
 def shell(path: Path | str) -> str:

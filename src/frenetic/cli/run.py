@@ -9,6 +9,7 @@ from typing import Any, Final
 import click
 
 from frenetic.cli.options import (
+    CampaignFolder,
     Duration,
     Folder,
     GroupedCommand,
@@ -17,7 +18,7 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.parts import asked_spec, driver_options, part_choice
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
-from frenetic.spec import Budget
+from frenetic.spec import Budget, EarlierCampaign
 
 DEFAULT_SIMULATIONS: Final = 1000
 
@@ -51,6 +52,15 @@ DEFAULT_SIMULATIONS: Final = 1000
     help="What the search minimises: moobd; oob-share and lateral-acceleration, which it maximises;"
     " or your own function of a drive as package.module:function or path/to/file.py:function.",
 )
+@click.option(
+    "--from",
+    "start_from",
+    type=CampaignFolder(),
+    multiple=True,
+    metavar="CAMPAIGN",
+    help="Start from an earlier campaign, such as one of the driver's last version: what failed"
+    " there is driven again first; may be repeated.",
+)
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @click.option(
     "--out",
@@ -73,6 +83,7 @@ def run(
     ordered: bool | None,
     lookahead: int | None,
     objective: str,
+    start_from: tuple[Path, ...],
     seed: int | None,
     out: Path | None,
     fail_on_failure: bool,
@@ -105,6 +116,7 @@ def run(
         seed=seed,
         budget=budget,
         objective=objective,
+        start_from=tuple(EarlierCampaign(str(folder)) for folder in start_from),
         lookahead=(lookahead or usual or LOOKAHEAD) if ordered else None,
     )
     campaign = make_campaign(

@@ -139,6 +139,7 @@ def search(
         representative_failures,
     )
     from frenetic.campaign import CampaignStore
+    from frenetic.campaign.earlier import still_failing
     from frenetic.report.failures import FAILURES, GALLERY, write_failures
 
     folder = campaign.folder
@@ -171,7 +172,7 @@ def search(
             more = {"distinct_failures": len(clusters), "near_misses": near, "seed": seed}
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
-            _print_summary(summary, first_error(store))
+            _print_summary(summary, first_error(store), still_failing(store))
         if listed and not as_json:
             print_failures(found, counts.failed, len(listed))
         if summary is not None and not as_json:
@@ -221,7 +222,7 @@ def _write_report(
         return None
 
 
-def _print_summary(summary: Summary, error: str) -> None:
+def _print_summary(summary: Summary, error: str, known: str) -> None:
     least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
@@ -229,6 +230,8 @@ def _print_summary(summary: Summary, error: str) -> None:
         f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}{least}"
     )
     click.echo(summary.in_words())
+    if known:
+        click.echo(known)
     if error:
         click.echo(f"The first error: {error}")
     if summary.ended:

@@ -25,6 +25,7 @@ from frenetic.cli.options import AskedRange, CampaignFolder, Range, as_usage_err
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import short_version
 from frenetic.outcome import Outcome
+from frenetic.spec import earlier_of
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore
@@ -166,6 +167,7 @@ def _list_tests(
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
+    from frenetic.campaign.earlier import still_failing
 
     counts = store.counts()
     config, facts = store.config, store.facts
@@ -203,8 +205,10 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
                 f" be out, map of {config.get('map_size')} m",
             ),
+            *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", spent),
             ("results", counts.in_words()),
+            *([("known before", text)] if (text := still_failing(store)) else []),
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
             *(("changed", str(change)) for change in store.changes if change.what),
         ]
@@ -234,6 +238,7 @@ def _part(described: object) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: bool) -> None:
+    from frenetic.campaign.earlier import driven_again
     from frenetic.report.failures import (
         FAILURES,
         PICTURES,
@@ -241,6 +246,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         road_document,
     )
     from frenetic.report.picture import draw_drive, draw_road
+    from frenetic.search.random_search import EARLIER
 
     record = store.test(test_id)
     test = record
@@ -265,11 +271,15 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         click.echo(json.dumps(document))
         return
     origin = record.candidate.origin
+    source = ""
+    if origin.operator == EARLIER and (earlier := driven_again(store).get(test_id)):
+        folder = earlier_of(store.config)[earlier.campaign - 1].folder
+        source = f", the road of test {earlier.test} of {folder}"
     parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
     facts = [
         ("test", f"{test_id}, told as number {record.told}"),
         ("outcome", f"{record.outcome}  {record.reason}"),
-        ("origin", f"{origin.operator}{parents}, generation {origin.generation}"),
+        ("origin", f"{origin.operator}{parents}{source}, generation {origin.generation}"),
         ("road", f"{test.road.length:.1f} m, {len(test.road.curvatures)} curvatures"),
         ("driver", _part(store.parts_of(record.told).get("driver"))),
     ]

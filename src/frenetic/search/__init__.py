@@ -6,7 +6,13 @@ from frenetic.search.frenetic import Frenetic
 from frenetic.search.frenetic_2021 import Frenetic2021
 from frenetic.search.random_search import RandomSearch
 from frenetic.search.records import Candidate, Evaluation, Origin, Trace
-from frenetic.search.strategy import CheckingStrategy, SearchEnded, SelectiveStrategy, Strategy
+from frenetic.search.strategy import (
+    CheckingStrategy,
+    SearchEnded,
+    SelectiveStrategy,
+    Strategy,
+    WarmStartingStrategy,
+)
 
 __all__ = [
     "Candidate",
@@ -20,4 +26,5 @@ __all__ = [
     "SelectiveStrategy",
     "Strategy",
     "Trace",
+    "WarmStartingStrategy",
 ]

@@ -31,7 +31,8 @@ APART = 25.0
 """Least distance along the road between two kept places of a drive, in m."""
 
 LEFT, RIGHT, NEITHER = 0, 1, 2
-_SIDES = {"left": LEFT, "right": RIGHT, None: NEITHER}
+SIDES = {"left": LEFT, "right": RIGHT, None: NEITHER}
+"""Side of a departure -> its number."""
 _HALF_LANE = 2.0  # [m]
 _PLACE = np.dtype(
     [
@@ -169,11 +170,11 @@ def places_of(evaluation: Evaluation, candidate: Candidate, severity: float) -> 
     has_failed = evaluation.outcome is Outcome.FAIL
     if trace is None:
         distance = 0.5 * length if evaluation.place is None else evaluation.place
-        return [place_at(distance, _SIDES[evaluation.side], severity, has_failed)]
+        return [place_at(distance, SIDES[evaluation.side], severity, has_failed)]
     away = np.abs(trace.lateral_offset)
     peak = int(np.argmax(away))
     distance = float(trace.distance[peak]) if evaluation.place is None else evaluation.place
-    side = _SIDES[evaluation.side] if has_failed else _side(trace, peak)
+    side = SIDES[evaluation.side] if has_failed else _side(trace, peak)
     found = [place_at(distance, side, severity, has_failed)]
     apart = np.where(np.abs(trace.distance - distance) > APART, away, 0.0)
     second = int(np.argmax(apart))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -11,11 +12,12 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE
-from frenetic.search.approach import SIZE
+from frenetic.search.approach import SIZE, lower_squares
 from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
 from frenetic.search.frenetic_2021 import Frenetic2021, fingerprint
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES
 from frenetic.search.random_search import (
+    EARLIER,
     LENGTH_JITTER,
     MAX_LENGTH,
     MAX_REDRAWS,
@@ -45,6 +47,8 @@ _USE, _SUCCESS = 0.3, 0.15  # cost of a child, less what a new failure gives bac
 _KNOWN = 0.6  # cost of a known failure's first child
 _NOTHING_NEW, _NEW = 1.0, 2.0  # [m] of difference from the known failures
 _POWER = 2.5  # of an operator's success
+_TRIED = 2.0  # earlier roads that count as driven, with a new failure each, before the first is
+_LEAST_SHARE = 0.5  # of earlier roads among the first ones
 
 
 class _Parent(NamedTuple):
@@ -80,13 +84,19 @@ class Frenetic:
     With several candidates outstanding, each decision follows from the results told by then and
     from what the others are expected to do.
 
+    *Warm start* (`start_from`): for `random_budget` of the budget, roads of earlier campaigns are
+    driven again, severe and unlike each other first, each with a chance that is the share of new
+    failures among those before it, and at least one half in place of the first random roads. What
+    they do now counts, not what they did. The speed model learns from their earlier drives.
+
     `Frenetic2021` is the search of the paper. An option that only it has makes one, since this
     class was that search in version 0.1.
 
     Args:
         seed: A whole number of at least 0.
         map_size: m, side of the square map.
-        random_budget: Share of the budget that the first random roads may take, 0..1.
+        random_budget: Share of the budget that the first random roads may take, 0..1, and those
+            of earlier campaigns.
         random_roads: Number of the first random roads.
         random_share: Share of random roads afterwards, 0..1.
         threshold: m, only failures and places with a lower oob distance become parents; None for
@@ -197,6 +207,9 @@ class Frenetic:
         self._used = np.zeros((2, len(OPERATORS)))
         self._brought = np.zeros((2, len(OPERATORS)))
         self._parents: dict[int, _Parent] = {}  # of the children that are outstanding
+        self._earlier = Archive()  # of earlier campaigns, none of it believed
+        self._earlier_left = 0  # roads of it that were not proposed
+        self._driven_again, self._brought_again = 0, 0.0
 
     def keep_margin(self, margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge.
@@ -205,8 +218,28 @@ class Frenetic:
         """
         self._is_valid.keep_margin(margin)
 
+    def start_from(self, earlier: Sequence[Evaluation]) -> None:
+        """Take roads of earlier campaigns, see `WarmStartingStrategy`."""
+        for evaluation in earlier:
+            candidate, severity = evaluation.candidate, evaluation.severity
+            if not evaluation.outcome.is_driven or severity is None:
+                continue
+            worst = places_of(evaluation, candidate, severity)[0]
+            self._earlier.add(candidate, worst._replace(has_failed=False))
+            if self._model is not None and evaluation.trace is not None:
+                self._model.learn(candidate.curvatures, candidate.step, evaluation.trace)
+        self._earlier_left = len(self._earlier)
+        longest = max((len(one.curvatures) for one in self._earlier.candidates), default=0)
+        self._room = np.empty(max(len(self._room), longest))
+
     def ask(self) -> Candidate:
         """Return the next road to try."""
+        if self._earlier_left and self._budget_spent < self._random_budget:
+            share = (self._brought_again + _TRIED) / (self._driven_again + _TRIED)
+            if self._in_random_phase:
+                share = max(share, _LEAST_SHARE)
+            if self._rng.random() < share:
+                return self._earlier_road()
         if self._in_random_phase or self._rng.random() < self._random_share:
             return self._random_road()
         if len(self._severities) >= self._pool_end:
@@ -257,6 +290,9 @@ class Frenetic:
         if evaluation.outcome is Outcome.FAIL:
             brought = min(max((difference - _NOTHING_NEW) / (_NEW - _NOTHING_NEW), 0.0), 1.0)
             self._archive.places["cost"][row] = _KNOWN * (1.0 - brought)
+        if candidate.origin.operator == EARLIER:
+            self._driven_again += 1
+            self._brought_again += brought
         if parent is not None:
             had_failed = int(self._archive.places["has_failed"][parent.row])
             self._used[had_failed, parent.operator] += 1.0
@@ -289,6 +325,20 @@ class Frenetic:
         curvatures = self._roads.draw(self._rng)
         self._proposed.add(fingerprint(curvatures))
         return self._ledger.issue(curvatures, self._roads.step, Origin(RANDOM))
+
+    def _earlier_road(self) -> Candidate:
+        """The best road of earlier campaigns that was not proposed: severe, and unlike others."""
+        places, squares = self._earlier.places, self._earlier.squares
+        worth = np.minimum(-places["severity"], _NEAR_MISS) + np.sqrt(squares) - places["cost"]
+        row = int(np.argmax(worth))
+        places["cost"][row] = math.inf
+        self._earlier_left -= 1
+        side = int(places["side"][row])
+        vectors = self._earlier.vectors
+        lower_squares(squares, places["side"], vectors, side, vectors[row])
+        curvatures = self._earlier.candidates[row].curvatures
+        self._proposed.add(fingerprint(curvatures))
+        return self._ledger.issue(curvatures, self._roads.step, Origin(EARLIER))
 
     def _choose_pool(self) -> None:
         """Choose the places that may become parents until the next choice."""

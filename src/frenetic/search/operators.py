@@ -258,6 +258,7 @@ DOES: Mapping[str, str] = MappingProxyType(
         "flatten": "straightens the way to the place, for more speed",
         "mirror": "mirrors the road: left becomes right",
         "straight": "puts a straight before the place",
+        "earlier": "drives a road of an earlier campaign again",
     }
 )
 """Name of an operator -> what it does, in a few words for people."""

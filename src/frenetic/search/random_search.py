@@ -26,6 +26,8 @@ MAX_REDRAWS = 10
 
 RANDOM = "random"
 """The operator that a random road's origin names."""
+EARLIER = "earlier"
+"""The operator of a road that an earlier campaign drove."""
 
 RoadCheck: TypeAlias = Callable[[FloatArray, float], bool]
 """Says whether a road is valid, from its curvatures, (N,) 1/m, and its step, m.

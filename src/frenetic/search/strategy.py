@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 from frenetic._support.arrays import FloatArray
@@ -96,6 +96,21 @@ class RevisableStrategy(Strategy, Protocol):
 
     def replace(self, candidate: Candidate) -> None:
         """Take a candidate instead of the one that was asked under its id and not told yet."""
+        ...
+
+
+@runtime_checkable
+class WarmStartingStrategy(Strategy, Protocol):
+    """A strategy that can start from what earlier campaigns drove."""
+
+    def start_from(self, earlier: Sequence[Evaluation]) -> None:
+        """Learn which roads failed in earlier campaigns, or came near failing.
+
+        A campaign calls it once, before it asks for a road, also when it is resumed. The results
+        are those of another driver, or of another version of it: what a road does now has to be
+        seen again. All roads fit the map and have the step of the strategy's option ``step``, if
+        there is one. The candidates are none that the strategy asked.
+        """
         ...
 
 

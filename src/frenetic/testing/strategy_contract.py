@@ -12,7 +12,7 @@ import pytest
 
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation, Trace
-from frenetic.search.strategy import SelectiveStrategy, Strategy
+from frenetic.search.strategy import SelectiveStrategy, Strategy, WarmStartingStrategy
 
 _TESTS = 300
 """Length of a scripted campaign: long enough for a phase that depends on the budget."""
@@ -251,6 +251,21 @@ class StrategyContract:
             candidate = strategy.ask()
             _assert_is_road(candidate)
             _assert_same_road(candidate, resumed.ask())
+
+    def test_a_warm_start_follows_from_what_it_is_told(self) -> None:
+        """The same earlier results give the same candidates; their ids count from one."""
+        drives = [step.told for step in _campaign(self.make(3)) if step.told is not None]
+        earlier = [told for told in drives if told.outcome.is_driven]
+        strategies = [self.make(5), self.make(5)]
+        for strategy in strategies:
+            if isinstance(strategy, WarmStartingStrategy):
+                strategy.start_from(earlier)
+
+        first, second = (list(_campaign(strategy)) for strategy in strategies)
+
+        _assert_same(first, second)
+        asked = [step.asked.id for step in first if step.asked is not None]
+        assert asked == list(range(1, _TESTS + 1))
 
     def test_curvatures_belong_to_one_candidate_and_stay_as_they_are(self) -> None:
         """They are read-only, share memory with no other candidate's and never change."""

@@ -17,7 +17,12 @@ from frenetic.campaign.check.database import (
     check_schema,
 )
 from frenetic.campaign.check.report import CheckReport, FindingCollector, Holdings, State
-from frenetic.campaign.check.rows import check_candidates, check_redrives, check_results
+from frenetic.campaign.check.rows import (
+    check_candidates,
+    check_earlier,
+    check_redrives,
+    check_results,
+)
 from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.lock import find_holder
 from frenetic.campaign.store import (
@@ -105,6 +110,8 @@ def _check(
                 check_budget(series, facts, ended, findings)
     with findings.reading("what was driven again"):
         check_redrives(connection, tables, findings)
+    with findings.reading("what it started from"):
+        check_earlier(connection, tables, findings)
     return CheckReport(folder, holdings, findings.all())
 
 

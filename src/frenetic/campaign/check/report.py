@@ -47,6 +47,8 @@ class Subject(StrEnum):
     """A trajectory."""
     REDRIVE = "redrive"
     """A drive of a road that was driven again, or the run of several."""
+    EARLIER = "earlier"
+    """A test of an earlier campaign that this one started from."""
     VERDICT = "verdict"
     """A drive or a road whose verdict differs now."""
 

@@ -20,6 +20,7 @@ from frenetic.campaign.check.verdicts import judged_otherwise, refused_otherwise
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     CHECKSUM,
+    EARLIER_COLUMNS,
     POSE,
     TEST_COLUMNS,
     RowError,
@@ -260,6 +261,21 @@ def check_redrives(
             checked = [value for one, value in values.items() if one not in changing]
             if text := checksum_fault([*checked, stored]):
                 findings.add(Subject.REDRIVE, f"{name.format(**values)} {text}")
+
+
+def check_earlier(
+    connection: sqlite3.Connection, tables: Tables, findings: FindingCollector
+) -> None:
+    """Checks each test of an earlier campaign that this one started from."""
+    if not tables.has("earlier"):
+        return
+    select = f"SELECT {_selected(tables, 'earlier', EARLIER_COLUMNS)} FROM earlier ORDER BY number"  # noqa: S608  # names of columns
+    for row in connection.execute(select):
+        name = f"earlier test {row[0]}"
+        for fault in read_values(EARLIER_COLUMNS, row[:-1])[1]:
+            findings.add(Subject.EARLIER, f"{name}: the {fault.column} {fault.text}")
+        if text := checksum_fault(row):
+            findings.add(Subject.EARLIER, f"{name} {text}")
 
 
 def _contradictions(values: Mapping[str, Any], setting: Setting | None) -> Iterator[str]:

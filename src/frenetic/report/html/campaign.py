@@ -12,6 +12,7 @@ from typing import Any, Final
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -114,6 +115,7 @@ def campaign_report(
         folder=str(store.folder),
         elapsed=elapsed,
         is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
+        known=still_failing(store),
         trouble=" ".join([*(f"Changed {one}." for one in store.changes if one.what), trouble]),
     )
     return Report(

@@ -84,6 +84,8 @@ def gallery_section(
         f"{counted(len(data), 'distinct failure')} among {clusters.failures}: failures that are"
         " the same problem are together, by their most severe."
     )
+    if clusters.known:
+        lead += f" {clusters.known} of them were known from the earlier campaign."
     if clusters.failures < failures:
         lead += f" Compared were the {clusters.failures} most severe of {failures}."
     if there < failures:
@@ -144,5 +146,7 @@ def _cluster_data(
         moobd=round(cluster.moobd, 3),
         side=cluster.side,
         first=min(cluster.ids),
-        description=cluster.description,
+        description=f"{cluster.description}, known before"
+        if cluster.was_known
+        else cluster.description,
     )

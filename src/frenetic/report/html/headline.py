@@ -15,6 +15,7 @@ from frenetic.campaign.store import JSONValue
 from frenetic.drivers.loading import LAYERS
 from frenetic.fingerprint import innermost, short_version
 from frenetic.report.html.blocks import Fact, Role, percent
+from frenetic.spec import earlier_of
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,7 @@ def headline(
     folder: str,
     elapsed: float,
     is_spent: bool = False,
+    known: str = "",
     trouble: str = "",
 ) -> Headline:
     """The headline of a campaign.
@@ -62,6 +64,7 @@ def headline(
         folder: of the campaign.
         elapsed: s of its spent time.
         is_spent: whether its budget is.
+        known: what became of the failures of earlier campaigns.
         trouble: other warnings for the reader.
     """
     failures, tests = counts.failed, counts.tests
@@ -73,7 +76,9 @@ def headline(
         f"{strategy} searched for roads on which {driver} leaves its lane in {simulator},"
         f" seed {'unknown' if seed is None else seed}."
     )
-    most = f" among the {clusters.failures} most severe" if clusters.failures < failures else ""
+    most = f"among the {clusters.failures} most severe" if clusters.failures < failures else ""
+    start_from = earlier_of(config)
+    before = f"{clusters.known} known before" if start_from else ""
     share = f"{percent(failures / counts.simulations)} of simulations" if counts.simulations else ""
     least = counts.min_moobd
     tiles = [
@@ -82,7 +87,7 @@ def headline(
         Tile(
             "distinct failures",
             str(len(clusters)),
-            most.strip(),
+            ", ".join(text for text in (before, most) if text),
             "fail" if len(clusters) else None,
         ),
         Tile("lowest MOOBD", "–" if least is None else f"{least:.2f} m".replace("-", "−")),
@@ -106,7 +111,9 @@ def headline(
         facts=(
             Fact("campaign", folder),
             Fact("budget", _budget(config, facts) or "–"),
+            *(Fact("starts from", str(one)) for one in start_from),
             Fact("results", counts.in_words()),
+            *([Fact("known before", known)] if known else []),
             *(Fact("driver", f"{driver}, {version}") for version in _version(config)),
             Fact("begun", _when(facts.get("created_at"))),
             Fact("finished", _when(facts.get("finished_at"))),

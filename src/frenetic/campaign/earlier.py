@@ -1,0 +1,220 @@
+"""Earlier campaigns from which a search starts: what is taken from them.
+
+Taken are roads that failed or came near failing, with their drives, as far as they fit the new
+campaign. Their results are those of another driver, or of another version of it, so a strategy
+drives them again instead of believing them. The new campaign's database keeps them, so that the
+earlier campaign is needed no more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.words import counted
+from frenetic.campaign.evaluation import evaluation_of
+from frenetic.campaign.objective import Objective
+from frenetic.campaign.record import EarlierTest, TestRecord, row_of_earlier
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.tester import RoadTester
+from frenetic.errors import CampaignError, RoadError
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search.approach import nearest_square
+from frenetic.search.archive import places_of
+from frenetic.search.random_search import EARLIER
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.spec import EarlierCampaign, read_part
+
+_APART: Final = 1.0
+"""Least difference of two taken tests, in m."""
+_MOST: Final = {Outcome.FAIL: (500, 5000), Outcome.PASS: (100, 1000)}
+"""Most tests that are taken, and that are looked at for it, of each campaign."""
+
+
+def take_earlier(
+    folders: Sequence[Path | str], tester: RoadTester, objective: Objective, step: float | None
+) -> tuple[tuple[EarlierCampaign, ...], list[EarlierTest]]:
+    """What is taken from the campaigns in some folders.
+
+    The failures come first, then the passing tests, both by their MOOBD. One that differs by less
+    than 1 m (`frenetic.search.approach`) from a taken one is left out; so are those beyond 500
+    failures and 100 passing tests of a campaign.
+
+    Args:
+        folders: of the campaigns.
+        tester: of the new campaign, whose map the roads have to fit.
+        objective: of the new campaign, measured on the stored drives.
+        step: m between two curvatures that the roads need, None for any.
+
+    Raises:
+        CampaignError: there is no campaign in a folder, it is damaged, or nothing in it fits.
+    """
+    approaches = _Approaches()
+    campaigns: list[EarlierCampaign] = []
+    tests: list[EarlierTest] = []
+    for number, folder in enumerate(folders, start=1):
+        with CampaignStore.open(Path(folder)) as store:
+            fitting = _Fitting(tester, step)
+            own = [
+                EarlierTest(number, record.id, _numbered(told, len(tests) + place))
+                for place, (record, told) in enumerate(
+                    _worth_taking(store, objective, fitting, approaches), start=1
+                )
+            ]
+            by_outcome = store.by_outcome()
+        campaigns.append(
+            EarlierCampaign(
+                str(folder),
+                digest=digest_of(own),
+                simulations=sum(n for one, n in by_outcome.items() if one.is_simulated),
+                failures=by_outcome[Outcome.FAIL],
+                taken=len(own),
+                left_out=fitting.refused,
+            )
+        )
+        tests += own
+    if folders and not tests:
+        raise CampaignError(
+            f"nothing can be taken from {', '.join(map(str, folders))}: no road was driven there"
+            " that fits this map and the strategy's step; leave out --from"
+        )
+    return tuple(campaigns), tests
+
+
+def stored_earlier(
+    store: CampaignStore,
+) -> tuple[tuple[EarlierCampaign, ...], list[EarlierTest]]:
+    """The campaigns from which a stored one started, and what it took from them.
+
+    Raises:
+        CampaignError: the stored campaign is damaged.
+    """
+    try:
+        campaigns = read_part("start_from", store.config.get("start_from", []))
+    except ValueError as error:
+        raise CampaignError(f"{store.folder} is damaged: its start_from: {error}") from None
+    tests = store.earlier()
+    for number, campaign in enumerate(campaigns, start=1):
+        if digest_of(test for test in tests if test.campaign == number) != campaign.digest:
+            raise CampaignError(
+                f"{store.folder} is damaged: what it took from {campaign.folder} is not what it"
+                " holds; restore it from a copy"
+            )
+    return campaigns, tests
+
+
+def driven_again(store: CampaignStore) -> dict[int, EarlierTest]:
+    """Id of each test that drove the road of an earlier campaign again -> the test there.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    earlier = {
+        (test.evaluation.candidate.step, test.evaluation.candidate.curvatures.tobytes()): test
+        for test in store.earlier()
+    }
+    select = """
+        SELECT id, step, curvatures FROM candidate JOIN test ON id = candidate_id
+        WHERE operator = ? AND outcome IN ('PASS', 'FAIL')
+    """
+    rows = store.rows(select, (EARLIER,)) if earlier else ()
+    return {test: earlier[road] for test, *key in rows if (road := tuple(key)) in earlier}
+
+
+def still_failing(store: CampaignStore) -> str:
+    """What became of the failures of earlier campaigns, in words; empty if none was driven again.
+
+    Raises:
+        CampaignError: the campaign is damaged.
+    """
+    again = driven_again(store)
+    had_failed = [one for one, test in again.items() if test.evaluation.outcome is Outcome.FAIL]
+    if not had_failed:
+        return ""
+    failing = {one for (one,) in store.rows("SELECT candidate_id FROM test WHERE outcome = 'FAIL'")}
+    still = len(failing.intersection(had_failed))
+    return f"{still} of {counted(len(had_failed), 'earlier failure')} driven again still failed"
+
+
+def digest_of(tests: Iterable[EarlierTest]) -> str:
+    """SHA-256 of what is taken from a campaign."""
+    digest = hashlib.sha256()
+    for test in tests:
+        for value in row_of_earlier(test)[_OWN:]:
+            digest.update(value if isinstance(value, bytes) else json.dumps(value).encode())
+    return digest.hexdigest()
+
+
+_OWN: Final = 2  # the first columns number the test and its campaign
+
+
+def _worth_taking(
+    store: CampaignStore, objective: Objective, fitting: _Fitting, approaches: _Approaches
+) -> Iterator[tuple[TestRecord, Evaluation]]:
+    for outcome, (most, looked_at) in _MOST.items():
+        taken = 0
+        for record in store.tests(outcome, "moobd", looked_at):
+            if taken == most:
+                break
+            if not fitting.accepts(record):
+                continue
+            told = evaluation_of(record, partial(store.trajectory, record.id), objective)
+            if told.trace is not None and approaches.add_new(told):
+                taken += 1
+                yield record, told
+
+
+def _numbered(told: Evaluation, number: int) -> Evaluation:
+    """The same result of a candidate with another number, which needs its campaign no more."""
+    road, trace = told.candidate, told.trace
+    candidate = Candidate(number, road.curvatures, road.step, Origin(EARLIER))
+    return replace(told, candidate=candidate, budget_spent=0.0, read_trace=lambda: trace)
+
+
+class _Fitting:
+    """Accepts roads that fit the new campaign, and counts the others."""
+
+    def __init__(self, tester: RoadTester, step: float | None) -> None:
+        self._tester = tester
+        self._step = step
+        self.refused = 0
+
+    def accepts(self, record: TestRecord) -> bool:
+        road, tester = record.candidate, self._tester
+        fits = self._step is None or road.step == self._step
+        if fits:
+            try:
+                _, verdict = Road(road.curvatures, road.step, lane_width=tester.lane_width).placed(
+                    tester.map_size, tester.margin
+                )
+            except RoadError:
+                fits = False
+            else:
+                fits = verdict.valid
+        self.refused += not fits
+        return fits
+
+
+class _Approaches:
+    """Approaches of what was taken, by side."""
+
+    def __init__(self) -> None:
+        self._by_side: dict[int, list[FloatArray]] = {}
+
+    def add_new(self, told: Evaluation) -> bool:
+        """Adds that of a test, unless it is near another one."""
+        worst = places_of(told, told.candidate, 0.0)[0]
+        others = self._by_side.setdefault(worst.side, [])
+        if others and nearest_square(np.array(others), worst.vector, _APART**2) < _APART**2:
+            return False
+        others.append(worst.vector)
+        return True

@@ -1,0 +1,191 @@
+"""Campaigns that start from earlier ones."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import pytest
+from contents import contents
+
+from frenetic.analysis.failures import distinct_failures
+from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.check import check_campaign
+from frenetic.campaign.earlier import driven_again, still_failing
+from frenetic.drivers import Planner
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.search import Evaluation, Frenetic, Frenetic2021, RandomSearch
+from frenetic.search.random_search import EARLIER
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.spec import Spec
+
+SIMULATIONS = 60
+
+
+class Noting(Frenetic):
+    """Notes what it starts from."""
+
+    earlier: tuple[Evaluation, ...] = ()
+
+    def start_from(self, earlier: Any) -> None:
+        self.earlier = tuple(earlier)
+        super().start_from(earlier)
+
+
+def campaign(folder: Path, *earlier: Path, **given: Any) -> Campaign:
+    options: dict[str, Any] = {
+        "strategy": Noting(seed=5),
+        "driver": Planner(),
+        "simulator": EmbeddedSimulator(),
+        "budget": Budget(simulations=SIMULATIONS),
+        **given,
+    }
+    return Campaign(folder=folder, start_from=earlier, **options)
+
+
+@pytest.fixture(scope="module")
+def first(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of the driver's first version."""
+    folder = tmp_path_factory.mktemp("first") / "v1"
+    campaign(folder, strategy=Frenetic(seed=1), budget=Budget(simulations=100)).run()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def second(tmp_path_factory: pytest.TempPathFactory, first: Path) -> Path:
+    """A campaign of the same driver that starts from it."""
+    folder = tmp_path_factory.mktemp("second") / "v2"
+    campaign(folder, first).run()
+    return folder
+
+
+def test_roads_of_the_earlier_campaign_are_driven_again_first(first: Path, second: Path) -> None:
+    with CampaignStore.open(first) as old, CampaignStore.open(second) as new:
+        again = driven_again(new)
+        operators = [candidate.origin.operator for candidate in new.candidates()]
+        assert operators.count(EARLIER) == len(again) > 10
+        assert operators[0] == EARLIER
+        assert EARLIER not in operators[SIMULATIONS // 2 :]
+        for number, test in again.items():
+            was, now = old.test(test.test), new.test(number)
+            assert was.candidate.curvatures.tobytes() == now.candidate.curvatures.tobytes()
+            # The same driver drives it the same.
+            assert (was.outcome, was.moobd) == (now.outcome, now.moobd)
+        failed = sum(test.evaluation.outcome is Outcome.FAIL for test in again.values())
+        assert failed > 5
+        assert (
+            still_failing(new) == f"{failed} of {failed} earlier failures driven again still failed"
+        )
+
+
+def test_what_was_known_is_told_apart_from_what_is_new(second: Path) -> None:
+    with CampaignStore.open(second) as store:
+        clusters = distinct_failures(store)
+        still = {
+            number
+            for number, test in driven_again(store).items()
+            if test.evaluation.outcome is Outcome.FAIL
+        }
+    assert 0 < clusters.known < len(clusters)
+    assert still <= {number for one in clusters if one.was_known for number in one.ids}
+
+
+def test_the_record_says_from_where(first: Path, second: Path) -> None:
+    with CampaignStore.open(first) as old, CampaignStore.open(second) as new:
+        counts = old.counts()
+        (told,) = Spec.from_json(new.config, source=second).start_from
+        taken = len(new.earlier())
+    assert (told.folder, told.taken, told.left_out) == (str(first), taken, 0)
+    assert (told.simulations, told.failures) == (counts.simulations, counts.failed)
+    assert len(told.digest) == 64
+    assert check_campaign(second).findings == ()
+
+
+def test_stopped_it_goes_on_without_the_earlier_campaign(
+    tmp_path: Path, first: Path, second: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old, folder = tmp_path / "v1", tmp_path / "v2"
+    shutil.copytree(first, old)
+    drive, drives = EmbeddedSimulator.drive, iter(range(9, 0, -1))
+
+    def stopping(self: EmbeddedSimulator, road: Any, driver: Any) -> Any:
+        if next(drives) == 1:
+            raise KeyboardInterrupt
+        return drive(self, road, driver)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(EmbeddedSimulator, "drive", stopping)
+        assert campaign(folder, old).run().interrupted
+    shutil.rmtree(old)
+    assert not campaign(folder).resume().interrupted
+    assert contents(folder) == contents(second)
+
+
+def test_roads_that_do_not_fit_are_left_out_and_counted(tmp_path: Path, first: Path) -> None:
+    smaller = campaign(tmp_path / "v2", first, strategy=Noting(seed=5, map_size=150.0))
+    smaller.run()
+    (told,) = smaller.start_from
+    assert told.left_out > 0 < told.taken
+    assert smaller.notes == (f"starts from {told}",)
+    assert f"{told.left_out} left out that do not fit" in str(told)
+
+
+def test_another_objective_is_measured_on_the_stored_drives(tmp_path: Path, first: Path) -> None:
+    other = campaign(
+        tmp_path / "v2", first, objective="lateral-acceleration", budget=Budget(simulations=3)
+    )
+    other.run()
+    assert isinstance(other.strategy, Noting)
+    severities = [told.severity for told in other.strategy.earlier]
+    assert all(value is not None and -25.0 < value < -1.0 for value in severities)
+
+
+def test_several_campaigns_do_not_give_a_road_twice(
+    tmp_path: Path, first: Path, second: Path
+) -> None:
+    both = campaign(tmp_path / "v3", second, first, budget=Budget(simulations=2))
+    both.run()
+    with CampaignStore.open(tmp_path / "v3") as store:
+        roads = [test.evaluation.candidate.curvatures.tobytes() for test in store.earlier()]
+    assert len(set(roads)) == len(roads) == sum(one.taken for one in both.start_from)
+    assert min(one.taken for one in both.start_from) > 0
+
+
+@pytest.mark.parametrize("strategy", [RandomSearch(seed=1), Frenetic2021(seed=1)])
+def test_strategies_that_cannot_start_so_are_refused(strategy: Any, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="starts from no earlier campaign: leave out --from"):
+        campaign(tmp_path / "v2", tmp_path, strategy=strategy)
+
+
+def test_without_a_road_that_fits_nothing_is_written(tmp_path: Path, first: Path) -> None:
+    folder = tmp_path / "v2"
+    tiny = campaign(folder, first, strategy=Noting(seed=5, map_size=40.0))
+    with pytest.raises(CampaignError, match="nothing can be taken from"):
+        tiny.run()
+    with pytest.raises(CampaignError, match="does not exist"):
+        campaign(folder, tmp_path / "nowhere").run()
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize(
+    "damage",
+    ["DELETE FROM earlier WHERE number = 3", "UPDATE earlier SET moobd = moobd - 0.1"],
+)
+def test_a_changed_warm_start_is_found_and_not_resumed(
+    damage: str, tmp_path: Path, second: Path
+) -> None:
+    folder = tmp_path / "v2"
+    shutil.copytree(second, folder)
+    with closing(sqlite3.connect(folder / "campaign.sqlite")) as database:
+        database.execute(damage)
+        database.commit()
+        if damage.startswith("UPDATE"):
+            assert "earlier test 1 does not match" in check_campaign(folder).findings[0].message
+            database.execute("UPDATE earlier SET checksum = NULL")
+            database.commit()
+    with pytest.raises(CampaignError, match="is damaged: what it took from"):
+        campaign(folder, budget=Budget(simulations=SIMULATIONS + 5)).resume()

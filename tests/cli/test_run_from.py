@@ -1,0 +1,54 @@
+"""Searches that start from earlier campaigns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+HOW = ("--simulations", "30", "--workers", "1", "--seed", "9")
+
+
+def test_run_from_a_campaign_says_so_everywhere(frenetic: Frenetic, campaign: str) -> None:
+    answer = frenetic("run", *HOW, "--from", campaign, "--out", "next")
+    assert answer.code == 0
+    taken = f"starts from {campaign} ("
+    assert f"Note: {taken}" in answer.err
+    assert " driven again still failed" in answer.out
+    assert " known before" in answer.out
+    shown = " ".join(frenetic("show", "next").out.split())
+    assert taken in shown
+    assert "known before" in shown
+    document = frenetic("show", "next", "--json").json
+    (earlier,) = document["config"]["start_from"]
+    assert earlier["folder"] == campaign
+    assert any(one["was_known"] for one in document["distinct_failures"])
+    report = Path("next/report.html").read_text(encoding="utf-8")
+    assert taken.removeprefix("starts from ") in report
+    assert "known before" in report
+    first = " ".join(frenetic("show", "next", "1").out.split())
+    assert "origin earlier, the road of test " in first
+    assert f" of {campaign}, generation 0" in first
+
+
+@pytest.mark.parametrize("strategy", ["random", "frenetic-2021"])
+def test_other_strategies_refuse_it_in_a_line(
+    strategy: str, frenetic: Frenetic, campaign: str
+) -> None:
+    answer = frenetic("run", "--strategy", strategy, "--from", campaign, "--out", "next")
+    assert (answer.code, answer.out) == (2, "")
+    assert "starts from no earlier campaign: leave out --from" in answer.err
+    assert not Path("next").exists()
+
+
+def test_without_an_earlier_campaign_nothing_is_written(frenetic: Frenetic) -> None:
+    answer = frenetic("run", *HOW, "--from", "nowhere", "--out", "next")
+    assert (answer.code, answer.out) == (2, "")
+    assert "nowhere does not exist" in answer.err
+    assert not Path("next").exists()
