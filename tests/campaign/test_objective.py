@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import json
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 from contents import contents
 
+from frenetic.analysis.groups import parts_of
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.campaign.objective import Objective
+from frenetic.campaign.check import check_campaign
+from frenetic.campaign.objective import Objective, in_words
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
+from frenetic.export.tables import batches_of_tests
 from frenetic.oracle import judge
 from frenetic.road import Road
-from frenetic.search import Evaluation, Frenetic
+from frenetic.search import Evaluation, Frenetic, Frenetic2021
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.spec import Spec
 
@@ -103,6 +109,46 @@ def test_an_objective_of_ones_own_is_recorded(tmp_path: Path) -> None:
         assert store.config["objective"] == name
         spec = Spec.from_json(store.config, source="a campaign")
     assert spec.objective == name
+
+
+def test_its_values_are_kept_named_and_exported(tmp_path: Path) -> None:
+    folder = tmp_path / "c"
+    Campaign(
+        strategy=Frenetic2021(seed=3, threshold=-0.4),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=30),
+        folder=folder,
+        objective="oob-share",
+    ).run()
+    with CampaignStore.open(folder) as store:
+        shares = {t.id: t.max_oob_share for t in store.tests() if t.outcome.is_driven}
+        values = store.objectives()
+        text = in_words(store.config, values)
+        (batch,) = batches_of_tests(store)
+    # Drives are measured as they are stored, which is rounded.
+    assert values == pytest.approx(shares, abs=2e-3)
+    best = max(values.values())
+    first = min(one for one, value in values.items() if value == best)
+    assert text.startswith("oob-share: largest share of the car outside its lane, higher is worse")
+    assert f"threshold -0.4; best {max(list(values.values())[:3]):.3g} after 3, " in text
+    assert text.endswith(f"{best:.3g} after 30 drives, in test {first}")
+    exported = dict(zip(batch.values["id"], batch.values["objective"], strict=True))
+    assert {one: value for one, value in exported.items() if value == value} == values
+    assert check_campaign(folder).findings == ()
+    last = (folder / "campaign.log").read_text(encoding="utf-8").splitlines()[-1]
+    assert json.loads(last)["best"] == best
+    assert parts_of(folder)["objective"] == "oob-share"
+
+
+def test_a_changed_value_is_found(tmp_path: Path) -> None:
+    campaign(tmp_path, "oob-share", simulations=3).run()
+    with closing(sqlite3.connect(tmp_path / "campaign.sqlite")) as database:
+        database.execute("UPDATE objective SET value = 0.123")
+        database.commit()
+    assert "the objective of test 1 does not match" in check_campaign(tmp_path).findings[0].message
+    with CampaignStore.open(tmp_path) as store, pytest.raises(CampaignError, match="checksum"):
+        store.objectives()
 
 
 @pytest.mark.parametrize(

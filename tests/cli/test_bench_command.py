@@ -215,3 +215,15 @@ def test_who_takes_part_by_name(frenetic: Frenetic) -> None:
         "frenetic",
         "random",
     }
+
+
+def test_strategies_are_compared_by_an_objective(frenetic: Frenetic) -> None:
+    how = ("--strategy", "random", "--objective", "oob-share", "--simulations", "3")
+    assert frenetic("bench", *how, "--repeats", "1", "--out", "b").code == 0
+    assert json.loads(Path("b/bench.json").read_text())["objective"] == "oob-share"
+    assert frenetic("show", "b/random/01", "--json").json["config"]["objective"] == "oob-share"
+    assert "--objective oob-share" in Path("b/index.html").read_text(encoding="utf-8")
+    refused = frenetic("bench", *how[:2], "--objective", "speed", "--out", "c")
+    assert refused.code == 2
+    assert "unknown objective 'speed'" in refused.err
+    assert not Path("c").exists()

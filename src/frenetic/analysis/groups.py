@@ -7,9 +7,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import FIRST_VERSION, comparable, short_version
+from frenetic.spec import earlier_of
 
 PARTS: Final = (
     "strategy",
@@ -22,6 +24,8 @@ PARTS: Final = (
     "margin",
     "lane_width",
     "lookahead",
+    "objective",
+    "start_from",
     "fingerprints",
 )
 """Parts of a configuration that repeats share; the strategy's seed differs. The changes are those
@@ -79,6 +83,8 @@ def parts_of(folder: Path) -> dict[str, Any]:
     parts: dict[str, Any] = {name: comparable(config.get(name)) for name in PARTS}
     parts["budget"] = facts.get("budget", parts["budget"])
     parts["fingerprints"] = parts["fingerprints"] or None
+    parts["objective"] = config.get("objective", MOOBD)
+    parts["start_from"] = [one.digest for one in earlier_of(config)] or None
     parts["changes"] = [str(change) for change in changes if change.what] or None
     strategy = parts["strategy"]
     if isinstance(strategy, dict) and isinstance(strategy.get("options"), dict):
@@ -108,6 +114,8 @@ def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     """Value of a part, as opposed to other configurations."""
     if part == "changes":
         return "changed" if value else "unchanged"
+    if part == "start_from":
+        return "warm-started" if value else "started afresh"
     if not isinstance(value, dict):
         return f"{part}={value}"
     if "class" not in value:

@@ -28,6 +28,7 @@ from frenetic.bench.runs import Run, RunState, Terms, ending_of, try_out
 from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
 from frenetic.campaign.lock import FileLock
+from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.versions import package_versions
 from frenetic.errors import FreneticError
@@ -46,7 +47,14 @@ BENCH: Final = "bench.json"
 LOCK: Final = "bench.lock"
 VERSION: Final = 2
 """Version of the file's form."""
-TERMS: Final = ("budget", "seconds_per_test", "counts_computing", "patience", "records")
+TERMS: Final = (
+    "budget",
+    "seconds_per_test",
+    "counts_computing",
+    "patience",
+    "objective",
+    "records",
+)
 """Names of the terms in it that stand there as they are."""
 
 
@@ -266,6 +274,7 @@ class Bench:
         words += ["--seconds-per-test", f"{terms.seconds_per_test!r}"]
         words += ["--count-computing"] if terms.counts_computing else []
         words += ["--patience", f"{terms.patience!r}s", "--records", terms.records]
+        words += ["--objective", terms.objective] if terms.objective != MOOBD else []
         words += ["--repeats", str(self.repeats), "--seed", str(self.seed)]
         return words if terms.spec is None else words + terms.spec.drive_words()
 
@@ -402,6 +411,7 @@ class _Recorded:
     map_size: float
     records: Which
     command: dict[str, Any]
+    objective: str = MOOBD
 
 
 def read_bench(folder: Path) -> Mapping[str, Any]:
@@ -423,6 +433,7 @@ def read_bench(folder: Path) -> Mapping[str, Any]:
         raise _damaged(path)
     if document["version"] > VERSION:
         raise FreneticError(f"{path} was written by a newer version of frenetic: upgrade frenetic")
+    document.setdefault("objective", MOOBD)  # benches of before there were others
     return document if document["version"] == VERSION else _updated(document)
 
 

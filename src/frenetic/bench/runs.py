@@ -24,6 +24,7 @@ from frenetic.bench.strategy import (
 )
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.loop import ask, tell
+from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
@@ -71,6 +72,8 @@ class Terms:
     """Wall time that a generator may take between two tests, in s."""
     map_size: float = MAP_SIZE
     """m."""
+    objective: str = MOOBD
+    """Name of what the strategies minimise; a generator has its own."""
     records: Which = "failures"
     """Tests in the competition's results folders that hold records of their drives."""
     spec: Spec | None = None
@@ -94,6 +97,7 @@ class Terms:
 
     def __post_init__(self) -> None:
         check_pair(self.simulator, self.driver)
+        Objective.load(self.objective)
         for name in ("seconds_per_test", "budget", "patience"):
             value = getattr(self, name)
             if not 0.0 < value < float("inf"):
@@ -387,6 +391,7 @@ def _campaign(
         budget=Budget(simulations=terms.simulations),
         folder=folder,
         map_size=terms.map_size,
+        objective=terms.objective,
         description=described,
     )
     if terms.spec is not None:

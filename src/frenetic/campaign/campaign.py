@@ -245,7 +245,8 @@ class Campaign:
 
     def configuration(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
-        return self.spec().to_json() | self.description
+        order = {"higher_is_worse": True} if self.objective.higher_is_worse else {}
+        return self.spec().to_json() | order | self.description
 
     def spec(self) -> Spec:
         """The spec of the campaign."""
@@ -514,6 +515,8 @@ class Campaign:
             interrupted=interrupted,
             ended=tally.ended,
             notice=notice_of(self.strategy) or "",
+            objective=tally.objective,
+            best=tally.best,
         )
         store.finish(
             seconds=round(summary.seconds, 3),

@@ -215,8 +215,10 @@ class CampaignLog:
         best = "" if progress.min_moobd is None else f", best MOOBD {progress.min_moobd:.2f} m"
         self.write(
             Event.PROGRESS,
-            f"{progress.in_words()}{best}, {progress.budget_spent:.1%} of the budget spent",
+            f"{progress.in_words()}{best}{progress.best_in_words},"
+            f" {progress.budget_spent:.1%} of the budget spent",
             **progress.counts_json(),
+            **progress.objective_json,
             seconds=round(progress.seconds, 3),
             budget_spent=round(progress.budget_spent, 6),
             tests_per_second=round(progress.tests_per_second, 3),

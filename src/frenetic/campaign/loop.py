@@ -303,6 +303,10 @@ class Dispatcher:
         if self._observing is not None:
             self._observing.observe(attempt)
         evaluation = evaluation_of(record, attempt.stored_trajectory, self._objective)
+        value = self._objective.value_of(evaluation)
+        if value is not None:
+            self._store.measured(candidate.id, value)
+        tally.measure(self._objective, evaluation)
         tell(self._strategy, evaluation, tally)
         self._log_notice()
         progress = tally.progress(time.perf_counter() - self._start)

@@ -16,9 +16,9 @@ is said by the strategy.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from frenetic.errors import CampaignError, describe_raised
 from frenetic.oracle import assess
 from frenetic.registry import OBJECTIVES
 from frenetic.road import Road
+from frenetic.search.records import Evaluation
 from frenetic.simulators.drive import Drive
 
 Measure: TypeAlias = Callable[[Road, Drive], float]
@@ -57,6 +58,15 @@ class Objective:
         """Whether a higher value is worse for the driver."""
         return bool(getattr(self.measure, "higher_is_worse", False))
 
+    def value_of(self, evaluation: Evaluation) -> float | None:
+        """Value of a test as the function gives it; None for the MOOBD, or if it was not driven."""
+        severity = evaluation.objective
+        return None if severity is None else self._turned(severity)
+
+    def worse(self, one: float, other: float) -> float:
+        """The value of two that is worse for the driver."""
+        return max(one, other) if self.higher_is_worse else min(one, other)
+
     def severity(self, road: Road, drive: Drive) -> float | None:
         """What a strategy minimises, if that is not the MOOBD.
 
@@ -73,7 +83,39 @@ class Objective:
             ) from error
         if not math.isfinite(value):
             raise CampaignError(f"the objective {self.name} is {value}: a finite number is needed")
+        return self._turned(value)
+
+    def _turned(self, value: float) -> float:
+        """A value as what is minimised, and back."""
         return -value if self.higher_is_worse else value
+
+
+def in_words(config: Mapping[str, Any], values: Mapping[int, float]) -> str:
+    """What a campaign minimised, its threshold, and its best values in the order of the tests.
+
+    Args:
+        config: of the campaign.
+        values: id of a test -> value, ascending; empty for the MOOBD.
+    """
+    name = str(config.get("objective", MOOBD))
+    is_higher = config.get("higher_is_worse") is True
+    known = OBJECTIVES.built_in.get(name)
+    order = f"{'higher' if is_higher else 'lower'} is worse"
+    text = f"{name}: {known[1] if known else order}"
+    strategy = config.get("strategy")
+    options = strategy.get("options") if isinstance(strategy, Mapping) else None
+    threshold = options.get("threshold") if isinstance(options, Mapping) else None
+    if isinstance(threshold, int | float):
+        text += f", threshold {threshold:g}"
+    elif isinstance(options, Mapping) and "random_roads" in options:
+        text += ", threshold adapts to the driver"
+    if not values:
+        return text
+    best = (np.maximum if is_higher else np.minimum).accumulate(list(values.values()))
+    places = sorted({max(len(best) // 10, 1), max(len(best) // 2, 1), len(best)})
+    first = list(values)[int(np.argmax(best == best[-1]))]
+    course = ", ".join(f"{best[place - 1]:.3g} after {place}" for place in places)
+    return f"{text}; best {course} drives, in test {first}"
 
 
 def moobd(road: Road, drive: Drive) -> float:

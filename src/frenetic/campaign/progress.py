@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from frenetic.campaign.counts import Counts, key_of
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.store import JSONValue
 from frenetic.outcome import Outcome
-from frenetic.search.records import Candidate
+from frenetic.search.records import Candidate, Evaluation
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,20 @@ class Progress(Counts):
     """Wall time since the start, in s."""
     budget_spent: float = 0.0
     """0..1."""
+    objective: str = ""
+    """Name of what is minimised; empty if it is the MOOBD, or before the first drive."""
+    best: float | None = None
+    """Its best value so far, the worst for the driver."""
+
+    @property
+    def best_in_words(self) -> str:
+        """The best value of the objective, to follow the lowest MOOBD: ``, best oob-share 0.9``."""
+        return "" if self.best is None else f", best {self.objective} {self.best:.3g}"
+
+    @property
+    def objective_json(self) -> dict[str, JSONValue]:
+        """The objective and its best value for JSON; empty if it is the MOOBD."""
+        return {} if self.best is None else {"objective": self.objective, "best": self.best}
 
     @property
     def tests_per_second(self) -> float:
@@ -57,6 +72,7 @@ class Summary(Progress):
             "ended": self.ended,
             "notice": self.notice,
             "folder": str(self.folder),
+            **self.objective_json,
         }
 
 
@@ -78,6 +94,10 @@ class Tally:
         """Reason why the strategy proposes nothing more; empty while it does."""
         self.notice = ""
         """What the strategy has to say about its search."""
+        self.objective = ""
+        """Name of what is minimised, if it is not the MOOBD and has a value."""
+        self.best: float | None = None
+        """Its best value."""
 
     @property
     def simulations(self) -> int:
@@ -98,6 +118,13 @@ class Tally:
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
 
+    def measure(self, objective: Objective, evaluation: Evaluation) -> None:
+        """Notes the objective's value of one more result, if it has one."""
+        value = objective.value_of(evaluation)
+        if value is not None:
+            self.objective = objective.name
+            self.best = value if self.best is None else objective.worse(value, self.best)
+
     def counts(self) -> Counts:
         """The counts so far."""
         return Counts.of(self._by_outcome, self.min_moobd, len(self._roads))
@@ -110,4 +137,6 @@ class Tally:
             len(self._roads),
             seconds=seconds,
             budget_spent=self.budget_spent,
+            objective=self.objective,
+            best=self.best,
         )

@@ -83,8 +83,10 @@ def replay(
                 " was asked"
             )
         read_trajectory = partial(store.trajectory, record.id)
-        tell(strategy, evaluation_of(record, read_trajectory, objective), tally)
+        evaluation = evaluation_of(record, read_trajectory, objective)
+        tell(strategy, evaluation, tally)
         tally.count(candidate, record.outcome, record.moobd)
+        tally.measure(objective, evaluation)
         tally.seconds = record.elapsed or tally.seconds + record.seconds
     ask_until(tally.told)
     tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)

@@ -11,6 +11,7 @@ anyone with SQLite, while the campaign runs and long afterwards:
 | trajectory | drive, compressed by `frenetic.campaign.trajectory_codec` |
 | redrive_run, redrive | road that was driven again, see `frenetic.redrive.table` |
 | earlier | test of an earlier campaign that the search started from |
+| objective | drive, if the search minimises something else than the MOOBD |
 
 and the view `overview` shows a test in one readable line.
 
@@ -63,6 +64,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
 from frenetic.simulators.drive import Trajectory
+from frenetic.spec import is_number
 
 Order: TypeAlias = Literal["told", "moobd"]
 
@@ -216,6 +218,13 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
             checksum INTEGER
         ) {_STRICT}
         """,
+        f"""
+        CREATE TABLE objective (
+            candidate_id INTEGER PRIMARY KEY REFERENCES test (candidate_id),
+            value REAL NOT NULL,  -- what is minimised, of a driven test, if it is not the MOOBD
+            checksum INTEGER
+        ) {_STRICT}
+        """,
     ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
@@ -225,6 +234,7 @@ _UNREAD: Final = frozenset({4, 5, 6})
 _INSERT: Final = "INSERT INTO {} VALUES ({})"
 _INSERT_CANDIDATE: Final = _INSERT.format("candidate", "?, " * len(CANDIDATE_COLUMNS) + "?")
 _INSERT_TEST: Final = _INSERT.format("test", "?, " * len(TEST_COLUMNS) + "?")
+_INSERT_OBJECTIVE: Final = "INSERT INTO objective VALUES (?, ?, ?)"
 _INSERT_EARLIER: Final = _INSERT.format("earlier", "?, " * len(EARLIER_COLUMNS) + "?")
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?, ?)"
 _INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?, ?)"
@@ -281,12 +291,13 @@ class CampaignStore:
         self._held_candidates: list[tuple[object, ...]] = []
         self._held_tests: list[tuple[object, ...]] = []
         self._held_trajectories: list[tuple[object, ...]] = []
+        self._held_objectives: list[tuple[object, ...]] = []
         self._last_asked = 0
         self._told = 0
         with translated(self._path):
             (version,) = connection.execute("PRAGMA user_version").fetchone()
             has_checksums = version >= _CHECKSUMS_SINCE
-            self._has_earlier = version >= _EARLIER_SINCE
+            self._has_earlier = version >= _EARLIER_SINCE  # and values of the objective
             self.checksum_column: Final = CHECKSUM if has_checksums else "NULL"
             """The column of checksums in a SELECT, NULL in an older schema."""
             self._select_test = _SELECT_TEST.format(
@@ -518,6 +529,14 @@ class CampaignStore:
                 self._told -= 1
             raise
 
+    def measured(self, id: int, value: float) -> None:  # noqa: A002
+        """Record the objective's value for a held test, to be written together with it.
+
+        Raises a `CampaignError` if the store was opened for reading.
+        """
+        self._require_writer()
+        self._held_objectives.append(with_checksum((int(id), float(value))))
+
     def write(self) -> None:
         """Store held results and asked candidates, durably.
 
@@ -632,6 +651,24 @@ class CampaignStore:
         """Return the number of results per outcome; every outcome is present."""
         return self._count_by_outcome()[0]
 
+    def objectives(self) -> dict[int, float]:
+        """Return the objective's value for the tests that have one, by id in the order of ids.
+
+        There are none if the MOOBD is minimised. Raises a `CampaignError` if one is damaged.
+        """
+        if not self._has_earlier:
+            return {}
+        self._write_tests()
+        with translated(self._path):
+            rows = self._connection.execute(
+                "SELECT candidate_id, value, checksum FROM objective ORDER BY candidate_id"
+            ).fetchall()
+        for row in rows:
+            self._require_checksum(row, f"the objective of test {row[0]}")
+            if not is_number(row[1]):
+                raise self._damaged(f"the objective of test {row[0]} is no finite number")
+        return {row[0]: row[1] for row in rows}
+
     def earlier(self) -> list[EarlierTest]:
         """Return the tests of earlier campaigns that this one started from, in their order.
 
@@ -742,6 +779,7 @@ class CampaignStore:
                 connection.executemany(_INSERT_CANDIDATE, self._held_candidates)
                 connection.executemany(_INSERT_TEST, self._held_tests)
                 connection.executemany(_INSERT_TRAJECTORY, self._held_trajectories)
+                connection.executemany(_INSERT_OBJECTIVE, self._held_objectives)
                 yield connection
                 connection.execute("COMMIT")
                 self._forget_held()
@@ -760,6 +798,7 @@ class CampaignStore:
         self._held_candidates.clear()
         self._held_tests.clear()
         self._held_trajectories.clear()
+        self._held_objectives.clear()
 
     def _require_writer(self) -> None:
         if self._lock is None:

@@ -247,6 +247,8 @@ class _ProgressLine(Struct):
     running: Count
     min_moobd: Annotated[float, Meta(ge=-1e6, le=1e6)] | None = None
     roads: Count | None = None
+    objective: Annotated[str, Meta(max_length=100, pattern=r"^[\w.:/\\ -]*$")] = ""
+    best: Annotated[float, Meta(ge=-1e300, le=1e300)] | None = None
     workers: object = None
 
 

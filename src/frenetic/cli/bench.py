@@ -25,6 +25,7 @@ from frenetic.cli.options import (
     Setting,
     as_usage_error,
     json_option,
+    objective_option,
 )
 from frenetic.cli.parts import PROFILE, asked_spec, driver_options, names_of, was_given
 from frenetic.errors import FreneticError
@@ -215,6 +216,7 @@ class _AskedEntrant:
     show_default=True,
     help="Whether the time that a generator takes itself counts against the budget.",
 )
+@objective_option
 @click.option(
     "--repeats", type=click.IntRange(1), default=REPEATS, show_default=True, help="Runs of each."
 )
@@ -333,6 +335,7 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
                 seconds_per_test=cost,
                 counts_computing=asked["count_computing"],
                 patience=asked["patience"],
+                objective=asked["objective"],
                 records=asked["records"],
             ),
             repeats=asked["repeats"],

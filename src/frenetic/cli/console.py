@@ -88,7 +88,8 @@ def progress_text(progress: Progress) -> str:
     least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     left = progress.seconds_left
     return (
-        f"{progress.in_words()}, best MOOBD {least}, {rate_words(progress.tests_per_second)},"
+        f"{progress.in_words()}, best MOOBD {least}{progress.best_in_words},"
+        f" {rate_words(progress.tests_per_second)},"
         f" {'?' if left is None else format_duration(left)} left"
     )
 

@@ -200,6 +200,14 @@ drive_limit_option = click.option(
     help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
     " 10 s]",
 )
+objective_option = click.option(
+    "--objective",
+    default="moobd",
+    show_default=True,
+    metavar="NAME",
+    help="What a search minimises: moobd; oob-share and lateral-acceleration, which it maximises;"
+    " or your own function of a drive as package.module:function or path/to/file.py:function.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 
 

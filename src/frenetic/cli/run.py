@@ -15,6 +15,7 @@ from frenetic.cli.options import (
     GroupedCommand,
     as_usage_error,
     json_option,
+    objective_option,
 )
 from frenetic.cli.parts import asked_spec, driver_options, part_choice
 from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
@@ -44,14 +45,7 @@ DEFAULT_SIMULATIONS: Final = 1000
     help="Propose N roads ahead in an ordered campaign; more workers are of no use then."
     " [default: 16, with frenetic-2021 1]",
 )
-@click.option(
-    "--objective",
-    default="moobd",
-    show_default=True,
-    metavar="NAME",
-    help="What the search minimises: moobd; oob-share and lateral-acceleration, which it maximises;"
-    " or your own function of a drive as package.module:function or path/to/file.py:function.",
-)
+@objective_option
 @click.option(
     "--from",
     "start_from",

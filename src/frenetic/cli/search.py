@@ -228,6 +228,7 @@ def _print_summary(summary: Summary, error: str, known: str) -> None:
     click.echo(
         f"{stopped}{counted(summary.simulations, 'simulation')} in"
         f" {format_duration(summary.seconds)}, {rate_words(summary.tests_per_second)}{least}"
+        f"{summary.best_in_words}"
     )
     click.echo(summary.in_words())
     if known:

@@ -168,6 +168,7 @@ def _list_tests(
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
     from frenetic.campaign.earlier import still_failing
+    from frenetic.campaign.objective import in_words
 
     counts = store.counts()
     config, facts = store.config, store.facts
@@ -205,6 +206,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
                 f" be out, map of {config.get('map_size')} m",
             ),
+            ("objective", in_words(config, store.objectives())),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", spent),
             ("results", counts.in_words()),
@@ -284,6 +286,9 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         ("driver", _part(store.parts_of(record.told).get("driver"))),
     ]
     facts += facts_of_drive(record, record.duration)
+    value = store.objectives().get(test_id)
+    if value is not None:
+        facts.append(("objective", f"{value:.4g} ({store.config.get('objective')})"))
     facts += [
         ("curvatures", " ".join(f"{value:.4f}" for value in test.road.curvatures)),
         ("picture", drawn),

@@ -207,7 +207,7 @@ def _counts(state: CampaignState) -> RenderableType:
     counts.highlight_regex(r"[1-9]\d* failed", "red")
     counts.highlight_regex(r"[1-9]\d* errors?", "yellow")
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
-    return Group(counts, Text(f"best MOOBD {best}, {_rates(state)}"))
+    return Group(counts, Text(f"best MOOBD {best}{progress.best_in_words}, {_rates(state)}"))
 
 
 def _failures_over_time(state: CampaignState, width: int, ascii_only: bool) -> list[RenderableType]:
@@ -307,7 +307,7 @@ def _facts(
     yield "results", progress.in_words()
     yield "rate", _rates(state)
     if progress.min_moobd is not None:
-        yield "best MOOBD", f"{progress.min_moobd:.2f} m"
+        yield "best MOOBD", f"{progress.min_moobd:.2f} m{progress.best_in_words}"
     intervals = min(int(progress.seconds / BAR), 60)
     if progress.failed and intervals > 1:
         (bars,) = sparkline(state.failures_per_interval(intervals).tolist(), ascii_only=ascii_only)
@@ -324,7 +324,7 @@ def progress_line(state: CampaignState) -> str:
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     return (
         f"{progress.budget_spent:.1%} after {_times(state)}: {progress.in_words()}, best MOOBD"
-        f" {best}, {rate_words(state.rate)}"
+        f" {best}{progress.best_in_words}, {rate_words(state.rate)}"
     )
 
 

@@ -1,6 +1,7 @@
 """The columns of a campaign's tables, the same in every format.
 
-Those of tests are declared in `frenetic.campaign.record`; three more are made of them.
+Those of tests are declared in `frenetic.campaign.record`; three more are made of them, and the
+objective has a table of its own.
 """
 
 from __future__ import annotations
@@ -20,16 +21,19 @@ DERIVED: Final = (
     Column("max_curvature", Kind.REAL, "largest curvature, without its sign", "1/m", True),
 )
 """Columns of tests that are not stored."""
+OBJECTIVE: Final = Column(
+    "objective", Kind.REAL, "what the search minimised, if it is not the MOOBD", "", True
+)
 
 _BY_NAME: Final = {
     **TEST_COLUMNS,
     **CANDIDATE_COLUMNS,
-    **{column.name: column for column in DERIVED},
+    **{column.name: column for column in (*DERIVED, OBJECTIVE)},
 }
 _ORDER: Final = """
     id told outcome reason operator parents generation asked_after
     length curvature_count max_curvature curvatures step x y heading
-    moobd moobd_distance max_oob_share duration
+    moobd moobd_distance max_oob_share objective duration
     departure_time departure_distance departure_x departure_y departure_side
     seconds elapsed attempts worker budget_spent finished_at
 """

@@ -20,7 +20,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.trajectory_codec import decode_columns
 from frenetic.errors import CampaignError
-from frenetic.export.columns import DERIVED, TESTS, TRAJECTORIES, Column, Kind
+from frenetic.export.columns import DERIVED, OBJECTIVE, TESTS, TRAJECTORIES, Column, Kind
 from frenetic.outcome import Outcome
 from frenetic.spec import shown
 
@@ -73,7 +73,7 @@ class Batch:
         return len(self.values["id"])
 
 
-_STORED: Final = tuple(column for column in TESTS if column not in DERIVED)
+_STORED: Final = tuple(column for column in TESTS if column not in (*DERIVED, OBJECTIVE))
 _SELECT_TESTS: Final = f"""
     SELECT {", ".join(column.name for column in _STORED)}
     FROM test LEFT JOIN candidate ON candidate.id = candidate_id
@@ -113,8 +113,9 @@ def batches_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) 
     wanted = [str(outcome) for outcome in outcomes]
     select = _SELECT_TESTS.format(", ".join("?" * len(wanted)))
     last, done = _last_told(store), 0
+    objectives = store.objectives()
     while rows := list(store.rows(select, (done, last, *wanted))):
-        batch = _to_batch(store, rows)
+        batch = _to_batch(store, rows, objectives)
         told = int(batch.values["told"][-1])  # type: ignore[index, arg-type]
         store.require_checksums(done, told)
         yield batch
@@ -192,7 +193,9 @@ class _DamagedRow(Exception):  # noqa: N818  # it becomes a CampaignError
         self.row, self.fault = row, fault
 
 
-def _to_batch(store: CampaignStore, rows: Sequence[tuple[Any, ...]]) -> Batch:
+def _to_batch(
+    store: CampaignStore, rows: Sequence[tuple[Any, ...]], objectives: Mapping[int, float]
+) -> Batch:
     raw = dict(zip((c.name for c in _STORED), map(list, zip(*rows, strict=True)), strict=True))
     values: dict[str, Values] = {}
     for column in _STORED:
@@ -209,6 +212,7 @@ def _to_batch(store: CampaignStore, rows: Sequence[tuple[Any, ...]]) -> Batch:
     values["curvature_count"] = counts
     values["length"] = np.maximum(counts - 1, 0) * step
     values["max_curvature"] = _largest(curvatures)
+    values["objective"] = np.array([objectives.get(one, np.nan) for one in raw["id"]])
     return Batch(TESTS, {column.name: values[column.name] for column in TESTS}, len(rows))
 
 

@@ -20,6 +20,7 @@ from frenetic.campaign.check.report import CheckReport, FindingCollector, Holdin
 from frenetic.campaign.check.rows import (
     check_candidates,
     check_earlier,
+    check_objectives,
     check_redrives,
     check_results,
 )
@@ -112,6 +113,8 @@ def _check(
         check_redrives(connection, tables, findings)
     with findings.reading("what it started from"):
         check_earlier(connection, tables, findings)
+    with findings.reading("the objective"):
+        check_objectives(connection, tables, findings)
     return CheckReport(folder, holdings, findings.all())
 
 

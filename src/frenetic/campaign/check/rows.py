@@ -35,7 +35,7 @@ from frenetic.campaign.versions import package_versions
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.simulators.drive import Trajectory
-from frenetic.spec import shown
+from frenetic.spec import is_number, shown
 
 _BATCH: Final = 500  # rows read at once, so that no reader keeps a writer's log from being emptied
 _OLD: Final[Mapping[str, str]] = {"attempts": "1"}
@@ -276,6 +276,19 @@ def check_earlier(
             findings.add(Subject.EARLIER, f"{name}: the {fault.column} {fault.text}")
         if text := checksum_fault(row):
             findings.add(Subject.EARLIER, f"{name} {text}")
+
+
+def check_objectives(
+    connection: sqlite3.Connection, tables: Tables, findings: FindingCollector
+) -> None:
+    """Checks the objective's value for each test that has one."""
+    if not tables.has("objective"):
+        return
+    for row in connection.execute("SELECT candidate_id, value, checksum FROM objective"):
+        if text := checksum_fault(row):
+            findings.add(Subject.TEST, f"the objective of test {row[0]} {text}")
+        elif not is_number(row[1]):
+            findings.add(Subject.TEST, f"the objective of test {row[0]} is no finite number")
 
 
 def _contradictions(values: Mapping[str, Any], setting: Setting | None) -> Iterator[str]:

@@ -115,6 +115,7 @@ def campaign_report(
         folder=str(store.folder),
         elapsed=elapsed,
         is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
+        objectives=store.objectives(),
         known=still_failing(store),
         trouble=" ".join([*(f"Changed {one}." for one in store.changes if one.what), trouble]),
     )

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from frenetic._support.durations import format_duration
 from frenetic._support.words import counted
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.objective import in_words
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers.loading import LAYERS
 from frenetic.fingerprint import innermost, short_version
@@ -52,6 +54,7 @@ def headline(
     elapsed: float,
     is_spent: bool = False,
     known: str = "",
+    objectives: Mapping[int, float] = MappingProxyType({}),
     trouble: str = "",
 ) -> Headline:
     """The headline of a campaign.
@@ -64,6 +67,7 @@ def headline(
         folder: of the campaign.
         elapsed: s of its spent time.
         is_spent: whether its budget is.
+        objectives: value of the objective by test, if it is not the MOOBD.
         known: what became of the failures of earlier campaigns.
         trouble: other warnings for the reader.
     """
@@ -111,6 +115,7 @@ def headline(
         facts=(
             Fact("campaign", folder),
             Fact("budget", _budget(config, facts) or "–"),
+            Fact("objective", in_words(config, objectives)),
             *(Fact("starts from", str(one)) for one in start_from),
             Fact("results", counts.in_words()),
             *([Fact("known before", known)] if known else []),
