@@ -84,6 +84,8 @@ def test_a_campaign_is_seen_as_it_was_logged(tmp_path: Path, watcher: CampaignWa
         min_moobd=-1.25,
         seconds=50.0,
         budget_spent=0.25,
+        objective="my (first) own.py:slowest",
+        best=0.5,
     )
     with CampaignLog(tmp_path) as log:
         log.write(

@@ -160,8 +160,9 @@ class Cluster:
     """Root mean square difference of the failures from their mean, in m."""
     description: str
     """Description of the most severe failure, in one phrase."""
-    was_known: bool = False
-    """Whether the campaign started from an earlier one that holds a failure like one of these."""
+    was_known: bool | None = None
+    """Whether an earlier campaign, from which this one started, holds a failure like one of these;
+    None if it started afresh."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -195,7 +196,7 @@ class Clusters:
     @property
     def known(self) -> int:
         """Number of clusters that were known from earlier campaigns."""
-        return sum(cluster.was_known for cluster in self.clusters)
+        return sum(cluster.was_known is True for cluster in self.clusters)
 
     def of(self, id: int) -> Cluster:  # noqa: A002
         """The cluster of a test.

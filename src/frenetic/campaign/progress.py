@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from frenetic.campaign.counts import Counts, key_of
 from frenetic.campaign.objective import Objective
@@ -31,7 +32,7 @@ class Progress(Counts):
         return "" if self.best is None else f", best {self.objective} {self.best:.3g}"
 
     @property
-    def objective_json(self) -> dict[str, JSONValue]:
+    def objective_json(self) -> dict[str, Any]:
         """The objective and its best value for JSON; empty if it is the MOOBD."""
         return {} if self.best is None else {"objective": self.objective, "best": self.best}
 

@@ -247,7 +247,7 @@ class _ProgressLine(Struct):
     running: Count
     min_moobd: Annotated[float, Meta(ge=-1e6, le=1e6)] | None = None
     roads: Count | None = None
-    objective: Annotated[str, Meta(max_length=100, pattern=r"^[\w.:/\\ -]*$")] = ""
+    objective: object = ""
     best: Annotated[float, Meta(ge=-1e300, le=1e300)] | None = None
     workers: object = None
 
@@ -347,6 +347,7 @@ class _LogSummary:
             self._message_count += 1
 
     def _add_progress(self, line: _ProgressLine) -> None:
+        line.objective = _text(line.objective, _MAX_NAME)
         progress = convert(line, Progress, from_attributes=True)
         self._progress, self._running = progress, line.running
         self._workers = line.workers

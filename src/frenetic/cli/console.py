@@ -263,7 +263,7 @@ def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
             "moobd": cluster.moobd,
             "description": cluster.description,
             "tests": list(cluster.ids),
-            "was_known": cluster.was_known,
+            **({} if cluster.was_known is None else {"was_known": cluster.was_known}),
         }
         for cluster in clusters
     ]
