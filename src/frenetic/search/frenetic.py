@@ -234,7 +234,7 @@ class Frenetic:
 
     def ask(self) -> Candidate:
         """Return the next road to try."""
-        if self._earlier_left and self._budget_spent < self._random_budget:
+        if self._earlier_left and self._spent_when_told < self._random_budget:
             share = (self._brought_again + _TRIED) / (self._driven_again + _TRIED)
             if self._in_random_phase:
                 share = max(share, _LEAST_SHARE)
@@ -314,12 +314,16 @@ class Frenetic:
     @property
     def _in_random_phase(self) -> bool:
         driven = len(self._severities)
-        if driven == 0:
-            return True
-        asked = driven + len(self._ledger)  # and what these will spend
-        return (
-            asked < self._first_roads and self._budget_spent * asked / driven < self._random_budget
+        return driven == 0 or (
+            driven + len(self._ledger) < self._first_roads
+            and self._spent_when_told < self._random_budget
         )
+
+    @property
+    def _spent_when_told(self) -> float:
+        """Share of the budget that will be spent when what is out is told; 0 before a drive."""
+        driven = len(self._severities)
+        return self._budget_spent * (driven + len(self._ledger)) / driven if driven else 0.0
 
     def _random_road(self) -> Candidate:
         curvatures = self._roads.draw(self._rng)
