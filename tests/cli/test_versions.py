@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from frenetic.campaign import CampaignStore
+from frenetic.cli import main
 from frenetic.registry import USER_MODULE
 
 if TYPE_CHECKING:
@@ -33,15 +35,28 @@ class Mpc:
 RUN = ("run", "--driver", "mpc.py:Mpc", "--simulations", "12", "--workers", "1", "--seed")
 
 
-@pytest.fixture
-def versions(frenetic: Frenetic, tmp_path: Path) -> Iterator[Path]:
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of each of two versions of a driver, and the second version there now."""
+    folder, path = tmp_path_factory.mktemp("versions"), list(sys.path)
+    (folder / "mpc.py").write_text(DRIVER, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for heading, name in (("0.8", "old"), ("0.9", "new")):
+            write_gains(folder, heading)
+            with pytest.raises(SystemExit) as stop:
+                main([*RUN, "3", "--out", name])
+            assert stop.value.code == 0
+    forget()
+    sys.path[:] = path
+    return folder
+
+
+@pytest.fixture
+def versions(made: Path, tmp_path: Path) -> Iterator[Path]:
+    """A copy of these in the folder of the command line."""
     path = list(sys.path)
-    (tmp_path / "mpc.py").write_text(DRIVER, encoding="utf-8")
-    write_gains(tmp_path, "0.8")
-    assert frenetic(*RUN, "3", "--out", "old").code == 0
-    write_gains(tmp_path, "0.9")
-    assert frenetic(*RUN, "3", "--out", "new").code == 0
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     yield tmp_path
     forget()
     sys.path[:] = path
