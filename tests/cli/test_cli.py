@@ -84,19 +84,20 @@ def test_run_as_json_prints_one_object(frenetic: Frenetic) -> None:
 
 
 def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic) -> None:
-    run = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--json")
-    failing = frenetic(*run, "--delay", "0.05", "--out", "c", "--fail-on-failure")
+    run = ("run", "--seed", "3", "--workers", "1", "--json")
+    until = ("--failures", "1", "--delay", "0.05", "--out", "c")
+    failing = frenetic(*run, *until, "--fail-on-failure")
     assert failing.json["failed"] > 0
     assert failing.code == 1
     assert frenetic("resume", "c", "--simulations", "1", "--fail-on-failure").code == 1
     assert frenetic("resume", "c", "--simulations", "1").code == 0
-    calm = ("--driver-option", "aggression=0.3", "--out", "d", "--fail-on-failure")
-    answer = frenetic(*run, *calm)
+    calm = ("--driver-option", "aggression=0.3", "--simulations", "3", "--out", "d")
+    answer = frenetic(*run, *calm, "--fail-on-failure")
     assert (answer.code, answer.json["failed"]) == (0, 0)
 
 
 def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
-    run = ["run", "--simulations", "5", "--ordered", "--json"]
+    run = ["run", "--simulations", "2", "--ordered", "--json"]
     first = frenetic(*run).json
     second = frenetic(*run).json
     assert first["folder"] != second["folder"]
@@ -106,9 +107,10 @@ def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) ->
     assert repeated["min_moobd"] == first["min_moobd"]
 
 
-def test_failing_road_fails_again_on_its_own(frenetic: Frenetic) -> None:
-    frenetic("run", "--simulations", "120", "--seed", "3", "--out", "c")
-    for path in sorted(Path("c/failures").glob("*.json"))[:5]:
+def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path) -> None:
+    paths = sorted((searched / "failures").glob("*.json"))[:5]
+    assert paths
+    for path in paths:
         stored = json.loads(path.read_text())
         again = frenetic("drive", str(path), "--json").json
         assert again["outcome"] == "FAIL"
@@ -691,13 +693,16 @@ def test_unknown_command_is_a_mistake(frenetic: Frenetic) -> None:
     refused(frenetic("fly"), "No such command 'fly'")
 
 
-@pytest.mark.parametrize(("former", "name"), [("rerun", "robustness"), ("replay", "regression")])
+@pytest.mark.parametrize(
+    ("former", "name", "options"),
+    [("rerun", "robustness", ["--times", "3"]), ("replay", "regression", [])],
+)
 def test_former_names_of_commands_work_as_well(
-    frenetic: Frenetic, campaign: str, former: str, name: str
+    frenetic: Frenetic, campaign: str, former: str, name: str, options: list[str]
 ) -> None:
     helps = [frenetic(each, "--help").out for each in (former, name)]
     assert helps[0].replace(f"frenetic {former}", f"frenetic {name}") == helps[1]
-    old, new = (frenetic(each, campaign, "--json") for each in (former, name))
+    old, new = (frenetic(each, campaign, *options, "--json") for each in (former, name))
     assert old.code == new.code
     seconds = r'"seconds": [0-9.e-]+'  # of wall time
     assert re.sub(seconds, "", old.out) == re.sub(seconds, "", new.out)
