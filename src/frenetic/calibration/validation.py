@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.words import counted
 from frenetic.analysis.statistics import a12, spearman
 from frenetic.calibration.driving import (
     DEPARTURE,
@@ -197,8 +198,8 @@ def verdict_of(
         told += f"; {' and '.join(better)} ranks no worse"
     ours = twin.twin_failures
     if ours is not None and not 1.0 / OFTEN <= (ours + 0.5) / (twin.failures + 0.5) <= OFTEN:
-        told += f"; it fails {ours} times, the record {twin.failures}: trust its order, not its"
-        told += " outcomes"
+        told += f"; it fails on {counted(ours, 'road')}, the record on {twin.failures}: trust its"
+        told += " order, not its outcomes"
     if low >= GOOD_AUC and (lift >= GOOD_LIFT or lift >= ENOUGH * most) and not better:
         return "good", told
     if low > FAIR_AUC and (lift >= FAIR_LIFT or lift >= ENOUGH * most):
