@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from frenetic.cli import main
 from frenetic.registry import own_modules
 
 if TYPE_CHECKING:
@@ -50,19 +52,28 @@ class Stopping(Planner):
 FEW = ("--fresh", "20", "--top", "3")
 
 
-@pytest.fixture
-def versions(frenetic: Frenetic) -> tuple[str, str]:
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two versions of a driver, each in a folder with a neighbour of the same name."""
-    for name, aggression in (("v1", 1.2), ("v2", 0.8)):
-        Path(name).mkdir()
-        Path(name, f"{name}.py").write_text(f"PID = {os.getpid()}\n{DRIVER}")
-        Path(name, "gains.py").write_text(f"AGGRESSION = {aggression}\n")
-        with own_modules():  # as in a process of its own
-            answer = frenetic(
-                *("run", "--driver", f"{name}/{name}.py:Mine", "--out", f"night-{name}"),
-                *("--simulations", "30", "--seed", "3", "--workers", "1", "--json"),
-            )
-        assert answer.code == 0
+    folder = tmp_path_factory.mktemp("back-to-back")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for name, aggression in (("v1", 1.2), ("v2", 0.8)):
+            Path(name).mkdir()
+            Path(name, f"{name}.py").write_text(f"PID = {os.getpid()}\n{DRIVER}")
+            Path(name, "gains.py").write_text(f"AGGRESSION = {aggression}\n")
+            run = ("run", "--driver", f"{name}/{name}.py:Mine", "--out", f"night-{name}")
+            # As in a process of its own.
+            with own_modules(), pytest.raises(SystemExit) as stop:
+                main([*run, "--simulations", "30", "--seed", "3", "--workers", "1", "--json"])
+            assert stop.value.code == 0
+    return folder
+
+
+@pytest.fixture
+def versions(made: Path, tmp_path: Path) -> tuple[str, str]:
+    """A copy of these in the folder of the command line."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     return "night-v1", "night-v2"
 
 
