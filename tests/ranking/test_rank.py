@@ -11,6 +11,7 @@ import pytest
 
 from frenetic.errors import RoadError
 from frenetic.outcome import Outcome
+from frenetic.profile import Profile, Terms
 from frenetic.ranking import Prospect, find_roads, rank
 
 if TYPE_CHECKING:
@@ -112,6 +113,17 @@ def test_roads_are_ranked_by_what_drive_says_of_them(frenetic: Frenetic, roads: 
     assert by_name["gentle"]["outcome"] == "PASS"
     assert by_name["sharp"]["outcome"] == "FAIL"
     assert by_name["sharp"]["side"] != by_name["mirrored"]["side"]
+
+
+def test_the_twin_of_a_profile_ranks(frenetic: Frenetic, roads: Path) -> None:
+    options = ("--driver", "stanley", "--driver-option", "aggression=3", "--speed-limit", "90")
+    terms = Terms(speed_limit=90.0, oob_tolerance=0.95)
+    twin = Profile(name="twin", driver="stanley", driver_options={"aggression": 3.0}, terms=terms)
+    twin.write(Path("twin.json"))
+    sharp = str(roads / "sharp.json")
+    by_profile = frenetic("rank", sharp, "--profile", "twin.json", "--json").json
+    assert by_profile == frenetic("rank", sharp, *options, "--json").json
+    assert by_profile != frenetic("rank", sharp, "--json").json
 
 
 def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) -> None:

@@ -6,6 +6,7 @@ import importlib
 import json
 import sys
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import grpc
@@ -14,6 +15,7 @@ import pytest
 import frenetic.ranking.service
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
+from frenetic.profile import Profile, Terms
 from frenetic.ranking import Prospect, Twin
 from frenetic.ranking.service import CompetitionTool, serving
 from frenetic.road import Road
@@ -128,6 +130,11 @@ def test_the_command_serves_in_the_competitions_setting(
     assert type(tool.twin.tester.driver).__name__ == "BeamngAi"
     assert frenetic("rank-service", "--driver", "planner").code == 0  # without BeamNG.AI's option
     assert type(tools[-1].twin.tester.driver).__name__ == "Planner"
+    terms = Terms(speed_limit=80.0, oob_tolerance=0.85)
+    Profile(name="twin", driver="stanley", terms=terms).write(Path("twin.json"))
+    assert frenetic("rank-service", "--profile", "twin.json", "--oob-tolerance", "0.7").code == 0
+    assert type(tools[-1].twin.tester.driver).__name__ == "Stanley"
+    assert (tools[-1].twin.rules.speed_limit, tools[-1].twin.rules.oob_tolerance) == (80.0, 0.7)
 
 
 def test_without_grpc_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

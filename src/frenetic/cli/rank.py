@@ -12,8 +12,8 @@ from frenetic._support.words import counted
 from frenetic.cli.console import Log, announced_compilation, counted_progress, print_table
 from frenetic.cli.messages import complain
 from frenetic.cli.options import GroupedCommand, check_map_size, json_option, lane_option
-from frenetic.cli.parts import driver_options
-from frenetic.spec import Spec, drive_options
+from frenetic.cli.parts import asked_spec, driver_options
+from frenetic.spec import drive_options
 
 if TYPE_CHECKING:
     from frenetic.ranking import RankedRoad
@@ -55,7 +55,7 @@ def rank(
     from frenetic.ranking import Twin, find_roads
     from frenetic.ranking import rank as in_order
 
-    spec = Spec.from_options({name: context.params[name] for name in drive_options()})
+    spec = asked_spec(context, {name: context.params[name] for name in drive_options()})
     check_map_size(spec.map_size)
     found = find_roads(roads, lane=lane)
     log, prospects = Log(), []

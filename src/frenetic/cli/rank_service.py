@@ -10,8 +10,8 @@ import click
 
 from frenetic.cli.console import Log
 from frenetic.cli.options import GroupedCommand, json_option
-from frenetic.cli.parts import driver_options, was_given
-from frenetic.spec import Spec, drive_options
+from frenetic.cli.parts import asked_spec, driver_options, was_given
+from frenetic.spec import drive_options
 
 _SETTING: Final = {
     "driver": "beamng-ai",
@@ -59,7 +59,7 @@ def rank_service(
     if was_given(context, "driver") and not was_given(context, "driver_options"):
         given["driver_options"] = ()  # the default's
     with (
-        Twin.entered(Spec.from_options(given)) as twin,
+        Twin.entered(asked_spec(context, given)) as twin,
         serving(CompetitionTool(twin, lane_width=lane_width), host, port) as bound,
     ):
         if as_json:
