@@ -132,8 +132,10 @@ def test_the_table_the_top_and_invalid_roads(frenetic: Frenetic, roads: Path) ->
     assert "Different problems: 3 of the 9 asked for." in answer.out
     assert "1 other file without a road left out" in answer.err
     assert "circle" not in answer.out
-    circle = str(roads / "circle.json")
+    circle, sharp = str(roads / "circle.json"), str(roads / "sharp.json")
     assert "INVALID" in frenetic("rank", circle).out
+    (tolerant,) = frenetic("rank", sharp, *FAST, "--oob-tolerance", "1", "--json").json
+    assert tolerant["outcome"] in ("PASS", "FAIL")
     (anyway,) = frenetic("rank", circle, "--anyway", "--json").json
     assert anyway["outcome"] in ("PASS", "FAIL")
 

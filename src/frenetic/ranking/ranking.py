@@ -94,7 +94,8 @@ class Twin:
         Raises:
             FreneticError: driver or simulator cannot be made or started.
         """
-        to_the_end = replace(spec, rules=replace(spec.rules, oob_tolerance=_WHOLE))
+        tolerance = max(_WHOLE, spec.rules.oob_tolerance)
+        to_the_end = replace(spec, rules=replace(spec.rules, oob_tolerance=tolerance))
         driver, simulator = to_the_end.make_parts(isolate=True)
         with simulator:
             yield cls(RoadTester(simulator, driver, spec.map_size, spec.margin), spec.rules)
