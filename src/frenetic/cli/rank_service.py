@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import threading
+import time
 from typing import Any, Final
 
 import click
@@ -71,4 +71,5 @@ def rank_service(
 
 def until_interrupted() -> None:
     """Waits for Ctrl-C."""
-    threading.Event().wait()
+    while True:
+        time.sleep(60.0)  # on Windows Ctrl-C ends a sleep, but no wait for an event or a lock
