@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from frenetic.calibration import (
     calibrate,
     read_recordings,
 )
-from frenetic.calibration.calibrate import folds_of
+from frenetic.calibration.calibrate import _digest, folds_of
 from frenetic.calibration.determination import difference
 from frenetic.calibration.driving import (
     COLUMNS,
@@ -204,6 +205,21 @@ def test_a_stopped_fit_goes_on_to_the_same_end(
     assert fields(again) == fields(calibration)
     assert counted.drives == drives  # nothing is driven twice
     assert not state.exists()
+
+
+def test_results_of_other_roads_or_of_another_order_are_not_taken_up(
+    recordings: Recordings, model: Model, tmp_path: Path
+) -> None:
+    table = tmp_path / "tests.jsonl"
+    digests = set()
+    for step in (10.0, 12.0):
+        row = {"curvatures": [0.0, 0.01], "step": step, "outcome": "PASS"}
+        table.write_text(json.dumps(row), encoding="utf-8")
+        digests |= set(read_recordings([table]).digests.values())
+    assert len(digests) == 2
+    turned = replace(recordings, digests=dict(reversed(recordings.digests.items())))
+    ours, theirs = (_digest(one, model, QUICK, 26, "") for one in (recordings, turned))
+    assert ours != theirs
 
 
 def test_the_number_of_workers_changes_nothing(recordings: Recordings, model: Model) -> None:

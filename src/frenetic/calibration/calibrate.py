@@ -363,7 +363,7 @@ def _digest(
     """A digest of all that the candidates and their drives depend on."""
     driver, simulator = model.make({}, _rules(recordings))
     content = {
-        "recordings": sorted(recordings.digests.values()),
+        "recordings": list(recordings.digests.values()),  # drives are known by their order
         "terms": asdict(recordings.terms),
         "model": asdict(model),
         "parts": [describe(driver), describe(simulator)],

@@ -167,7 +167,8 @@ def read_recordings(places: Sequence[Path], given: Terms | None = None) -> Recor
 
 def _feed(digest: Any, drive: RecordedDrive) -> None:
     values = [drive.failed, drive.max_oob_share, drive.mean_oob_distance, drive.std_steering]
-    digest.update(json.dumps([drive.run, *values]).encode())
+    road = [drive.road.step, *drive.road.pose]
+    digest.update(json.dumps([drive.run, *values, drive.departure, *road]).encode())
     for array in (drive.road.curvatures, drive.offset, drive.speed):
         digest.update(np.asarray(array, dtype="<f8").tobytes())
 
