@@ -76,3 +76,10 @@ def test_a_mistake_is_one_line(
     Path("slow/tests.jsonl").write_text(20 * line, encoding="utf-8")
     assert frenetic("calibrate", *options, *QUICK).refuses(*words)
     assert sorted(place.name for place in Path().iterdir()) == ["slow"]
+
+
+def test_drives_that_say_nothing_are_refused_before_any_file_is_written(frenetic: Frenetic) -> None:
+    rows = [{"curvatures": [0.0, 0.001 * i], "outcome": "PASS"} for i in range(20)]
+    Path("slow.jsonl").write_text("\n".join(map(json.dumps, rows)), encoding="utf-8")
+    assert frenetic("calibrate", "slow.jsonl", *FIT, *QUICK).refuses("there is nothing to fit to")
+    assert [place.name for place in Path().iterdir()] == ["slow.jsonl"]

@@ -194,6 +194,7 @@ def calibrate(
     def loss_on(indices: IntArray) -> Loss:
         return Loss(drives, indices, settings.weights, shapes=settings.shapes)
 
+    held_out_loss = loss_on(everything)  # refuses drives that say nothing, before any is driven
     digest = _digest(recordings, model, settings, evaluations, version)
     twins = TwinDriver(model, drives, shapes=settings.shapes, workers=workers)
     rows = np.empty((len(drives), COLUMNS))
@@ -264,7 +265,6 @@ def calibrate(
     if 0.0 < failed.mean() < 1.0:
         logistic = Logistic.fitted(-rows[:, MOOBD], failed)
         link = Link(intercept=logistic.intercept, slope=logistic.slope)
-    held_out_loss = loss_on(everything)
     profile = _profile(
         recordings,
         model,
