@@ -471,6 +471,11 @@ def test_recordings_under_different_terms_are_not_mixed(
     )
     with pytest.raises(FreneticError, match=r"speed_limit 70 and 90 and oob_tol"):
         read_recordings([campaigns[0], tmp_path / "faster"])
+    (tmp_path / "faster" / "experiment_description.csv").write_text(
+        f"speed_limit\n{'9' * 200_000}\n", encoding="utf-8"
+    )
+    with pytest.raises(FreneticError, match=r"description.csv: its speed_limit is .* a number"):
+        read_recordings([tmp_path / "faster"])
 
 
 def test_a_driver_that_breaks_is_named(

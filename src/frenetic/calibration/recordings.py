@@ -258,9 +258,9 @@ def _files(place: Path, files: Sequence[Path]) -> _Source:
     described = folder / "experiment_description.csv"
     terms = Terms()
     if described.is_file():
-        row = next(csv.DictReader(_read(described).splitlines()), {})
+        row = next(_rows(described), {})
         names = ("speed_limit", "oob_tolerance", "map_size")
-        terms = Terms(**{k: _number(row, k, described) for k in names if row.get(k)})
+        terms = Terms(**{k: _number(row, k, described) for k in names if k in row})
     return _Source(str(folder), terms, drives)
 
 
