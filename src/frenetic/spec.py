@@ -396,7 +396,7 @@ class Spec:
             "cluster": self.cluster,
             "lookahead": self.lookahead,
             "objective": self.objective,
-            **({"start_from": [asdict(one) for one in self.start_from]} if self.start_from else {}),
+            "start_from": [asdict(one) for one in self.start_from],
             "versions": dict(self.versions),
             "fingerprints": dict(self.fingerprints),
             **({} if command is None else {"command": command}),

@@ -375,6 +375,7 @@ def test_each_value_of_the_configuration_of_the_wrong_type(tmp_path: Path, name:
         "versions": [{}],
         "fingerprints": [{}],
         "objective": ["seven"],
+        "start_from": [[]],
     }
     bads: list[object] = [[], {}, "seven", -1, True, 10**400]
     accepted = []

@@ -383,10 +383,10 @@ class Frenetic:
         sizes, sites = np.zeros(draws, dtype=np.int64), np.zeros(draws, dtype=np.int64)
         mates = self._pool[rng.integers(0, len(self._pool), draws)]
         for k in np.flatnonzero(operators == SPLICE).tolist():
-            curvatures = archive.candidates[mates[k]].curvatures
-            sizes[k] = len(curvatures)
-            others[k, : sizes[k]] = curvatures
-            sites[k] = int(archive.places["distance"][mates[k]] / step)
+            mate = archive.candidates[mates[k]]
+            sizes[k] = len(mate.curvatures)
+            others[k, : sizes[k]] = mate.curvatures
+            sites[k] = int(archive.places["distance"][mates[k]] / mate.step)
         opposite = {LEFT: RIGHT, RIGHT: LEFT}.get(side, side)
         known = archive.failures(side), archive.failures(opposite)
         if not self._use_archive:
