@@ -36,7 +36,7 @@ from frenetic.calibration.driving import (
 )
 from frenetic.calibration.journal import Journal
 from frenetic.calibration.loss import Logistic, Loss, scores, with_ties
-from frenetic.calibration.validation import auc_of, found_by, linear_model, verdict_of
+from frenetic.calibration.validation import UNFITTED, auc_of, found_by, linear_model, verdict_of
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
 from frenetic.profile import Figures
@@ -364,7 +364,7 @@ def test_a_difference_has_the_error_of_its_independent_groups() -> None:
     ("failures", "auc", "low", "lift", "baseline", "verdict"),
     [
         (30, 0.8, 0.7, 3.0, 0.6, "good"),
-        (30, 0.8, 0.7, 3.0, 0.8, "fair"),  # no better than a baseline
+        (30, 0.8, 0.7, 3.0, 0.8, "poor"),  # no better than a baseline
         (30, 0.8, 0.7, 1.5, 0.6, "fair"),
         (30, 0.7, 0.6, 3.0, 0.6, "fair"),
         (30, 0.6, 0.45, 3.0, 0.5, "poor"),
@@ -382,6 +382,16 @@ def test_the_verdict(
     found, reason = verdict_of(twin, (low, 0.95), {"length": other})
     assert found == verdict
     assert ("length ranks no worse" in reason) == (baseline >= auc)
+
+
+def test_a_twin_no_better_than_before_its_fit_is_fair() -> None:
+    twin = Figures(drives=200, failures=30, auc=0.8, top_tenth=3.0)
+    found, reason = verdict_of(twin, (0.7, 0.9), {UNFITTED: twin})
+    assert found == "fair"
+    assert "the driver as it was ranks no worse" in reason
+    found, reason = verdict_of(twin, (0.7, 0.9), {UNFITTED: twin, "length": twin})
+    assert found == "poor"
+    assert "the driver as it was and length rank no worse" in reason
 
 
 def test_a_twin_that_fails_more_or_less_often_is_told() -> None:

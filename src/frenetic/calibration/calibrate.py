@@ -27,6 +27,7 @@ from frenetic.calibration.loss import Logistic, Loss, check_weights, scores
 from frenetic.calibration.parameters import Model
 from frenetic.calibration.recordings import RecordedDrive, Recordings, on_grid
 from frenetic.calibration.validation import (
+    UNFITTED,
     VERDICTS,
     auc_interval,
     cluster_labels,
@@ -49,7 +50,6 @@ PER_PARAMETER: Final = 50
 LEAST_EVALUATIONS: Final = 100
 LEAST_DRIVES: Final = 10
 
-UNFITTED: Final = "the driver as it was"
 CURVATURE: Final = "largest curvature"
 FEATURES: Final = "curvature features, fitted"
 

@@ -27,6 +27,8 @@ NEAR: Final = 20.0
 """Distance between two places of departure that count as the same, in m."""
 LEAST: Final = 10
 """Fewest failures, and fewest other drives, for a verdict."""
+UNFITTED: Final = "the driver as it was"
+"""The baseline that needs a twin, too."""
 GOOD_AUC, FAIR_AUC = 0.65, 0.5
 """Least lower end of the AUC's interval for the verdicts good and fair."""
 GOOD_LIFT, FAIR_LIFT = 2.0, 1.3
@@ -195,13 +197,17 @@ def verdict_of(
     )
     better = [k for k, v in baselines.items() if v.auc is not None and v.auc >= twin.auc]
     if better:
-        told += f"; {' and '.join(better)} ranks no worse"
+        told += f"; {' and '.join(better)} {'ranks' if len(better) == 1 else 'rank'} no worse"
     ours = twin.twin_failures
     if ours is not None and not 1.0 / OFTEN <= (ours + 0.5) / (twin.failures + 0.5) <= OFTEN:
         told += f"; it fails on {counted(ours, 'road')}, the record on {twin.failures}: trust its"
         told += " order, not its outcomes"
     if low >= GOOD_AUC and (lift >= GOOD_LIFT or lift >= ENOUGH * most) and not better:
         return "good", told
-    if low > FAIR_AUC and (lift >= FAIR_LIFT or lift >= ENOUGH * most):
+    if (
+        low > FAIR_AUC
+        and set(better) <= {UNFITTED}
+        and (lift >= FAIR_LIFT or lift >= ENOUGH * most)
+    ):
         return "fair", told
     return "poor", told
