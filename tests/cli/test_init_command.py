@@ -43,6 +43,16 @@ def test_a_search_finds_where_it_fails(frenetic: Frenetic) -> None:
     assert ended.json["failed"] == 1
 
 
+@pytest.mark.parametrize("file", ["road.py", "controls.py", "test_contract.py"])
+def test_the_class_is_called_as_nothing_that_the_files_import(
+    frenetic: Frenetic, file: str
+) -> None:
+    name = frenetic("init", file, "--json").json["class"]
+    assert name == "".join(map(str.capitalize, file[:-3].split("_"))) + "Driver"
+    assert f"class {name}:" in Path(file).read_text(encoding="utf-8")
+    assert f"from {file[:-3]} import {name}\n" in Path(f"test_{file}").read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("file", "words"),
     [

@@ -36,20 +36,23 @@ def write_driver(path: Path) -> tuple[Path, Path, str]:
         )
     if module in sys.stdlib_module_names or module == "frenetic":
         raise FreneticError(f"a module named {module} is there already: choose another name")
-    name = "".join(word[:1].upper() + word[1:] for word in module.split("_")) or _CLASS
     test = path.with_name(f"test_{path.name}")
     for file in (path, test):
         if file.exists():
             raise FreneticError(f"{file} exists and is not replaced: choose another name")
-    for file in (path, test):
-        template = files("frenetic.testing.templates").joinpath(
-            f"{_MODULE}.py" if file == path else f"test_{_MODULE}.txt"  # imports what is not there
-        )
-        text = template.read_text(encoding="utf-8")
-        text = re.sub(rf"\b{_MODULE}\b", module, text)
+    folder = files("frenetic.testing.templates")
+    templates = {
+        path: folder.joinpath(f"{_MODULE}.py").read_text(encoding="utf-8"),
+        # No module, since it imports what is not there.
+        test: folder.joinpath(f"test_{_MODULE}.txt").read_text(encoding="utf-8"),
+    }
+    name = "".join(word[:1].upper() + word[1:] for word in module.split("_")) or _CLASS
+    if name != _CLASS and any(re.search(rf"\b{name}\b", text) for text in templates.values()):
+        name += "Driver"  # they import something of that name, such as Road
+    for file, text in templates.items():
         write_file(
             file,
-            re.sub(rf"\b{_CLASS}\b", name, text),
+            re.sub(rf"\b{_CLASS}\b", name, re.sub(rf"\b{_MODULE}\b", module, text)),
             remedy="choose another place",
             parents=True,
         )
