@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import math
-import os
-import signal
-import threading
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import parent_process
 from types import TracebackType
-from typing import Any, Final, Self, TypeAlias
+from typing import Final, Self, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.child_processes import LOST_PARENT, process_context
+from frenetic._support.child_processes import process_context, stand_alone
 from frenetic.calibration.parameters import Model
 from frenetic.calibration.recordings import RecordedDrive, on_grid
 from frenetic.drivers.driver import Driver
@@ -104,17 +100,9 @@ _shared: tuple[Model, Sequence[RecordedDrive], bool] | None = None
 
 def _begin(model: Model, drives: Sequence[RecordedDrive], shapes: bool) -> None:
     global _shared  # a worker's own
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # its parent stops it
-    parent = parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    stand_alone()
     compile_kernels()
     _shared = model, drives, shapes
-
-
-def _end_with(parent: Any) -> None:
-    parent.join()
-    os._exit(LOST_PARENT)
 
 
 def _work(values: Mapping[str, float], indices: Sequence[int]) -> FloatArray:
