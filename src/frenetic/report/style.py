@@ -50,6 +50,7 @@ STYLE: Final[dict[str, Any]] = {
     "font.sans-serif": ["DejaVu Sans", "Verdana"],  # as wide: for SVGs shown elsewhere
     "font.size": 9.0,
     "text.usetex": False,
+    "text.parse_math": False,  # a $ in somebody's name is a $
     "text.color": INK,
     "axes.unicode_minus": True,
     "axes.edgecolor": FAINT,
