@@ -217,7 +217,7 @@ def test_results_of_other_roads_or_of_another_order_are_not_taken_up(
         table.write_text(json.dumps(row), encoding="utf-8")
         digests |= set(read_recordings([table]).digests.values())
     assert len(digests) == 2
-    turned = replace(recordings, digests=dict(reversed(recordings.digests.items())))
+    turned = replace(recordings, digests=dict(reversed(list(recordings.digests.items()))))
     ours, theirs = (_digest(one, model, QUICK, 26, "") for one in (recordings, turned))
     assert ours != theirs
 
