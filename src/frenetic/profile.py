@@ -199,15 +199,31 @@ class Profile(Record, frozen=True, kw_only=True):
             raise FreneticError(f"{path} is no profile: it has more than {MAX_BYTES} bytes")
         try:
             document = msgspec.json.decode(data)
+        except (ValueError, RecursionError) as error:
+            raise FreneticError(f"{path} is no profile of a twin: {error}") from None
+        return cls.of(document, source=path)
+
+    @classmethod
+    def of(cls, document: Any, *, source: object) -> Self:
+        """The profile of a JSON value.
+
+        Args:
+            document: the value.
+            source: name of its place for messages.
+
+        Raises:
+            FreneticError: it is none; the message names the place in it.
+        """
+        try:
             version = document.get("version") if isinstance(document, dict) else None
             if isinstance(version, int) and version > VERSION:
                 raise FreneticError(
-                    f"{path} was written by a newer version of frenetic: upgrade frenetic"
+                    f"{source} was written by a newer version of frenetic: upgrade frenetic"
                 )
             profile = msgspec.convert(document, cls)
             profile.check()
         except (ValueError, RecursionError) as error:
-            raise FreneticError(f"{path} is no profile of a twin: {error}") from None
+            raise FreneticError(f"{source} is no profile of a twin: {error}") from None
         return profile
 
     def check(self) -> None:

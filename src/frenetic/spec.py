@@ -243,6 +243,8 @@ class Spec:
     """Name of what the strategy minimises, see `frenetic.campaign.objective`."""
     start_from: tuple[EarlierCampaign, ...] = ()
     """Earlier campaigns that the search starts from."""
+    screen: Mapping[str, Any] = field(default_factory=dict)
+    """What screens roads, see `frenetic.campaign.screening`; empty without."""
     budget: Budget | None = None
     """Budget, None without a search."""
     workers: int = 1
@@ -397,6 +399,7 @@ class Spec:
             "lookahead": self.lookahead,
             "objective": self.objective,
             "start_from": [asdict(one) for one in self.start_from],
+            "screen": dict(self.screen),
             "versions": dict(self.versions),
             "fingerprints": dict(self.fingerprints),
             **({} if command is None else {"command": command}),
@@ -506,6 +509,8 @@ class Spec:
             words += ["--objective", self.objective]
         for earlier in self.start_from:
             words += ["--from", earlier.folder]
+        if self.screen:
+            words += ["--screen", str(self.screen.get("file"))]
         if self.lookahead is None:
             words += ["--unordered"]
         else:
@@ -1005,6 +1010,7 @@ CONFIGURATION: Final[Mapping[str, Entry]] = MappingProxyType(
         "lookahead": Entry(_or_none(_whole_number(1)), is_needed=False),
         "objective": Entry(_text, is_needed=False),
         "start_from": Entry(_earlier, is_needed=False),
+        "screen": Entry(_object, is_needed=False),
         "versions": Entry(_versions),
         "fingerprints": Entry(_fingerprints, is_needed=False),
     }

@@ -374,6 +374,7 @@ def test_each_value_of_the_configuration_of_the_wrong_type(tmp_path: Path, name:
         "lookahead": [10**400],
         "versions": [{}],
         "fingerprints": [{}],
+        "screen": [{}],
         "objective": ["seven"],
         "start_from": [[]],
     }

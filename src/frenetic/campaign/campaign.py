@@ -30,8 +30,10 @@ from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order, start
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.replay import replay
+from frenetic.campaign.screening import ScreeningSummary, screened
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.twin import Twin
 from frenetic.campaign.versions import package_versions
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
@@ -40,6 +42,7 @@ from frenetic.fingerprint import fingerprint_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
+from frenetic.search.screened import Screened
 from frenetic.search.strategy import CheckingStrategy, Strategy, WarmStartingStrategy, notice_of
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.embedded import compile_kernels
@@ -187,6 +190,8 @@ class Campaign:
         self.notes: tuple[str, ...] = ()
         """What `resume` has to say about changed parts, and those that it could not compare."""
         self._checked_margin: float | None = None  # that the strategy was told
+        self.twin: Twin | None = None
+        """Screens its roads for the strategy; entered while the campaign runs."""
         self.named: Spec | None = None
         """Names of its parts; None if they came from Python."""
 
@@ -223,8 +228,9 @@ class Campaign:
         workers = workers or _usual_workers(simulator, spec.lookahead)
         if isolate and workers == 1 and cluster is None:
             simulator = isolated(simulator, driver, drive_limit)
+        strategy, twin = screened(spec) if spec.screen else (spec.make_strategy(), None)
         campaign = cls(
-            strategy=spec.make_strategy(),
+            strategy=strategy,
             simulator=simulator,
             driver=driver,
             budget=spec.budget,
@@ -240,7 +246,7 @@ class Campaign:
             objective=spec.objective,
             start_from=[earlier.folder for earlier in spec.start_from],
         )
-        campaign.named = spec
+        campaign.named, campaign.twin = spec, twin
         return campaign
 
     def configuration(self) -> dict[str, JSONValue]:
@@ -274,7 +280,10 @@ class Campaign:
 
     def _described_strategy(self) -> dict[str, JSONValue]:
         margin = self._checked_margin
-        return describe(self.strategy) | ({} if margin is None else {"margin": margin})
+        searching = self.strategy
+        if isinstance(searching, Screened):
+            searching = searching.strategy
+        return describe(searching) | ({} if margin is None else {"margin": margin})
 
     def run(
         self,
@@ -312,6 +321,7 @@ class Campaign:
         self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
         configuration = self.configuration()
         with ExitStack() as stack:
+            self._enter_twin(stack)
             store = stack.enter_context(CampaignStore.create(self.folder, configuration, taken))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
@@ -361,6 +371,7 @@ class Campaign:
             configuration = self.configuration()
             changes = self._changes(store, configuration, accept_changed=accept_changed)
             store.require_whole()
+            self._enter_twin(stack)
             tally, outstanding = replay(
                 store,
                 self.strategy,
@@ -380,6 +391,19 @@ class Campaign:
                 log.write(Event.LOG, note, level="warning", logger=__name__)
             stack.enter_context(_saying_what_is_stored(store, tally))
             return self._search(store, log, tally, outstanding, on_progress, on_start, on_interrupt)
+
+    def _enter_twin(self, stack: ExitStack) -> None:
+        """Starts the twin until the stack is closed.
+
+        Raises:
+            CampaignError: it does not start.
+        """
+        if self.twin is None:
+            return
+        try:
+            stack.enter_context(self.twin)
+        except Exception as error:
+            raise CampaignError(f"the twin does not start: {reason_of(error)}") from error
 
     def _keep_margin(self) -> None:
         """Has the strategy check roads with this campaign's margin; its record says so.
@@ -517,6 +541,7 @@ class Campaign:
             notice=notice_of(self.strategy) or "",
             objective=tally.objective,
             best=tally.best,
+            screening=ScreeningSummary.of_store(store),
         )
         store.finish(
             seconds=round(summary.seconds, 3),

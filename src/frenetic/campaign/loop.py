@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -343,7 +344,7 @@ class Dispatcher:
     def _log_notice(self) -> None:
         """Logs what the strategy has to say about its search, once."""
         before, self._tally.notice = self._tally.notice, notice_of(self._strategy) or ""
-        if self._tally.notice and not before:
+        if _without_numbers(self._tally.notice) not in ("", _without_numbers(before)):
             self._log.write(Event.NOTICE, self._tally.notice, level="warning")
 
     def _log_result(self, record: TestRecord, traceback: str) -> None:
@@ -374,6 +375,11 @@ class Dispatcher:
             self._log.progress(
                 progress, workers=self._workers.states(), running=len(self._running), force=force
             )
+
+
+def _without_numbers(notice: str) -> str:
+    """A notice whose numbers may change while it says the same."""
+    return re.sub(r"[\d.-]+", "", notice)
 
 
 def _traced(traceback: str) -> dict[str, JSONValue]:

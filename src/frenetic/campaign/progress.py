@@ -8,6 +8,7 @@ from typing import Any
 
 from frenetic.campaign.counts import Counts, key_of
 from frenetic.campaign.objective import Objective
+from frenetic.campaign.screening import ScreeningSummary
 from frenetic.campaign.store import JSONValue
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
@@ -61,6 +62,8 @@ class Summary(Progress):
     """Reason why the strategy ended before the budget was spent; empty if it did not."""
     notice: str = ""
     """Why the search was not what its user expects, as the strategy says; empty if it was."""
+    screening: ScreeningSummary | None = None
+    """What screening came to, None without."""
 
     def as_json(self) -> dict[str, JSONValue]:
         """The summary as one JSON object."""
@@ -72,6 +75,7 @@ class Summary(Progress):
             "interrupted": self.interrupted,
             "ended": self.ended,
             "notice": self.notice,
+            **({} if self.screening is None else {"screening": self.screening.as_json()}),
             "folder": str(self.folder),
             **self.objective_json,
         }

@@ -26,7 +26,7 @@ from frenetic.oracle import Departure, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.random_search import EARLIER
-from frenetic.search.records import Candidate, Evaluation, Origin, Trace
+from frenetic.search.records import Candidate, Evaluation, Origin, Screening, Trace
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.spec import decode_config, is_number, shown
 
@@ -496,6 +496,13 @@ _EARLIER_COLUMNS: Final = (
     Column("lateral_offset", Kind.REALS, "left of the ego lane's centre line", "m"),
     Column("speed", Kind.REALS, "likewise", "m/s"),
 )
+_SCREENING_COLUMNS: Final = (
+    Column("candidate_id", Kind.WHOLE, "of the candidate", low=1),
+    Column("role", Kind.CHOICE, "whether the twin chose its road", choices=("screened", "control")),
+    Column("drawn", Kind.WHOLE, "roads that the twin drove to choose it", low=0),
+    Column("outcome", Kind.CHOICE, "of the twin's drive", choices=tuple(Outcome)),
+    Column("moobd", Kind.REAL, "of the twin's drive", "m", True),
+)
 
 CANDIDATE_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {column.name: column for column in _CANDIDATE_COLUMNS}
@@ -509,6 +516,10 @@ EARLIER_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {column.name: column for column in _EARLIER_COLUMNS}
 )
 """Name -> column of the table of earlier campaigns' tests, in its order."""
+SCREENING_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
+    {column.name: column for column in _SCREENING_COLUMNS}
+)
+"""Name -> column of the table of screened candidates, in its order."""
 RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {name: column for name, column in TEST_COLUMNS.items() if name != "finished_at"}
 )
@@ -620,6 +631,16 @@ def read_candidate(row: Iterable[object]) -> tuple[Candidate, int]:
         values["id"], values["curvatures"], values["step"], origin, values["points"]
     )
     return candidate, values["asked_after"]
+
+
+def read_screening(row: Iterable[object]) -> Screening:
+    """The screening of a row of `SCREENING_COLUMNS`.
+
+    Raises:
+        RowError: the row is damaged.
+    """
+    values = read_row(SCREENING_COLUMNS, row)
+    return Screening(values["role"], values["drawn"], Outcome(values["outcome"]), values["moobd"])
 
 
 def read_test(
@@ -744,6 +765,14 @@ def row_of_earlier(test: EarlierTest) -> tuple[object, ...]:
 
 def _as_blob(values: FloatArray) -> bytes:
     return values.astype("<f8", copy=False).tobytes()
+
+
+def row_of_screening(candidate: Candidate) -> tuple[object, ...]:
+    """A screened candidate as a row of `SCREENING_COLUMNS`."""
+    one = candidate.screening
+    assert one is not None
+    moobd = None if one.moobd is None else float(one.moobd)
+    return int(candidate.id), one.role, int(one.drawn), str(one.outcome), moobd
 
 
 def row_of_test(record: TestRecord, finished_at: str) -> tuple[object, ...]:

@@ -8,6 +8,7 @@ anyone with SQLite, while the campaign runs and long afterwards:
 | campaign | fact about the campaign: its configuration, when it was made and finished (JSON) |
 | candidate | road that the strategy asked for: origin and curvatures |
 | test | result that the strategy was told |
+| screening | candidate that a twin drove, see `frenetic.campaign.screening` |
 | trajectory | drive, compressed by `frenetic.campaign.trajectory_codec` |
 | redrive_run, redrive | road that was driven again, see `frenetic.redrive.table` |
 | earlier | test of an earlier campaign that the search started from |
@@ -44,6 +45,7 @@ from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     CHECKSUM,
     EARLIER_COLUMNS,
+    SCREENING_COLUMNS,
     TEST_COLUMNS,
     EarlierTest,
     RowError,
@@ -52,9 +54,11 @@ from frenetic.campaign.record import (
     checksum_fault,
     read_candidate,
     read_earlier,
+    read_screening,
     read_test,
     row_of_candidate,
     row_of_earlier,
+    row_of_screening,
     row_of_test,
     setting_faults,
     with_checksum,
@@ -62,7 +66,7 @@ from frenetic.campaign.record import (
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.search.records import Candidate
+from frenetic.search.records import Candidate, Screening
 from frenetic.simulators.drive import Trajectory
 from frenetic.spec import is_number
 
@@ -225,6 +229,16 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
             checksum INTEGER
         ) {_STRICT}
         """,
+        f"""
+        CREATE TABLE screening (
+            candidate_id INTEGER PRIMARY KEY REFERENCES candidate (id),
+            role TEXT NOT NULL CHECK (role IN ('screened', 'control')),
+            drawn INTEGER NOT NULL CHECK (drawn >= 0),  -- roads that the twin drove to choose it
+            outcome TEXT NOT NULL,  -- of the twin's drive
+            moobd REAL,  -- m, of the twin's drive
+            checksum INTEGER
+        ) {_STRICT}
+        """,
     ),
 )
 """Statements that bring a database from schema version k to k + 1; never edited, only appended."""
@@ -236,6 +250,7 @@ _INSERT_CANDIDATE: Final = _INSERT.format("candidate", "?, " * len(CANDIDATE_COL
 _INSERT_TEST: Final = _INSERT.format("test", "?, " * len(TEST_COLUMNS) + "?")
 _INSERT_OBJECTIVE: Final = "INSERT INTO objective VALUES (?, ?, ?)"
 _INSERT_EARLIER: Final = _INSERT.format("earlier", "?, " * len(EARLIER_COLUMNS) + "?")
+_INSERT_SCREENING: Final = _INSERT.format("screening", "?, " * len(SCREENING_COLUMNS) + "?")
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?, ?)"
 _INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?, ?)"
 # {} is the column of checksums, NULL in older schemas.
@@ -263,6 +278,12 @@ SELECT_TESTED_ROADS: Final = """
     WHERE outcome <> 'DROPPED'
 """
 """The roads of all tests, see `frenetic.campaign.counts.road_key`."""
+_SELECT_SCREENINGS: Final = f"""
+    SELECT candidate.id, test.outcome, test.moobd,
+        {", ".join(f"screening.{name}" for name in SCREENING_COLUMNS)}, screening.{CHECKSUM}
+    FROM candidate LEFT JOIN screening ON screening.candidate_id = id
+    LEFT JOIN test ON test.candidate_id = id ORDER BY id
+"""  # noqa: S608
 _CHECKSUMS_SINCE: Final = 5  # schema version
 _EARLIER_SINCE: Final = 6  # likewise
 _CONFIG: Final = "config"
@@ -289,6 +310,7 @@ class CampaignStore:
         self._lock = lock
         # Rows that the next transaction writes.
         self._held_candidates: list[tuple[object, ...]] = []
+        self._held_screenings: list[tuple[object, ...]] = []
         self._held_tests: list[tuple[object, ...]] = []
         self._held_trajectories: list[tuple[object, ...]] = []
         self._held_objectives: list[tuple[object, ...]] = []
@@ -297,7 +319,7 @@ class CampaignStore:
         with translated(self._path):
             (version,) = connection.execute("PRAGMA user_version").fetchone()
             has_checksums = version >= _CHECKSUMS_SINCE
-            self._has_earlier = version >= _EARLIER_SINCE  # and values of the objective
+            self._has_earlier = version >= _EARLIER_SINCE  # and other tables
             self.checksum_column: Final = CHECKSUM if has_checksums else "NULL"
             """The column of checksums in a SELECT, NULL in an older schema."""
             self._select_test = _SELECT_TEST.format(
@@ -494,6 +516,8 @@ class CampaignStore:
                 f"higher id, not {candidate.id}"
             )
         self._held_candidates.append(with_checksum(row_of_candidate(candidate, self._told)))
+        if candidate.screening is not None:
+            self._held_screenings.append(with_checksum(row_of_screening(candidate)))
         self._last_asked = candidate.id
 
     def told(
@@ -647,6 +671,29 @@ class CampaignStore:
             ).fetchall()
         return ((self.candidate(candidate_id), place) for candidate_id, place in rows)
 
+    def screenings(self) -> list[tuple[Screening | None, Outcome | None, float | None]]:
+        """Return of each candidate its screening, and its test's outcome and MOOBD in m.
+
+        Those that are not known are None. Empty if no candidate was screened.
+
+        Raises a `CampaignError` if one is damaged.
+        """
+        if not self._has_earlier:
+            return []
+        self.write()
+        with translated(self._path):
+            rows = self._connection.execute(_SELECT_SCREENINGS).fetchall()
+        found: list[tuple[Screening | None, Outcome | None, float | None]] = []
+        for number, outcome, moobd, *row in rows:
+            screening = None
+            if row[0] is not None:
+                with self._naming(f"of the screening of candidate {number}"):
+                    screening = read_screening(row[:-1])
+                self._require_checksum(row, f"the screening of candidate {number}")
+            read = None if outcome is None else Outcome(self._value("outcome", outcome))
+            found.append((screening, read, None if moobd is None else self._value("moobd", moobd)))
+        return found if any(one[0] is not None for one in found) else []
+
     def by_outcome(self) -> dict[Outcome, int]:
         """Return the number of results per outcome; every outcome is present."""
         return self._count_by_outcome()[0]
@@ -777,6 +824,7 @@ class CampaignStore:
                 connection.execute("BEGIN IMMEDIATE")
                 has_begun = True
                 connection.executemany(_INSERT_CANDIDATE, self._held_candidates)
+                connection.executemany(_INSERT_SCREENING, self._held_screenings)
                 connection.executemany(_INSERT_TEST, self._held_tests)
                 connection.executemany(_INSERT_TRAJECTORY, self._held_trajectories)
                 connection.executemany(_INSERT_OBJECTIVE, self._held_objectives)
@@ -796,6 +844,7 @@ class CampaignStore:
 
     def _forget_held(self) -> None:
         self._held_candidates.clear()
+        self._held_screenings.clear()
         self._held_tests.clear()
         self._held_trajectories.clear()
         self._held_objectives.clear()

@@ -55,6 +55,13 @@ DEFAULT_SIMULATIONS: Final = 1000
     help="Start from an earlier campaign, such as one of the driver's last version: what failed"
     " there is driven again first; may be repeated.",
 )
+@click.option(
+    "--screen",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Search with the twin of this profile ('frenetic calibrate'): it drives twenty roads for"
+    " each that the simulator gets, the one that promises most.",
+)
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @click.option(
     "--out",
@@ -78,6 +85,7 @@ def run(
     lookahead: int | None,
     objective: str,
     start_from: tuple[Path, ...],
+    screen: Path | None,
     seed: int | None,
     out: Path | None,
     fail_on_failure: bool,
@@ -91,6 +99,7 @@ def run(
     so does Ctrl-C, and nothing found is lost.
     """
     from frenetic.campaign import LOOKAHEAD, new_folder
+    from frenetic.campaign.screening import with_screen
     from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
 
     if simulations is None and seconds is None and failures is None:
@@ -113,6 +122,8 @@ def run(
         start_from=tuple(EarlierCampaign(str(folder)) for folder in start_from),
         lookahead=(lookahead or usual or LOOKAHEAD) if ordered else None,
     )
+    if screen is not None:
+        spec = with_screen(spec, screen)
     campaign = make_campaign(
         spec, new_folder() if out is None else out, workers, cluster, drive_limit
     )

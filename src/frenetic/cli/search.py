@@ -233,6 +233,8 @@ def _print_summary(summary: Summary, error: str, known: str) -> None:
     click.echo(summary.in_words())
     if known:
         click.echo(known)
+    if summary.screening is not None:
+        click.echo(f"Screening:   {summary.screening.in_words()}")
     if error:
         click.echo(f"The first error: {error}")
     if summary.ended:

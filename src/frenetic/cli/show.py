@@ -169,17 +169,20 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
     from frenetic.campaign.earlier import still_failing
     from frenetic.campaign.objective import in_words
+    from frenetic.campaign.screening import ScreeningSummary, screen_text
 
     counts = store.counts()
     config, facts = store.config, store.facts
     clusters = distinct_failures(store)
     found = clusters if counts.failed else nearest_misses(store)
+    screening = ScreeningSummary.of_store(store)
     if as_json:
         document = {
             "folder": str(store.folder),
             **counts.counts_json(),
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(found),
+            **({} if screening is None else {"screening": screening.as_json()}),
             "facts": dict(facts),
             "config": dict(config),
         }
@@ -201,6 +204,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("strategy", _part(config.get("strategy"))),
             ("driver", _part(config.get("driver"))),
             ("simulator", _part(config.get("simulator"))),
+            *([("screened by", screen_text(config))] if screening is not None else []),
             (
                 "rules",
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
@@ -211,6 +215,7 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("budget", spent),
             ("results", counts.in_words()),
             *([("known before", text)] if (text := still_failing(store)) else []),
+            *([("screening", screening.in_words())] if screening is not None else []),
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
             *(("changed", str(change)) for change in store.changes if change.what),
         ]

@@ -11,25 +11,18 @@ difference below its `THRESHOLD`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import THRESHOLD, Failure
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign.tester import RoadTester
-from frenetic.oracle import Side, assess, judge
+from frenetic.campaign import twin
+from frenetic.oracle import Side, assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.simulators.drive import Rules
-from frenetic.spec import Spec
-
-_WHOLE: Final = 0.999
-"""Oob tolerance with which a drive ends when the whole car has left its lane."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,27 +71,8 @@ class RankedRoad:
     """Rank of the first road that promises the same problem, None if this is the first."""
 
 
-@dataclass(frozen=True)
-class Twin:
-    """A driver in a fast simulator, which drives on where the rules end a drive; see `entered`."""
-
-    tester: RoadTester
-    rules: Rules
-    """The rules by which its drives are judged."""
-
-    @classmethod
-    @contextmanager
-    def entered(cls, spec: Spec) -> Iterator[Twin]:
-        """The twin of a spec, while its simulator is there.
-
-        Raises:
-            FreneticError: driver or simulator cannot be made or started.
-        """
-        tolerance = max(_WHOLE, spec.rules.oob_tolerance)
-        to_the_end = replace(spec, rules=replace(spec.rules, oob_tolerance=tolerance))
-        driver, simulator = to_the_end.make_parts(isolate=True)
-        with simulator:
-            yield cls(RoadTester(simulator, driver, spec.map_size, spec.margin), spec.rules)
+class Twin(twin.Twin):
+    """A twin that ranks roads."""
 
     def prospect(self, name: str, road: Road, *, anyway: bool = False) -> Prospect:
         """The prospect of a road.
@@ -109,12 +83,11 @@ class Twin:
             anyway: drive it where it lies, whether it is valid or not.
         """
         if not anyway:
-            fitted, verdict = road.placed(self.tester.map_size, self.tester.margin)
-            if fitted is None or not verdict.valid:
-                return Prospect(name, road.length, Outcome.INVALID, verdict.message)
+            fitted, reason = self.placed(road)
+            if fitted is None:
+                return Prospect(name, road.length, Outcome.INVALID, reason)
             road = fitted
-        drive = self.tester.drive(road)
-        result = judge(road, replace(drive, rules=self.rules))
+        drive, result = self.drive(road)
         if not result.outcome.is_driven:
             return Prospect(name, road.length, result.outcome, result.reason)
         seen = assess(road, drive)

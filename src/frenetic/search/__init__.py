@@ -5,7 +5,8 @@ from __future__ import annotations
 from frenetic.search.frenetic import Frenetic
 from frenetic.search.frenetic_2021 import Frenetic2021
 from frenetic.search.random_search import RandomSearch
-from frenetic.search.records import Candidate, Evaluation, Origin, Trace
+from frenetic.search.records import Candidate, Evaluation, Origin, Screening, Trace
+from frenetic.search.screened import Screened
 from frenetic.search.strategy import (
     CheckingStrategy,
     SearchEnded,
@@ -22,6 +23,8 @@ __all__ = [
     "Frenetic2021",
     "Origin",
     "RandomSearch",
+    "Screened",
+    "Screening",
     "SearchEnded",
     "SelectiveStrategy",
     "Strategy",

@@ -259,6 +259,7 @@ DOES: Mapping[str, str] = MappingProxyType(
         "mirror": "mirrors the road: left becomes right",
         "straight": "puts a straight before the place",
         "earlier": "drives a road of an earlier campaign again",
+        "screened": "takes what failed in the twin, or came near it",
     }
 )
 """Name of an operator -> what it does, in a few words for people."""

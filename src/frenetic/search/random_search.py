@@ -217,6 +217,10 @@ class RandomSearch:
         """Return a random road."""
         return self._ledger.issue(self._roads.draw(self._rng), self._roads.step, Origin(RANDOM))
 
+    def replace(self, candidate: Candidate) -> None:
+        """Take another road instead, see `RevisableStrategy`."""
+        self._ledger.replace(candidate)
+
     def tell(self, evaluation: Evaluation) -> None:
         """Strike the candidate off; nothing is learnt.
 

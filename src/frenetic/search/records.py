@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -28,6 +28,20 @@ class Origin:
     """Generation: 0 for a random road, otherwise one more than its youngest parent's."""
 
 
+@dataclass(frozen=True)
+class Screening:
+    """What a twin did on a candidate's road before the slow simulator got it."""
+
+    role: Literal["screened", "control"]
+    """Whether the twin chose it, or the strategy proposed it as without a twin."""
+    drawn: int
+    """Number of roads that the twin drove to choose it, 0 for a control."""
+    outcome: Outcome
+    """Of the twin's drive."""
+    moobd: float | None = None
+    """Of the twin's drive, in m; None unless PASS or FAIL."""
+
+
 @dataclass(frozen=True, eq=False)
 class Candidate:
     """A road that a strategy wants judged."""
@@ -45,6 +59,8 @@ class Candidate:
     Then these are judged and driven where they lie, and the curvatures follow from them; there are
     none if no road passes through the points.
     """
+    screening: Screening | None = None
+    """None if no twin drove it."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
@@ -53,7 +69,7 @@ class Candidate:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Made anew, so that the values are read-only again.
-        return Candidate, (self.id, self.curvatures, self.step, self.origin, self.points)
+        return Candidate, tuple(getattr(self, item.name) for item in fields(self))
 
 
 def _read_only(values: FloatArray) -> FloatArray:

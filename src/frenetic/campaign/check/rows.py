@@ -246,10 +246,11 @@ def check_results(
 def check_redrives(
     connection: sqlite3.Connection, tables: Tables, findings: FindingCollector
 ) -> None:
-    """Compares the rows about roads that were driven again with their checksums."""
-    for table, changing, name in (
-        ("redrive_run", ("id", "ended_at"), "run {id}"),
-        ("redrive", (), "drive {number} of run {run}, of test {test}"),
+    """Compares the rows about roads that were screened or driven again with their checksums."""
+    for table, changing, subject, name in (
+        ("screening", (), Subject.CANDIDATE, "the screening of candidate {candidate_id}"),
+        ("redrive_run", ("id", "ended_at"), Subject.REDRIVE, "run {id}"),
+        ("redrive", (), Subject.REDRIVE, "drive {number} of run {run}, of test {test}"),
     ):
         if CHECKSUM not in tables.columns.get(table, ()):
             continue
@@ -260,7 +261,7 @@ def check_redrives(
             stored = values.pop(CHECKSUM)
             checked = [value for one, value in values.items() if one not in changing]
             if text := checksum_fault([*checked, stored]):
-                findings.add(Subject.REDRIVE, f"{name.format(**values)} {text}")
+                findings.add(subject, f"{name.format(**values)} {text}")
 
 
 def check_earlier(

@@ -13,6 +13,7 @@ from frenetic.analysis.failures import Clusters, distinct_failures, nearest_miss
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.earlier import still_failing
+from frenetic.campaign.screening import ScreeningSummary
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -107,6 +108,14 @@ def campaign_report(
     table = TestTable.of(test for test in tests if test.id in spoken_of)
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
     elapsed = store.elapsed()
+    screening = ScreeningSummary.of_store(store)
+    trouble = " ".join(
+        [
+            *(f"Changed {one}." for one in store.changes if one.what),
+            *([screening.stopped] if screening is not None and screening.stopped else []),
+            trouble,
+        ]
+    )
     top = headline(
         config,
         facts,
@@ -117,7 +126,8 @@ def campaign_report(
         is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
         objectives=store.objectives(),
         known=still_failing(store),
-        trouble=" ".join([*(f"Changed {one}." for one in store.changes if one.what), trouble]),
+        trouble=trouble,
+        screening=screening,
     )
     return Report(
         title=top.title,

@@ -13,6 +13,7 @@ from frenetic._support.words import counted
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import in_words
+from frenetic.campaign.screening import ScreeningSummary, screen_text
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers.loading import LAYERS
 from frenetic.fingerprint import innermost, short_version
@@ -56,6 +57,7 @@ def headline(
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
     trouble: str = "",
+    screening: ScreeningSummary | None = None,
 ) -> Headline:
     """The headline of a campaign.
 
@@ -70,6 +72,7 @@ def headline(
         objectives: value of the objective by test, if it is not the MOOBD.
         known: what became of the failures of earlier campaigns.
         trouble: other warnings for the reader.
+        screening: what it came to, None without.
     """
     failures, tests = counts.failed, counts.tests
     seconds: Any = facts.get("seconds")
@@ -119,6 +122,14 @@ def headline(
             *(Fact("starts from", str(one)) for one in start_from),
             Fact("results", counts.in_words()),
             *([Fact("known before", known)] if known else []),
+            *(
+                []
+                if screening is None
+                else [
+                    Fact("screened by", screen_text(config)),
+                    Fact("screening", screening.in_words()),
+                ]
+            ),
             *(Fact("driver", f"{driver}, {version}") for version in _version(config)),
             Fact("begun", _when(facts.get("created_at"))),
             Fact("finished", _when(facts.get("finished_at"))),

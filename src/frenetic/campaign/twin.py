@@ -1,0 +1,99 @@
+"""A twin: a driver in a fast simulator that stands in for a slow one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Final, Self
+
+from frenetic.campaign.evaluation import evaluate
+from frenetic.campaign.objective import MOOBD
+from frenetic.campaign.tester import RoadTester
+from frenetic.errors import RoadError
+from frenetic.oracle import Result, judge
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search.records import Candidate, Evaluation
+from frenetic.simulators.drive import Drive, Rules
+from frenetic.spec import Spec
+
+_WHOLE: Final = 0.999
+"""Oob tolerance with which a drive ends when the whole car has left its lane."""
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A driver in a fast simulator, which drives on where the rules end a drive.
+
+    A context manager: within it, its simulator is there.
+    """
+
+    tester: RoadTester
+    rules: Rules
+    """The rules by which its drives are judged."""
+
+    @classmethod
+    def of(cls, spec: Spec) -> Self:
+        """The twin of a spec.
+
+        Raises:
+            FreneticError: driver or simulator cannot be made.
+        """
+        tolerance = max(_WHOLE, spec.rules.oob_tolerance)
+        to_the_end = replace(spec, rules=replace(spec.rules, oob_tolerance=tolerance))
+        driver, simulator = to_the_end.make_parts(isolate=True)
+        tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
+        return cls(tester, spec.rules)
+
+    @classmethod
+    @contextmanager
+    def entered(cls, spec: Spec) -> Iterator[Self]:
+        """The twin of a spec, while its simulator is there.
+
+        Raises:
+            FreneticError: driver or simulator cannot be made or started.
+        """
+        with cls.of(spec) as twin:
+            yield twin
+
+    def __enter__(self) -> Self:
+        """Starts the simulator."""
+        self.tester.simulator.__enter__()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends the simulator."""
+        self.tester.simulator.__exit__(kind, error, trace)
+
+    def placed(self, road: Road) -> tuple[Road | None, str]:
+        """A road in its place on the map; None and the reason if it is INVALID."""
+        fitted, verdict = road.placed(self.tester.map_size, self.tester.margin)
+        if fitted is None or not verdict.valid:
+            return None, verdict.message
+        return fitted, ""
+
+    def drive(self, road: Road) -> tuple[Drive, Result]:
+        """The whole drive along a road in its place, and the verdict by the rules."""
+        drive = self.tester.drive(road)
+        return drive, judge(road, replace(drive, rules=self.rules))
+
+    def evaluation(
+        self, candidate: Candidate, budget_spent: float, objective: str = MOOBD
+    ) -> Evaluation:
+        """The evaluation of a candidate, as a strategy is told it."""
+        try:
+            shape = Road(candidate.curvatures, candidate.step, lane_width=self.tester.lane_width)
+            road, _ = self.placed(shape)
+        except RoadError:
+            road = None
+        if road is None:
+            return Evaluation(candidate, Outcome.INVALID, None, budget_spent)
+        drive = replace(self.tester.drive(road), rules=self.rules)
+        return evaluate(candidate, road, drive, budget_spent=budget_spent, objective=objective)
