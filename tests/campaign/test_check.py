@@ -259,7 +259,7 @@ def test_a_database_of_the_first_schema_is_sound_and_stays_one(sound: Path, tmp_
 
 def test_what_is_needed_is_what_campaigns_write(tmp_path: Path) -> None:
     campaign = make_campaign(tmp_path, Budget(simulations=1), description={})
-    assert campaign.configuration().keys() == CONFIGURATION.keys() - {"start_from", "screen"}
+    assert campaign.configuration().keys() == CONFIGURATION.keys()
 
 
 def test_the_command_is_what_the_command_line_writes(tmp_path: Path) -> None:
@@ -377,7 +377,6 @@ def test_each_value_of_the_configuration_of_the_wrong_type(tmp_path: Path, name:
         "screen": [{}],
         "start_from": [[]],
         "objective": ["seven"],
-        "start_from": [[]],
     }
     bads: list[object] = [[], {}, "seven", -1, True, 10**400]
     accepted = []
