@@ -427,7 +427,7 @@ DRIVERS: Final = Registry(
         "stanley": ("frenetic.drivers:Stanley", "the same speed plan, Stanley's steering law"),
         "beamng-ai": (
             "frenetic.drivers:BeamngAi",
-            "the planner tuned to rank roads as recorded BeamNG.AI runs do; in beamng, BeamNG.AI",
+            "a model of BeamNG.AI, fitted to recorded drives; in the simulator beamng, BeamNG.AI",
         ),
         "metadrive-idm": (
             "frenetic.simulators.metadrive:MetaDriveIdm",

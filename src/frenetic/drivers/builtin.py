@@ -11,6 +11,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import laws
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
+from frenetic.drivers.elastic_band import GRAVITY, MEMORY
 
 
 class BuiltIn:
@@ -28,6 +29,7 @@ class BuiltIn:
         """Prepares for the next drive."""
         self._setup = laws.setup_array(setup)
         self._parameters = self.parameters()
+        self._memory = np.zeros(MEMORY)
 
     def act(self, observation: Observation) -> Controls:
         """The law's controls."""
@@ -36,6 +38,7 @@ class BuiltIn:
             self.law,
             o.speed,
             o.yaw_rate,
+            o.distance,
             o.lateral_offset,
             o.heading_error,
             o.ahead,
@@ -43,6 +46,7 @@ class BuiltIn:
             len(o.ahead),
             self._parameters,
             self._setup,
+            self._memory,
         )
         return Controls(steering, throttle, brake)
 
@@ -140,32 +144,80 @@ class Stanley(SpeedPlanner):
 
 
 @dataclass
-class BeamngAi(Planner):
-    """The planner, tuned to rank roads as BeamNG.AI fares on them in BeamNG.tech.
+class BeamngAi(BuiltIn):
+    """A model of BeamNG.AI as it drives in its lane: an elastic band, a speed plan, look-ahead.
 
-    BeamNG.AI had driven them with risk factor 1.5 and a limit of 120 km/h on 5 m lanes, oob
-    tolerance 0.5. The values were found by differential evolution on 93 recorded runs, in the
-    embedded simulator under the same rules and with its default car. Its -MOOBD ranks the runs with
-    a ROC AUC of 0.74 against FAIL, but tuned on four fifths of the runs and scored on the others,
-    only of 0.63 on average (0.55 for `Planner`, 0.68 for the road's length alone). So it is a fast
-    driver that leaves the lane in places like those where BeamNG.AI does, not a forecast of
-    outcomes. `docs/beamng-ai.md` has the figures, `benchmarks/beamng_ai.py` the tuning.
+    `frenetic.drivers.elastic_band` says how it drives, `docs/beamng-ai.md` how well it follows
+    recorded drives and where the values come from. They are fitted together with the car
+    ``etk800`` of the embedded simulator. Roads are ranked by `Result.max_oob_share`.
 
     The simulator of BeamNG.tech replaces this driver by BeamNG.AI itself and never asks it.
     """
 
-    law: ClassVar[int] = laws.PLANNER
-    BEHAVIOUR: ClassVar[int] = 1
+    law: ClassVar[int] = laws.BEAMNG_AI
+    BEHAVIOUR: ClassVar[int] = 2
 
-    lateral_acceleration: float = 6.44
-    """Lateral acceleration in curves, in m/s^2 at aggression 1."""
-    braking: float = 6.1
-    """Deceleration before curves, in m/s^2 at aggression 1."""
-    smoothing: float = 4.0
-    """Length of road on each side over which a curve's curvature is averaged, in m."""
-    lookahead_time: float = 0.454
+    aggression: float = 0.7
+    """Share of grip that it uses in bends, as BeamNG.AI's; beyond `grip` it makes no difference."""
+    grip: float = 1.0
+    """Friction of the tyres, as far as the driver knows."""
+    curve_speed: float = 1.0
+    """Lateral acceleration that it plans in bends, per min(aggression, grip) g."""
+    braking: float = 6.9
+    """Deceleration planned before bends, in m/s^2."""
+    node_spacing: float = 2.0
+    """Distance between the road's nodes, in lane widths; in BeamNG.tech, the width of the road."""
+    band_strength: float = 115.0
+    """Speed at which a node is drawn to the inside of its turn, in m/s per 1 - cos of the turn."""
+    band_recoil: float = 0.35
+    """Share of a node's draw by which both its neighbours are pushed outwards."""
+    clearance: float = 0.84
+    """Distance of the plan from the edges of the lane, in car widths."""
+    forgiveness: float = 0.87
+    """Share of the distance to its plan by which it moves the plan in a second, in 1/s."""
+    lookahead_time: float = 0.63
     """Driving time to the point that is steered for, in s."""
-    lookahead_min: float = 2.19
-    """Lookahead distance at rest, in m."""
-    speed_gain: float = 0.517
-    """Acceleration per m/s of speed error, in 1/s."""
+    lookahead_min: float = 4.5
+    """Least distance to it, in m."""
+    aiming_point: float = 4.7
+    """Place that is led to it, in m ahead of the rear axle: the front of the car."""
+    steering_gain: float = 0.6
+    """Angle of the front wheels per angle to the point that is steered for."""
+    throttle_gain: float = 0.5
+    """Throttle per m/s that is missing beyond `speed_slack`, in s/m."""
+    speed_slack: float = 1.0
+    """Speed that may be missing without throttle, in m/s."""
+    brake_gain: float = 1.0
+    """Brake per m/s too much, in s/m."""
+
+    may_be_zero: ClassVar[tuple[str, ...]] = (
+        "band_strength",
+        "band_recoil",
+        "forgiveness",
+        "lookahead_time",
+        "speed_slack",
+    )
+
+    def __post_init__(self) -> None:
+        _check(self, self.may_be_zero)
+
+    def parameters(self) -> FloatArray:
+        """The parameters of `laws.beamng_ai`."""
+        return np.array(
+            [
+                self.curve_speed * min(self.aggression, self.grip) * GRAVITY,
+                self.braking,
+                self.node_spacing,
+                self.band_strength,
+                self.band_recoil,
+                self.clearance,
+                self.forgiveness,
+                self.lookahead_time,
+                self.lookahead_min,
+                self.aiming_point,
+                self.steering_gain,
+                self.throttle_gain,
+                self.speed_slack,
+                self.brake_gain,
+            ]
+        )

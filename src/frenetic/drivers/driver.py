@@ -72,6 +72,8 @@ class Observation:
     of road. n is at most 40; a limited view has fewer."""
     curvature_ahead: FloatArray
     """Curvature of the ego lane's centre line at the points of `ahead`, (n,) in 1/m."""
+    distance: float = 0.0
+    """Distance along the road, in m."""
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,22 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_SPACING, DriveSetup
+from frenetic.drivers.elastic_band import drive_along_band
 
-PLANNER, STANLEY = range(2)
+PLANNER, STANLEY, BEAMNG_AI = range(3)
 
 # setup
-SPEED_LIMIT, FRONT_AXLE, REAR_AXLE, MAX_STEERING, MAX_ACCELERATION, MAX_DECELERATION = range(6)
+(
+    SPEED_LIMIT,
+    FRONT_AXLE,
+    REAR_AXLE,
+    MAX_STEERING,
+    MAX_ACCELERATION,
+    MAX_DECELERATION,
+    LANE_WIDTH,
+    CAR_WIDTH,
+    PERIOD,
+) = range(9)
 # parameters of the speed plan, the first of every law
 LATERAL, BRAKING, SPEED_GAIN, SMOOTHING = range(4)
 # parameters of pure pursuit
@@ -39,6 +50,9 @@ def setup_array(setup: DriveSetup) -> FloatArray:
             setup.max_steering,
             setup.max_acceleration,
             setup.max_deceleration,
+            setup.lane_width,
+            setup.car_width,
+            setup.period,
         ]
     )
 
@@ -165,10 +179,43 @@ def stanley(
 
 
 @njit()
+def beamng_ai(
+    speed: float,
+    distance: float,
+    heading_error: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+    rows: int,
+    parameters: FloatArray,
+    setup: FloatArray,
+    memory: FloatArray,
+) -> tuple[float, float, float]:
+    """(steering, throttle, brake) by `frenetic.drivers.elastic_band`."""
+    steering, throttle, brake = drive_along_band(
+        speed,
+        distance,
+        heading_error,
+        ahead,
+        curvature_ahead,
+        rows,
+        parameters,
+        setup[LANE_WIDTH],
+        setup[CAR_WIDTH],
+        setup[REAR_AXLE],
+        setup[PERIOD],
+        setup[SPEED_LIMIT],
+        memory,
+    )
+    bound = setup[MAX_STEERING]
+    return min(max(steering, -bound), bound), throttle, brake
+
+
+@njit()
 def decide(
     law: int,
     speed: float,
     yaw_rate: float,
+    distance: float,
     lateral_offset: float,
     heading_error: float,
     ahead: FloatArray,
@@ -176,10 +223,27 @@ def decide(
     rows: int,
     parameters: FloatArray,
     setup: FloatArray,
+    memory: FloatArray,
 ) -> tuple[float, float, float]:
-    """(steering, throttle, brake) by the law with the given number."""
+    """(steering, throttle, brake) by the law with the given number.
+
+    ``memory`` is what a law keeps from call to call within a drive: (`elastic_band.MEMORY`,), zeros
+    at its start.
+    """
     if law == PLANNER:
         return planner(speed, ahead, curvature_ahead, rows, parameters, setup)
+    if law == BEAMNG_AI:
+        return beamng_ai(
+            speed,
+            distance,
+            heading_error,
+            ahead,
+            curvature_ahead,
+            rows,
+            parameters,
+            setup,
+            memory,
+        )
     return stanley(
         speed,
         yaw_rate,

@@ -167,4 +167,5 @@ class Observer:
             heading_error=self._heading_error,
             ahead=ahead,
             curvature_ahead=curvature_ahead,
+            distance=float(self._s),
         )

@@ -10,6 +10,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.driver import AHEAD_POINTS
+from frenetic.drivers.elastic_band import MEMORY
 from frenetic.drivers.laws import decide
 from frenetic.drivers.layers import disturb
 from frenetic.oracle import RUNNING
@@ -116,6 +117,7 @@ def rollout(
     ahead = np.empty((AHEAD_POINTS, 2))
     curvature_ahead = np.empty(AHEAD_POINTS)
     waiting = np.zeros((delay + 1, 3))
+    memory = np.zeros(MEMORY)
     most = records.shape[1]
     steering = throttle = brake = 0.0
     s = 0.0
@@ -156,6 +158,7 @@ def rollout(
             law,
             state[SPEED],
             state[YAW_RATE],
+            s,
             offset,
             heading_error,
             ahead,
@@ -163,6 +166,7 @@ def rollout(
             rows,
             parameters,
             setup,
+            memory,
         )
         if delay:
             slot = i % (delay + 1)

@@ -52,7 +52,8 @@ class EmbeddedSimulator(StartingPlace):
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
-        vehicle: the car, or the name of one: ``default``, a BMW 320i, or ``metadrive``; or the
+        vehicle: the car, or the name of one: ``default``, a BMW 320i, ``metadrive`` or
+            ``etk800``, which BeamNG.AI drives; or the
             parameters in which it differs from the default, or from the one in ``name``.
         friction: of the road, in place of the vehicle's: 1 is dry, 0.7 wet, 0.3 snow.
         wall_limit: s of wall time that a drive with a driver written in Python may take; then it
@@ -99,7 +100,10 @@ class EmbeddedSimulator(StartingPlace):
         """Its options beside the rules; of the start only unusual ones."""
         start = {"start_offset": self.start_offset, "start_heading": self.start_heading}
         unusual = {name: value for name, value in start.items() if value != 0.0}
-        return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit, **unusual}
+        vehicle = asdict(self.vehicle)
+        if self.vehicle.front_stiffness == Vehicle().front_stiffness:
+            del vehicle["front_stiffness"]  # as in the records of before there was one
+        return {"vehicle": vehicle, "wall_limit": self.wall_limit, **unusual}
 
     @property
     def vehicle(self) -> Vehicle:

@@ -87,7 +87,8 @@ AIR_DRAG: Final = 17  # N per (m/s)²
 ROLLING_DRAG: Final = 18  # N
 LEAST_ACCELERATION: Final = 19  # m/s², negative: all that the tyres can brake
 MOST_ACCELERATION: Final = 20  # m/s², all that the rear axle can drive
-PARAMETER_COUNT: Final = 21
+FRONT_TYRE_B: Final = 21  # 1/rad, TYRE_B of the front axle
+PARAMETER_COUNT: Final = 22
 
 _MAY_BE_ZERO: Final = ("body_shift", "drag_area", "rolling_resistance")
 _AT_MOST: Final = {"tyre_shape": 2.0, "slip_control": 1.0, "brake_front_share": 1.0}
@@ -170,6 +171,9 @@ class Vehicle:
     """Drag coefficient times frontal area, in m² (about 0.3 times 2.2 m²); may be 0."""
     rolling_resistance: float = 0.012
     """Rolling drag per weight; may be 0."""
+    front_stiffness: float = 1.0
+    """Cornering stiffness of the front tyres per that of the rear tyres; below 1 the car
+    understeers."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -253,8 +257,35 @@ class Vehicle:
         )
 
     @classmethod
+    def etk800(cls) -> Vehicle:
+        """Return the car that BeamNG.AI drives in the competition, as far as this model allows.
+
+        `docs/beamng-ai.md` says what is known of it and what is fitted to recorded drives.
+        """
+        return cls(
+            mass=1500.0,
+            yaw_inertia=2000.0,
+            front_axle=1.45,
+            rear_axle=1.45,
+            cg_height=0.5,
+            length=4.7,
+            width=1.91,
+            tyre_shape=1.5,
+            tyre_peak=1.03,
+            tyre_stiffness=26.5,
+            front_stiffness=0.43,
+            crawl_speed=3.0,
+            steering_limit=0.6,
+            steering_rate=2.4,
+            steering_lag=0.05,
+            engine_acceleration=4.2,
+            switch_speed=12.0,
+            brake_deceleration=8.0,
+        )
+
+    @classmethod
     def named(cls, name: str) -> Vehicle:
-        """Return the car of a name: ``default`` or ``metadrive``.
+        """Return the car of a name: ``default``, ``metadrive`` or ``etk800``.
 
         Raises:
             ValueError: there is no such car.
@@ -264,7 +295,9 @@ class Vehicle:
             return cls()
         if name == "metadrive":
             return cls.metadrive()
-        raise ValueError(f"vehicle is {name!r}: default or metadrive is needed")
+        if name == "etk800":
+            return cls.etk800()
+        raise ValueError(f"vehicle is {name!r}: default, metadrive or etk800 is needed")
 
     @classmethod
     def of(cls, description: Mapping[str, float | str]) -> Vehicle:
@@ -313,6 +346,7 @@ class Vehicle:
         p[GRIP] = self.grip
         p[TYRE_B] = self.tyre_stiffness / (self.tyre_shape * self.grip)
         p[TYRE_C] = self.tyre_shape
+        p[FRONT_TYRE_B] = p[TYRE_B] * self.front_stiffness
         p[CRAWL_SPEED] = self.crawl_speed
         p[SLIP_CONTROL] = self.slip_control
         p[STEERING_LIMIT] = self.steering_limit
@@ -340,7 +374,7 @@ def _clip(value: float, low: float, high: float) -> float:
 
 
 @njit(error_model="numpy")
-def _lateral_grip_used(rolling: float, sliding: float, p: FloatArray) -> float:
+def _lateral_grip_used(rolling: float, sliding: float, b: float, p: FloatArray) -> float:
     """Return the lateral force per peak force, -1..1, of tyres that roll and slide so fast [m/s].
 
     The Magic Formula sin(C atan(B α)), where the tangent of the slip angle stands for α, as Pacejka
@@ -349,7 +383,7 @@ def _lateral_grip_used(rolling: float, sliding: float, p: FloatArray) -> float:
     pushed to the left.
     """
     slip = -sliding / max(abs(rolling), p[CRAWL_SPEED])
-    return math.sin(p[TYRE_C] * math.atan(p[TYRE_B] * slip))
+    return math.sin(p[TYRE_C] * math.atan(b * slip))
 
 
 @njit(error_model="numpy")
@@ -401,8 +435,8 @@ def _axle_forces(
     # Across the wheels: what the friction circle leaves.
     front_left = math.sqrt(front_peak * front_peak - front_x * front_x)
     rear_left = math.sqrt(rear_peak * rear_peak - rear_x * rear_x)
-    front_y = front_left * _lateral_grip_used(front_rolling, front_sliding, p)
-    rear_y = rear_left * _lateral_grip_used(rear_rolling, rear_sliding, p)
+    front_y = front_left * _lateral_grip_used(front_rolling, front_sliding, p[FRONT_TYRE_B], p)
+    rear_y = rear_left * _lateral_grip_used(rear_rolling, rear_sliding, p[TYRE_B], p)
     return front_x, front_y, front_z, rear_x, rear_y, rear_z
 
 

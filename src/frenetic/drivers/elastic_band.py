@@ -1,0 +1,257 @@
+"""The law of `BeamngAi`: an elastic band within the lane, as kernels.
+
+The driver lays plan nodes along the lane, ``spacing`` metres apart and one in the middle of each
+gap, on the straight line between them. A node is drawn to the inside of the turn that the plan
+takes there, at ``strength * (1 - cos(angle))`` m/s, less ``recoil`` times the draws of its
+neighbours; it moves along its normal and stays within the lane. So the plan cuts corners. What the
+car is off the plan is taken into the plan, which forgives it. The speed follows from the
+plan's curvature, and the front of the car steers for a point ahead on the smoothed plan.
+
+``memory`` is all that the driver keeps between two calls: the nodes' lateral offsets from the
+middle of the lane, in m to the left, node ``j`` (at ``j * spacing / 2`` m of road) in place
+``j % NODES``, and one more than the number of the last node. It starts as zeros.
+
+What is known of BeamNG.AI is in ``docs/beamng-ai.md``.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
+from frenetic.drivers.driver import AHEAD_SPACING
+
+GRAVITY: Final = 9.81
+HORIZON: Final = 48.0
+"""Length of road that is planned ahead of the car at most, in m."""
+MOST_SPEED: Final = 6.0
+"""Fastest move of a node, in m/s: BeamNG.AI moves one by 0.1 m a frame at most, at 60 a second."""
+FORGIVEN: Final = 20.0
+"""Distance ahead of the car over which forgiving its error fades out, in m."""
+NODES: Final = 64
+MEMORY: Final = NODES + 1
+
+# parameters
+(
+    LATERAL,
+    BRAKING,
+    SPACING,
+    STRENGTH,
+    RECOIL,
+    CLEARANCE,
+    FORGIVENESS,
+    LOOKAHEAD_TIME,
+    LOOKAHEAD_MIN,
+    AIMING_POINT,
+    STEERING_GAIN,
+    THROTTLE_GAIN,
+    SPEED_SLACK,
+    BRAKE_GAIN,
+) = range(14)
+
+
+@njit()
+def lane_at(
+    u: float,
+    heading_error: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+    rows: int,
+) -> tuple[float, float]:
+    """Point of the lane's middle ``u`` m of road ahead of the car, in the car's frame in m.
+
+    Within the view, the line between two of its points is an arc. Behind the car the lane goes on
+    as a clothoid, beyond the view straight on.
+    """
+    if u < 0.0:
+        kappa = curvature_ahead[0]
+        rate = (curvature_ahead[1] - kappa) / AHEAD_SPACING
+        half = 0.5 * u
+        first = -heading_error
+        middle = first + half * (kappa + 0.5 * rate * half)
+        last = first + u * (kappa + 0.5 * rate * u)
+        x = math.cos(first) + 4.0 * math.cos(middle) + math.cos(last)
+        y = math.sin(first) + 4.0 * math.sin(middle) + math.sin(last)
+        return ahead[0, 0] + u * x / 6.0, ahead[0, 1] + u * y / 6.0
+    i = min(int(u / AHEAD_SPACING), rows - 2)
+    t = u / AHEAD_SPACING - i
+    x = ahead[i + 1, 0] - ahead[i, 0]
+    y = ahead[i + 1, 1] - ahead[i, 1]
+    bulge = 0.0
+    if t < 1.0:
+        bulge = 0.5 * AHEAD_SPACING * t * (1.0 - t) * curvature_ahead[i]
+    return ahead[i, 0] + t * x + bulge * y, ahead[i, 1] + t * y - bulge * x
+
+
+@njit()
+def drive_along_band(
+    speed: float,
+    distance: float,
+    heading_error: float,
+    ahead: FloatArray,
+    curvature_ahead: FloatArray,
+    rows: int,
+    parameters: FloatArray,
+    lane_width: float,
+    car_width: float,
+    rear_axle: float,
+    period: float,
+    speed_limit: float,
+    memory: FloatArray,
+) -> tuple[float, float, float]:
+    """(angle of the front wheels in rad, throttle, brake); ``memory`` is brought up to date.
+
+    Args:
+        speed: m/s.
+        distance: m along the road.
+        heading_error: rad.
+        ahead, curvature_ahead, rows: the view, see `frenetic.drivers.driver.Observation`.
+        parameters: see `frenetic.drivers.builtin.BeamngAi.parameters`.
+        lane_width, car_width, rear_axle: m.
+        period: s between two calls.
+        speed_limit: m/s.
+        memory: (MEMORY,), see the module's text.
+    """
+    p = parameters
+    spacing = p[SPACING] * lane_width
+    bound = max(0.5 * lane_width - p[CLEARANCE] * car_width, 0.0)
+    view = min((rows - 1) * AHEAD_SPACING, HORIZON)
+
+    # Map nodes on the lane's middle, from two behind the car to the end of the view, and the
+    # directions of the lane there.
+    first = math.floor(distance / spacing) - 1
+    count = min(max(int((distance + view) / spacing) - first + 1, 5), NODES // 2 - 2)
+    line = np.empty((count + 2, 2))
+    for i in range(count + 2):
+        x, y = lane_at(
+            (first - 1 + i) * spacing - distance, heading_error, ahead, curvature_ahead, rows
+        )
+        line[i, 0] = x
+        line[i, 1] = y
+    nodes = 2 * count - 1
+    middle = np.empty((nodes, 2))
+    normal = np.empty((nodes, 2))
+    for i in range(count):
+        x = line[i + 2, 0] - line[i, 0]
+        y = line[i + 2, 1] - line[i, 1]
+        length = math.hypot(x, y)
+        normal[2 * i, 0] = -y / length
+        normal[2 * i, 1] = x / length
+        middle[2 * i, 0] = line[i + 1, 0]
+        middle[2 * i, 1] = line[i + 1, 1]
+        if i:
+            x = line[i + 1, 0] - line[i, 0]
+            y = line[i + 1, 1] - line[i, 1]
+            length = math.hypot(x, y)
+            normal[2 * i - 1, 0] = -y / length
+            normal[2 * i - 1, 1] = x / length
+            middle[2 * i - 1, 0] = 0.5 * (line[i, 0] + line[i + 1, 0])
+            middle[2 * i - 1, 1] = 0.5 * (line[i, 1] + line[i + 1, 1])
+
+    # The plan as it was left; nodes that come into view lie in the middle of the lane.
+    number = 2 * first
+    end = number + nodes
+    for j in range(int(memory[NODES]), end):
+        memory[j % NODES] = 0.0
+    memory[NODES] = max(memory[NODES], float(end))
+    offset = np.empty(nodes)
+    plan = np.empty((nodes, 2))
+    for i in range(nodes):
+        offset[i] = memory[(number + i) % NODES]
+        plan[i, 0] = middle[i, 0] + offset[i] * normal[i, 0]
+        plan[i, 1] = middle[i, 1] + offset[i] * normal[i, 1]
+
+    # The gap between nodes in which the front of the car is.
+    front = p[AIMING_POINT] - rear_axle
+    here = 0
+    for i in range(nodes - 2):
+        x = plan[i + 1, 0] - plan[i, 0]
+        y = plan[i + 1, 1] - plan[i, 1]
+        if (front - plan[i, 0]) * x - plan[i, 1] * y < x * x + y * y:
+            break
+        here = i + 1
+
+    # The band moves.
+    draw = np.zeros(nodes)
+    strength = p[STRENGTH] * period
+    most = MOST_SPEED * period
+    before_x = before_y = 0.0
+    for i in range(here, nodes - 1):
+        x = plan[i + 1, 0] - plan[i, 0]
+        y = plan[i + 1, 1] - plan[i, 1]
+        length = math.sqrt(x * x + y * y)
+        x /= length
+        y /= length
+        if i > here:
+            pull = strength * (1.0 - before_x * x - before_y * y)
+            draw[i] = pull if before_x * y - before_y * x > 0.0 else -pull
+        before_x = x
+        before_y = y
+    for i in range(here + 1, nodes - 1):
+        move = draw[i] - p[RECOIL] * (draw[i - 1] + draw[i + 1])
+        move = min(max(move, -most), most)
+        offset[i] = min(max(offset[i] + move, -bound), bound)
+        plan[i, 0] = middle[i, 0] + offset[i] * normal[i, 0]
+        plan[i, 1] = middle[i, 1] + offset[i] * normal[i, 1]
+
+    # The place on the plan; the car's error goes into the nodes ahead.
+    x = plan[here + 1, 0] - plan[here, 0]
+    y = plan[here + 1, 1] - plan[here, 1]
+    gap = math.hypot(x, y)
+    along = min(max(((front - plan[here, 0]) * x - plan[here, 1] * y) / gap, 0.0), gap)
+    error = (-plan[here, 1] * x - (front - plan[here, 0]) * y) / gap
+    share = p[FORGIVENESS] * period * error
+    for i in range(here + 1, nodes):
+        fading = 1.0 - 0.5 * spacing * (i - here - 1) / FORGIVEN
+        if fading <= 0.0:
+            break
+        offset[i] = min(max(offset[i] + share * fading, -bound), bound)
+        plan[i, 0] = middle[i, 0] + offset[i] * normal[i, 0]
+        plan[i, 1] = middle[i, 1] + offset[i] * normal[i, 1]
+    for i in range(nodes):
+        memory[(number + i) % NODES] = offset[i]
+
+    # Speed: squares allowed at the nodes by their bends and by braking for what follows.
+    limit = speed_limit * speed_limit
+    square = limit
+    for i in range(nodes - 2, here, -1):
+        ax = plan[i, 0] - plan[i - 1, 0]
+        ay = plan[i, 1] - plan[i - 1, 1]
+        bx = plan[i + 1, 0] - plan[i, 0]
+        by = plan[i + 1, 1] - plan[i, 1]
+        b = math.sqrt(bx * bx + by * by)
+        chords = math.sqrt((ax * ax + ay * ay) * ((ax + bx) ** 2 + (ay + by) ** 2)) * b
+        bend = 2.0 * abs(ax * by - ay * bx)
+        square = min(square + 2.0 * p[BRAKING] * b, limit)
+        if bend * square > p[LATERAL] * chords:
+            square = p[LATERAL] * chords / bend
+    wanted = math.sqrt(min(square + 2.0 * p[BRAKING] * (gap - along), limit))
+    missing = wanted - speed
+    throttle = min(max(p[THROTTLE_GAIN] * (missing - p[SPEED_SLACK]), 0.0), 1.0)
+    brake = min(max(-p[BRAKE_GAIN] * missing, 0.0), 1.0)
+
+    # Steering: for a point ahead on the plan, whose corners are rounded by a quadratic B-spline.
+    rest = along + max(p[LOOKAHEAD_TIME] * speed, p[LOOKAHEAD_MIN])
+    i = here
+    while rest > gap and i < nodes - 2:
+        rest -= gap
+        i += 1
+        gap = math.hypot(plan[i + 1, 0] - plan[i, 0], plan[i + 1, 1] - plan[i, 1])
+    t = rest / gap
+    k = i if t < 0.5 else i + 1
+    if t <= 1.0 and 0 < k < nodes - 1:
+        t += 0.5 - (k - i)
+        before = 0.5 * (1.0 - t) ** 2
+        after = 0.5 * t * t
+        x = before * plan[k - 1, 0] + (1.0 - before - after) * plan[k, 0] + after * plan[k + 1, 0]
+        y = before * plan[k - 1, 1] + (1.0 - before - after) * plan[k, 1] + after * plan[k + 1, 1]
+    else:
+        x = plan[i, 0] + t * (plan[i + 1, 0] - plan[i, 0])
+        y = plan[i, 1] + t * (plan[i + 1, 1] - plan[i, 1])
+    x -= front
+    turned = math.asin(y / math.hypot(x, y)) if x > 0.0 else math.copysign(1.0, y)
+    return p[STEERING_GAIN] * min(max(turned, -1.0), 1.0), throttle, brake
