@@ -360,13 +360,12 @@ def endings_in_short(states: Sequence[RunState]) -> str:
     """The entrants some of whose runs did not end by the budget, in a line; empty if none."""
     told = []
     for name, runs in _by_entrant(states).items():
-        ends = Counter(
-            "not run" if state.ending is None else str(state.ending.end) for state in runs
-        )
+        ends = Counter(str(state.ending.end) for state in runs if state.ending is not None)
+        done = ends.total()
         ends.pop(End.OVER, None)
         if ends:
             kinds = " and ".join(f"{end} in {count}" for end, count in ends.most_common())
-            told.append(f"{name} ({kinds} of {len(runs)} runs)")
+            told.append(f"{name} ({kinds} of {done} runs)")
     return f"Ended before the budget: {', '.join(told)}" if told else ""
 
 
