@@ -154,6 +154,7 @@ def test_run_show_and_report_say_what_screening_came_to(frenetic: Frenetic) -> N
         (("--map-size", "150"), {}, "map size 200, not 150"),
         (("--oob-tolerance", "0.5"), {}, "oob tolerance 0.95, not 0.5"),
         (("--strategy", "frenetic-2021"), {}, "frenetic-2021 has no method 'replace'"),
+        (("--from", "."), {}, "--screen and --from exclude each other"),
         ((), {"driver": "nobody"}, "nobody"),
         ((), {"driver": "metadrive-idm", "driver_options": {}}, "metadrive"),
         ((), {"driver_options": {"courage": 3}}, "courage"),
