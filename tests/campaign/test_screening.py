@@ -15,12 +15,12 @@ from contents import contents
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.screening import ScreeningSummary, with_screen
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.profile import Profile, Terms
 from frenetic.search.records import Screening
 from frenetic.search.screened import DRAWN
-from frenetic.spec import Part, Spec
+from frenetic.spec import EarlierCampaign, Part, Spec
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -176,3 +176,9 @@ def test_a_twin_in_python_needs_the_same_lane(tmp_path: Path) -> None:
     replace_terms = replace(spec_of(tmp_path), lane_width=5.0)
     with pytest.raises(Exception, match="lane width 4, not 5"):
         with_screen(replace_terms, tmp_path / "twin.json")
+
+
+def test_a_screen_and_earlier_campaigns_exclude_each_other(tmp_path: Path) -> None:
+    spec = replace(spec_of(tmp_path), start_from=(EarlierCampaign("v1"),))
+    with pytest.raises(FreneticError, match="--screen and --from exclude each other"):
+        Campaign.of(spec, folder=tmp_path / "found")

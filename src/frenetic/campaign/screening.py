@@ -47,9 +47,11 @@ def screened(spec: Spec) -> tuple[Screened, Twin]:
     """The strategy of a spec with a screen, and the twin that screens, not yet entered.
 
     Raises:
-        FreneticError: the strategy cannot learn from roads of the twin, the profile is damaged or
-            for other rules, or a part cannot be made.
+        FreneticError: the strategy cannot learn from roads of the twin, the search starts from
+            earlier campaigns, the profile is damaged or for other rules, or a part cannot be made.
     """
+    if spec.start_from:
+        raise FreneticError("--screen and --from exclude each other: leave one of them out")
     source = spec.screen.get("file", "the campaign's profile")
     profile = Profile.of(spec.screen.get("profile"), source=source)
     _check_terms(profile, spec, source=source)
