@@ -46,6 +46,7 @@ _PRIOR = 2.0  # drives that a promise counts as, before any was tried
 _CHANCES = {True: 0.5, False: 0.1}  # of a failure where the twin fails or passes, at first
 _DISTINCT = 2.0  # [m] of difference of a new failure
 _LEAST_CONTROLS, _LEAST_SCREENED = 6, 10
+_LEAST_KEPT = 0.25  # share of promises below which the twin is in doubt
 _SURE = 1.64  # standard errors by which controls must bring more
 _ROUNDS = 5  # without a drive, after which the twin is given up
 
@@ -79,9 +80,9 @@ class Screened:
       the roads handed on; little if the slow simulator failed before on a road that begins alike.
 
     One road in ten is a *control*: the strategy's own proposal, as without a twin. The strategy
-    learns from all results. While controls bring more new failures than screened roads, every other
-    road is one; when that is no chance any more (1.64 standard errors), screening stops for good,
-    and the strategy goes on alone.
+    learns from all results. While controls bring more new failures than screened roads, or fewer
+    than a quarter of the promises are kept, every other road is one. When the controls lead by
+    1.64 standard errors, screening stops for good, and the strategy goes on alone.
 
     Args:
         strategy: Learns from the slow simulator, and proposes controls.
@@ -133,7 +134,8 @@ class Screened:
         """Return the next road for the slow simulator."""
         if self.stopped is not None:
             return self.strategy.ask()
-        self._credit += _MORE_CONTROLS if self._lead() > 0.0 else _CONTROLS
+        is_doubtful = self._lead() > 0.0 or self._breaks_promises
+        self._credit += _MORE_CONTROLS if is_doubtful else _CONTROLS
         if self._credit < 1.0 - 1e-9:  # ten tenths
             prospect = self._choose()
             if prospect is not None:
@@ -193,6 +195,12 @@ class Screened:
             shares.append(share)
             squares += share * (1.0 - share) / n
         return (shares[0] - shares[1]) / math.sqrt(squares)
+
+    @property
+    def _breaks_promises(self) -> bool:
+        """Whether too few of the roads that were handed on fail."""
+        told = [kept for _, kept in self._promised if kept is not None]
+        return len(told) >= _LEAST_SCREENED and sum(told) < _LEAST_KEPT * len(told)
 
     def _choose(self) -> _Prospect | None:
         """The most promising road, after the scout's next ones; None if there is none."""
