@@ -122,10 +122,6 @@ def run(
         start_from=tuple(EarlierCampaign(str(folder)) for folder in start_from),
         lookahead=(lookahead or usual or LOOKAHEAD) if ordered else None,
     )
-    if screen is not None and start_from:
-        raise click.UsageError(
-            "--screen and --from exclude each other: the twin chooses what is driven first"
-        )
     if screen is not None:
         spec = with_screen(spec, screen)
     campaign = make_campaign(
