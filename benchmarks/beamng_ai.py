@@ -43,6 +43,14 @@ START: Final = 20.0
 NEAR: Final = 20.0
 """Largest distance of two places of departure that count as the same, in m."""
 STEP: Final = 10.0
+SERVICE: Final = Planner(
+    lateral_acceleration=6.44,
+    braking=6.1,
+    lookahead_time=0.454,
+    lookahead_min=2.19,
+    speed_gain=0.517,
+)
+"""The driver of `frenetic rank-service`."""
 
 
 def points_of(curvatures: FloatArray) -> FloatArray:
@@ -137,7 +145,9 @@ def trajectories(folder: Path, most: int | None) -> None:
         rules=Rules(speed_limit=120.0, oob_tolerance=1.0), vehicle="etk800"
     )
     driver = BeamngAi(aggression=1.5)
+    planner = EmbeddedSimulator(rules=Rules(speed_limit=120.0, oob_tolerance=0.999))
     errors, scores, failures, gaps, used = [], [], [], [], 0
+    moobds, lengths = [], []
     for file in sorted(folder.glob("*.json"))[:most]:
         data = json.loads(file.read_text(encoding="utf-8"))
         road = Road.from_points(data["road_points"], lane_width=5.0)
@@ -158,6 +168,8 @@ def trajectories(folder: Path, most: int | None) -> None:
         errors.append(float(np.median(np.abs(ours - theirs))))
         scores.append(float(seen.oob_share.max()))
         failures.append(failed)
+        moobds.append(judge(road, planner.drive(road, SERVICE)).moobd or 0.0)
+        lengths.append(road.length)
         left = np.flatnonzero(seen.oob_share > 0.5)
         if failed and len(out) and len(left):
             gaps.append(abs(float(place[out[0]] - seen.distance[left[0]])))
@@ -166,6 +178,11 @@ def trajectories(folder: Path, most: int | None) -> None:
         f"\n{used} trajectories: median over drives of the median lateral error"
         f" {np.median(errors):.2f} m; {len(gaps)} common failures, {near} within {NEAR:g} m;"
         f" AUC {auc(np.array(scores), np.array(failures)):.3f}"
+    )
+    print(
+        f"AUC of the planner of rank-service, which was tuned on these drives:"
+        f" {auc(-np.array(moobds), np.array(failures)):.3f}; of the road's length alone:"
+        f" {auc(np.array(lengths), np.array(failures)):.3f}"
     )
 
 

@@ -13,6 +13,7 @@ import grpc
 import pytest
 
 import frenetic.ranking.service
+from frenetic.drivers import Planner, Stanley
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.profile import Profile, Terms
@@ -127,9 +128,15 @@ def test_the_command_serves_in_the_competitions_setting(
     (tool,) = tools
     assert (tool.lane_width, tool.twin.rules.oob_tolerance) == (5.0, 0.5)
     assert tool.twin.rules.speed_limit == 120.0
-    assert type(tool.twin.tester.driver).__name__ == "BeamngAi"
-    assert frenetic("rank-service", "--driver", "planner").code == 0  # without BeamNG.AI's option
-    assert type(tools[-1].twin.tester.driver).__name__ == "Planner"
+    assert tool.twin.tester.driver == Planner(
+        lateral_acceleration=6.44,
+        braking=6.1,
+        lookahead_time=0.454,
+        lookahead_min=2.19,
+        speed_gain=0.517,
+    )
+    assert frenetic("rank-service", "--driver", "stanley").code == 0  # without the planner's options
+    assert tools[-1].twin.tester.driver == Stanley()
     terms = Terms(speed_limit=80.0, oob_tolerance=0.85)
     Profile(name="twin", driver="stanley", terms=terms).write(Path("twin.json"))
     assert frenetic("rank-service", "--profile", "twin.json", "--oob-tolerance", "0.7").code == 0
