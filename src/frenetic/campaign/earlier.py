@@ -103,6 +103,11 @@ def stored_earlier(
     except ValueError as error:
         raise CampaignError(f"{store.folder} is damaged: its start_from: {error}") from None
     tests = store.earlier()
+    if any(test.campaign > len(campaigns) for test in tests):
+        raise CampaignError(
+            f"{store.folder} is damaged: it took tests from a campaign that it does not name;"
+            " restore it from a copy"
+        )
     for number, campaign in enumerate(campaigns, start=1):
         if digest_of(test for test in tests if test.campaign == number) != campaign.digest:
             raise CampaignError(

@@ -245,7 +245,7 @@ def _part(described: object) -> str:
 
 
 def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: bool) -> None:
-    from frenetic.campaign.earlier import driven_again
+    from frenetic.campaign.earlier import driven_again, stored_earlier
     from frenetic.report.failures import (
         FAILURES,
         PICTURES,
@@ -280,7 +280,8 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
     origin = record.candidate.origin
     source = ""
     if origin.operator == EARLIER and (earlier := driven_again(store).get(test_id)):
-        folder = earlier_of(store.config)[earlier.campaign - 1].folder
+        campaigns, _ = stored_earlier(store)
+        folder = campaigns[earlier.campaign - 1].folder
         source = f", the road of test {earlier.test} of {folder}"
     parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
     facts = [
