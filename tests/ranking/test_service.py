@@ -135,7 +135,7 @@ def test_the_command_serves_in_the_competitions_setting(
         lookahead_min=2.19,
         speed_gain=0.517,
     )
-    assert frenetic("rank-service", "--driver", "stanley").code == 0  # without the planner's options
+    assert frenetic("rank-service", "--driver", "stanley").code == 0  # without its options
     assert tools[-1].twin.tester.driver == Stanley()
     terms = Terms(speed_limit=80.0, oob_tolerance=0.85)
     Profile(name="twin", driver="stanley", terms=terms).write(Path("twin.json"))
