@@ -40,6 +40,7 @@ from frenetic.calibration.validation import UNFITTED, auc_of, found_by, linear_m
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
 from frenetic.profile import Figures
+from frenetic.report.calibration import shape_of
 from frenetic.road import Road
 from frenetic.simulators.drive import Rules
 from frenetic.spec import Spec
@@ -523,3 +524,9 @@ def test_an_export_is_read_as_its_campaign(
         assert theirs.offset[:m] == pytest.approx(ours.offset[:m], abs=1e-3)
         assert theirs.speed[:m] == pytest.approx(ours.speed[:m], abs=0.2)
         assert math.isnan(theirs.departure) == math.isnan(ours.departure)
+
+
+def test_the_shape_of_a_speed_is_one_in_the_mean_and_a_standing_car_has_none() -> None:
+    speed = np.array([np.nan, 2.0, 4.0, 6.0])
+    np.testing.assert_array_equal(shape_of(speed), [np.nan, 0.5, 1.0, 1.5])
+    np.testing.assert_array_equal(shape_of(np.zeros(3)), np.zeros(3))

@@ -264,8 +264,7 @@ def _drives(calibration: Calibration) -> Iterator[Block]:
         who = f"{recorded.name} of {recorded.run}: median error of the offset {error:.2f} m"
         theirs_speed, title_of_speed = recorded.speed, "speed (m/s)"
         if shapes:
-            theirs_speed = theirs_speed / np.nanmean(theirs_speed)
-            speed = speed / np.nanmean(speed)
+            theirs_speed, speed = shape_of(theirs_speed), shape_of(speed)
             title_of_speed = "speed over its mean"
         for theirs, ours, title in (
             (recorded.offset, offset, "offset to the left (m)"),
@@ -277,6 +276,12 @@ def _drives(calibration: Calibration) -> Iterator[Block]:
                 title,
                 who,
             )
+
+
+def shape_of(speed: FloatArray) -> FloatArray:
+    """Speeds over their mean, (n,); a car that stands still stays at 0. NaN where unknown."""
+    mean = float(np.nanmean(speed))
+    return speed / mean if mean > 0.0 else speed
 
 
 def _along(name: str, values: FloatArray, role: Role) -> Series:
