@@ -8,7 +8,7 @@ pyribs (PyPI: ribs) is the library of quality diversity algorithms. Its archives
 here as they are, on the terms of our own strategies: curvature values every 10 m, a road that does
 not fit the map or is invalid is refused before it is driven and costs no simulation, the first 30
 roads are random, and what is told is what every strategy is told. The defaults are pyribs' own or
-the best of a few lengths, axes, batches and spreads, tried with `planner` on seeds 101 to 106.
+the best of a few lengths, batches and spreads, tried with `planner` on seeds 101 to 106.
 """
 
 from __future__ import annotations

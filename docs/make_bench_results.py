@@ -1,50 +1,71 @@
 """Makes the tables and pictures of docs/bench-results.md: ``python docs/make_bench_results.py``.
 
-Runs the benches of that page, ten repeats each: half an hour on two cores. The campaigns and pages
-stay in the folder that is given, or in ``benches/published`` of the current one. Names of benches
-after the folder run only these.
+Runs the benches of that page, or those named, ten repeats each: about an hour on two cores. Each
+run is a campaign in `--folder`, the same as `frenetic bench` makes. The command can be stopped and
+given again: complete runs are kept as long as strategy, driver, simulator and rules are of the same
+versions.
 """
 
 from __future__ import annotations
 
+import argparse
 import re
-import sys
-from dataclasses import dataclass
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
-from frenetic import CampaignStore, EmbeddedSimulator, Planner
+from frenetic import Budget, Campaign, CampaignStore
 from frenetic.analysis import Comparison
+from frenetic.analysis.comparison import MeasureComparison, PairComparison, compare
+from frenetic.analysis.conclusions import p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
-from frenetic.bench import Bench, Entrant, Terms
-from frenetic.bench.results import write_results
+from frenetic.bench import Entrant
+from frenetic.campaign.changes import changed_parts
+from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers import available_cores
-from frenetic.drivers import Driver
 from frenetic.report.comparison import draw_comparison
+from frenetic.spec import Spec
 
-DOCS = Path(__file__).resolve().parent
-PAGE = DOCS / "bench-results.md"
-REPEATS = 10
-SECONDS_PER_TEST = 36.0
-THRESHOLDS = (1.0, 2.0, 3.0)  # [m]
-PATH_THRESHOLD = 2.0  # [m]
-PATH_STEP = 5.0  # [m]
+DOCS: Final = Path(__file__).resolve().parent
+PAGE: Final = DOCS / "bench-results.md"
+PEERS: Final = DOCS.parent / "benchmarks" / "ribs_search.py"
+STEADY: Final = DOCS.parent / "benchmarks" / "steady.py"
+SEEDS: Final = range(1, 11)
+"""Seeds that chose nothing: strategies were tuned on seeds 101 to 106."""
+THRESHOLDS: Final = (1.0, 2.0, 3.0)  # [m]
+PATH_THRESHOLD: Final = 2.0  # [m]
+PATH_STEP: Final = 5.0  # [m]
 
-BASELINE = "random"
-ENTRANTS = (
-    Entrant(name=BASELINE, spec="random", is_strategy=True),
-    Entrant(name="Frenetic 2021", spec="frenetic-2021", is_strategy=True),
-    Entrant(name="Frenetic", spec="frenetic", is_strategy=True),
+
+def _strategy(name: str, spec: str, **options: Any) -> Entrant:
+    return Entrant(name=name, spec=spec, is_strategy=True, options=options)
+
+
+def _peer(name: str, algorithm: str) -> Entrant:
+    return _strategy(name, f"{PEERS}:RibsSearch", algorithm=algorithm)
+
+
+RANDOM: Final = _strategy("random", "random")
+LISTING_1: Final = _strategy("Frenetic 2021", "frenetic-2021")
+OURS: Final = _strategy("Frenetic", "frenetic")
+MAP_ELITES: Final = _peer("MAP-Elites", "map-elites")
+CMA_MAE: Final = _peer("CMA-MAE", "cma-mae")
+ENTRANTS: Final = (RANDOM, LISTING_1, OURS, MAP_ELITES, CMA_MAE)
+ABLATIONS: Final = (
+    _strategy("no archive", "frenetic", use_archive=False),
+    _strategy("fixed threshold", "frenetic", threshold=-0.5),
+    _strategy("equal shares", "frenetic", learn_shares=False),
+    _strategy("no speed model", "frenetic", predict_speeds=False),
 )
-ABLATIONS = tuple(
-    Entrant(name=name, spec="frenetic", is_strategy=True, options=options)
-    for name, options in {
-        "no archive": {"use_archive": False},
-        "fixed threshold": {"threshold": -0.5},
-        "equal shares": {"learn_shares": False},
-        "no speed model": {"predict_speeds": False},
-    }.items()
+EXPLOITATION: Final = (
+    _strategy("lowest first", "frenetic-2021", threshold=2.0),
+    _peer("CMA-ES", "cma-es"),
 )
 
 
@@ -53,79 +74,285 @@ class Published:
     """A bench of the page."""
 
     name: str
-    driver: Driver
     simulations: int
     entrants: tuple[Entrant, ...] = ENTRANTS
+    drive: Mapping[str, Any] = field(default_factory=dict)
+    """Options of `frenetic bench` that say how roads are driven."""
+    aim: int | None = None
+    """Distinct failures that Frenetic is to find in the median."""
+    seeds: Sequence[int] = SEEDS
+    is_main: bool = False
+    """Whether it has a picture, and distinct failures are counted by other distances, too."""
+
+    def campaign(self, entrant: Entrant, seed: int, folder: Path) -> Campaign:
+        """A run of an entrant; its folder is within `folder`."""
+        spec = Spec.from_options(
+            {"strategy": entrant.spec, "strategy_options": entrant.options, **self.drive},
+            seed=seed,
+            budget=Budget(simulations=self.simulations),
+        )
+        return Campaign.of(spec, folder=folder / self.name / entrant.name / str(seed), workers=1)
 
 
-BENCHES = (
-    Published("planner-200", Planner(), 200, ENTRANTS + ABLATIONS),
-    Published("planner-1000", Planner(), 1000),
-    Published("gentle-1000", Planner(lateral_acceleration=7.0), 1000),
+def _driver(name: str, **options: Any) -> dict[str, Any]:
+    return {"driver": name, "driver_options": options}
+
+
+BENCHES: Final = (
+    Published("planner-200", 200, ENTRANTS + ABLATIONS, aim=44, is_main=True),
+    Published("planner-1000", 1000, aim=130, is_main=True),
+    Published(
+        "gentle-1000",
+        1000,
+        drive=_driver("planner", lateral_acceleration=7.0),
+        aim=80,
+        is_main=True,
+    ),
+    Published(
+        "careful-1000",
+        1000,
+        (RANDOM, LISTING_1, OURS, CMA_MAE, *EXPLOITATION),
+        _driver("planner", lateral_acceleration=6.0),
+    ),
+    Published("stanley-200", 200, drive=_driver("stanley")),
+    Published("stanley-1000", 1000, (RANDOM, LISTING_1, OURS), _driver("stanley")),
+    Published("steady-200", 200, drive=_driver(f"{STEADY}:Steady", speed=48.0)),
+    Published(
+        "metadrive-200",
+        200,
+        (RANDOM, LISTING_1, OURS, CMA_MAE),  # four, or five repeats show nothing
+        _driver("metadrive-idm", target_speed=46.0)
+        | {"simulator": "metadrive", "simulator_options": {}},
+        seeds=SEEDS[:5],
+    ),
+    Published("planner-5000", 5000, (RANDOM, LISTING_1, OURS), aim=280, seeds=SEEDS[:5]),
 )
-MEASURES = (
-    "distinct_per_100",
+SHOWN: Final = {
+    "distinct_failures": "distinct failures",
+    "failures": "failures",
+    "cells": "cells",
+    "pairwise_diversity": "diversity",
+    "simulations_to_failure": "first failure",
+    "min_moobd": "lowest MOOBD",
+    "competition_cells": "competition's cells",
+    "competition_sparseness": "competition's sparseness",
+    "invalid_share": "refused",
+}
+"""Name of a measure -> heading of its column."""
+COMPARED: Final = (
     "distinct_failures",
-    "failures",
-    "tests",
-    "invalid_share",
     "cells",
-    "competition_cells",
     "pairwise_diversity",
-    "competition_sparseness",
     "simulations_to_failure",
-    "generator_seconds",
+    "min_moobd",
 )
 
 
-def main(folder: Path, names: list[str]) -> None:
-    """Runs the missing benches and writes their tables."""
-    for published in BENCHES:
-        if names and published.name not in names:
-            continue
-        bench = Bench(
-            entrants=published.entrants,
-            terms=Terms(
-                simulator=EmbeddedSimulator(),
-                driver=published.driver,
-                budget=published.simulations * SECONDS_PER_TEST,
-                seconds_per_test=SECONDS_PER_TEST,
-                records="none",
-            ),
-            repeats=REPEATS,
-            folder=folder / published.name,
-        )
-        resume = (bench.folder / "bench.json").exists()
-        for end in bench.run(resume=resume, workers=available_cores()):
-            print(published.name, end.run.entrant.name, end.run.repeat, end.ending or end.trouble)
-        comparison = bench.comparison()
-        print(write_results(bench, comparison, command="python docs/make_bench_results.py"))
+def main() -> None:
+    """Runs what is missing and writes the tables of what is complete."""
+    options = _options()
+    chosen = [one for one in BENCHES if not options.names or one.name in options.names]
+    if not options.tables:
+        runs = [
+            Run(published, entrant, seed, options.folder)
+            for published in chosen
+            for entrant in published.entrants
+            if not options.entrant or entrant.name in options.entrant
+            for seed in published.seeds
+        ]
+        with ProcessPoolExecutor(options.workers, get_context("spawn")) as pool:
+            for done in pool.map(complete, runs):
+                print(done, flush=True)
+    for published in chosen:
+        groups = complete_groups(published, options.folder)
+        if {RANDOM.name, LISTING_1.name, OURS.name} <= set(groups):
+            write_tables(published, compare(groups), groups)
+    write_table("verdicts", verdicts(PAGE.read_text(encoding="utf-8")))
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of an entrant."""
+
+    published: Published
+    entrant: Entrant
+    seed: int
+    folder: Path
+    """Of all benches."""
+
+    def __str__(self) -> str:
+        return f"{self.published.name}, {self.entrant.name}, seed {self.seed}"
+
+
+def complete(run: Run) -> str:
+    """Makes a run's campaign unless it is there, complete and of today's versions."""
+    campaign = run.published.campaign(run.entrant, run.seed, run.folder)
+    if is_complete(campaign):
+        return f"{run}: kept"
+    if campaign.folder.exists():
+        shutil.rmtree(campaign.folder)
+    summary = campaign.run()
+    assert summary.simulations == run.published.simulations, summary.ended
+    return f"{run}: {summary.failed} failures in {summary.seconds:.1f} s"
+
+
+def is_complete(campaign: Campaign) -> bool:
+    """Whether its folder holds the whole campaign, with the same parts."""
+    if not (campaign.folder / DATABASE).exists():
+        return False
+    with CampaignStore.open(campaign.folder) as store:
+        config, facts = store.config, store.facts
+    changed = changed_parts(config, campaign.configuration())
+    return "finished_at" in facts and not any(one.changed for one in changed.values())
+
+
+def complete_groups(published: Published, folder: Path) -> dict[str, list[Path]]:
+    """Name of each entrant with all its runs -> their folders."""
+    groups = {}
+    for entrant in published.entrants:
+        campaigns = [published.campaign(entrant, seed, folder) for seed in published.seeds]
+        if all(map(is_complete, campaigns)):
+            groups[entrant.name] = [campaign.folder for campaign in campaigns]
+        else:
+            print(f"{published.name}, {entrant.name}: not complete")
+    return groups
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__)
+    known = [published.name for published in BENCHES]
+    entrants = sorted({entrant.name for published in BENCHES for entrant in published.entrants})
+    parser.add_argument("names", nargs="*", metavar="BENCH", help=f"of {', '.join(known)}; all")
+    parser.add_argument("--folder", type=Path, default=Path("benches/published"))
+    parser.add_argument("--workers", type=int, default=available_cores(), help="runs at once")
+    parser.add_argument(
+        "--entrant", action="append", choices=entrants, help="run only this one; may be repeated"
+    )
+    parser.add_argument("--tables", action="store_true", help="run nothing, write the tables")
+    options = parser.parse_args()
+    if unknown := set(options.names) - set(known):
+        parser.error(f"no bench is called {', '.join(sorted(unknown))}: {', '.join(known)}")
+    return options
+
+
+# Tables
+
+
+def write_tables(
+    published: Published, comparison: Comparison, groups: Mapping[str, Sequence[Path]]
+) -> None:
+    """Writes the tables of a bench, and the picture of a main one."""
+    for note in comparison.notes:
+        print(f"{published.name}: {note}")
+    tables = {"bench": table(comparison), "pairs": pairs(comparison)}
+    if published.aim is not None:
+        tables["aim"] = aim(comparison, published.aim)
+    if published.is_main:
         draw_comparison(comparison, DOCS / "images" / f"bench-{published.name}.svg")
-        page = PAGE.read_text(encoding="utf-8")
-        page = with_table(page, f"bench-{published.name}", table(comparison, published.entrants))
-        page = with_table(page, f"pairs-{published.name}", pairs(comparison, published.entrants))
-        page = with_table(page, f"distances-{published.name}", distances(bench))
-        PAGE.write_text(page, encoding="utf-8")
-
-
-def distances(bench: Bench) -> str:
-    """Distinct failures at several thresholds, and by another distance: medians over the runs."""
-    counted: dict[str, list[list[int]]] = {entrant.name: [] for entrant in bench.entrants}
-    for state in bench.states():
-        with CampaignStore.open(state.run.folder) as store:
-            failures = failures_of(store)
-        counted[state.run.entrant.name].append(
-            [
-                *(len(cluster_failures(failures, threshold=one)) for one in THRESHOLDS),
-                distinct_paths(failures),
-            ]
+        ablations = {entrant.name for entrant in ABLATIONS}
+        tables["distances"] = distances(
+            {name: found for name, found in groups.items() if name not in ablations}
         )
-    lines = [["distinct failures", *counted], ["---", *["---:"] * len(counted)]]
-    headings = [*(f"at {one:g} m" for one in THRESHOLDS), "by dynamic time warping of the paths"]
-    for k, heading in enumerate(headings):
-        medians = (np.median([run[k] for run in runs]) for runs in counted.values())
-        lines.append([heading, *(f"{median:g}" for median in medians)])
+    for kind, text in tables.items():
+        write_table(f"{kind}-{published.name}", text)
+
+
+def table(comparison: Comparison) -> str:
+    """A row per entrant, a column per measure: medians and quartiles."""
+    names = [name for name in SHOWN if name in telling_of(comparison)]
+    return markdown(
+        [
+            ["median (quartiles)", *(SHOWN[name] for name in names)],
+            ["---", *["---:"] * len(names)],
+            *(
+                [group, *(comparison.by(name).text(group) for name in names)]
+                for group in comparison.groups
+            ),
+        ]
+    )
+
+
+def pairs(comparison: Comparison) -> str:
+    """Verdict, effect size and corrected p of our search against each other entrant."""
+    names = [name for name in COMPARED if name in telling_of(comparison)]
+    lines = [
+        ["Frenetic against", *(SHOWN[name] for name in names)],
+        ["---", *["---"] * len(names)],
+    ]
+    for other in comparison.groups:
+        if other != OURS.name:
+            by = (comparison.by(name) for name in names)
+            lines.append([other, *(_said(_pair(one, other)) for one in by)])
     return markdown(lines)
+
+
+def verdicts(page: str) -> str:
+    """Verdicts on our search against random roads and Listing 1, from the tables of the page."""
+    lines = [["bench", "against", *(SHOWN[name] for name in COMPARED)]]
+    lines.append(["---"] * len(lines[0]))
+    for published in BENCHES:
+        marked = re.search(f"<!-- pairs-{published.name} -->\n(.*?)<!-- end -->", page, re.DOTALL)
+        rows = [line.strip("| ").split(" | ") for line in marked[1].splitlines()] if marked else []
+        for row in rows:
+            if row[0] in (RANDOM.name, LISTING_1.name):
+                said = {
+                    head: cell.partition(" (")[0] for head, cell in zip(rows[0], row, strict=True)
+                }
+                cells = (said.get(SHOWN[name], "") for name in COMPARED)
+                lines.append([published.name, row[0], *cells])
+    return markdown(lines)
+
+
+def aim(comparison: Comparison, wanted: int) -> str:
+    """The aim of a bench, and whether it is met."""
+    found = comparison.by("distinct_failures").quartiles(OURS.name).median
+    met = "met" if found >= wanted else "not met"
+    return f"Aim: a median of {wanted} distinct failures; found {found:g}, so it is {met}.\n"
+
+
+def telling_of(comparison: Comparison) -> set[str]:
+    """Measures that tell something: not alike in all runs, and the lowest MOOBD where few fail."""
+    names = {
+        by.measure.name
+        for by in comparison.measures
+        if len({value for values in by.values.values() for value in values}) > 1
+    }
+    often = comparison.by("failures").quartiles(RANDOM.name).median > 0
+    return names - {"min_moobd"} if often else names
+
+
+def _pair(by: MeasureComparison, other: str) -> PairComparison:
+    """Our search against another entrant."""
+    pair = next(p for p in by.pairs if {p.first, p.second} == {OURS.name, other})
+    return pair if pair.first == OURS.name else pair.turned
+
+
+def _verdict(pair: PairComparison) -> str:
+    if pair.better is None:
+        return "cannot tell"
+    return "better" if pair.better == pair.first else "worse"
+
+
+def _said(pair: PairComparison) -> str:
+    return f"{_verdict(pair)} ({pair.a12:.2f}, {p_text(pair.p_corrected)})"
+
+
+def distances(folders: Mapping[str, Sequence[Path]]) -> str:
+    """Distinct failures at several thresholds, and by another distance: medians over the runs."""
+    headings = [*(f"at {one:g} m" for one in THRESHOLDS), "by warping of the paths"]
+    lines = [["distinct failures", *headings], ["---", *["---:"] * len(headings)]]
+    for name, found in folders.items():
+        medians = np.median([list(_counted(folder)) for folder in found], axis=0)
+        lines.append([name, *(f"{median:g}" for median in medians)])
+    return markdown(lines)
+
+
+def _counted(folder: Path) -> Iterator[int]:
+    with CampaignStore.open(folder) as store:
+        failures = failures_of(store)
+    for threshold in THRESHOLDS:
+        yield len(cluster_failures(failures, threshold=threshold))
+    yield distinct_paths(failures)
 
 
 def distinct_paths(failures: list[Failure]) -> int:
@@ -168,44 +395,19 @@ def _warped(one: np.ndarray, other: np.ndarray) -> float:
     return float(total[n, m]) / max(n, m)
 
 
-def table(comparison: Comparison, entrants: tuple[Entrant, ...]) -> str:
-    """A row per measure, a column per entrant: medians and quartiles."""
-    names = [entrant.name for entrant in entrants]
-    lines = [["median (quartiles)", *names], ["---", *["---:"] * len(names)]]
-    for name in MEASURES:
-        by = comparison.by(name)
-        lines.append([by.measure.heading, *(by.text(group) for group in names)])
-    return markdown(lines)
-
-
-def pairs(comparison: Comparison, entrants: tuple[Entrant, ...]) -> str:
-    """Effect sizes and corrected p against the baseline."""
-    others = [entrant.name for entrant in entrants if entrant.name != BASELINE]
-    lines = [["against random: A12, p", *others], ["---", *["---:"] * len(others)]]
-    for name in MEASURES:
-        by = comparison.by(name)
-        if by.measure.more_is_better is None:
-            continue
-        cells = []
-        for other in others:
-            pair = next(p for p in by.pairs if {p.first, p.second} == {BASELINE, other})
-            pair = pair if pair.first == other else pair.turned
-            cells.append(f"{pair.a12:.2f}, {pair.p_corrected:.2g}")
-        lines.append([by.measure.heading, *cells])
-    return markdown(lines)
-
-
 def markdown(lines: list[list[str]]) -> str:
     """A table."""
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def with_table(page: str, name: str, text: str) -> str:
-    """The page with a table between its marks."""
+def write_table(name: str, text: str) -> None:
+    """Puts a text between its marks on the page."""
+    page = PAGE.read_text(encoding="utf-8")
     marked = re.compile(f"(<!-- {name} -->\n).*?(<!-- end -->)", re.DOTALL)
     assert len(marked.findall(page)) == 1, name
-    return marked.sub(lambda found: f"{found[1]}{text}{found[2]}", page)
+    page = marked.sub(lambda found: f"{found[1]}{text}{found[2]}", page)
+    PAGE.write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "benches/published"), sys.argv[2:])
+    main()
