@@ -64,7 +64,10 @@ def test_it_prints_a_verdict_and_writes_profile_page_and_picture(frenetic: Frene
         (("slow", *FIT, "--out", "twin.toml"), ("name ends with .json",)),
         (("slow", *FIT, "--weight", "grip=1"), ("no term 'grip'",)),
         (("slow", *FIT, "--weight", "speed"), ("--weight speed: NAME=NUMBER is needed",)),
-        (("slow", *FIT, "--vehicle", "name=tank"), ("vehicle is 'tank': default or metadrive",)),
+        (
+            ("slow", *FIT, "--vehicle", "name=tank"),
+            ("vehicle is 'tank': default, metadrive or etk800",),
+        ),
         (("slow", *FIT, "--oob-tolerance", "2"), ("oob_tolerance is 2.0",)),
         (("slow", *FIT, "--lane-width", "-1"), ("lane_width",)),
     ],

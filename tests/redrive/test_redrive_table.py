@@ -61,11 +61,15 @@ def failures(folder: Path) -> list[int]:
         return [record.id for record in store.tests(Outcome.FAIL)]
 
 
+SINCE = ("earlier", "objective", "screening")
+"""Tables that came later still."""
+
+
 def make_old(folder: Path) -> None:
     """Makes a database of the version before these tables."""
     with closing(sqlite3.connect(folder / DATABASE)) as connection, connection:
-        connection.execute("DROP TABLE redrive")
-        connection.execute("DROP TABLE redrive_run")
+        for table in ("redrive", "redrive_run", *SINCE):
+            connection.execute(f"DROP TABLE {table}")
         for table in ("campaign", "candidate", "test", "trajectory"):
             connection.execute(f"ALTER TABLE {table} DROP COLUMN checksum")
         connection.execute("PRAGMA user_version = 3")
@@ -105,6 +109,8 @@ def test_drives_of_a_table_without_differences_are_read(campaign: Path) -> None:
     found = rerun(campaign, EmbeddedSimulator(), Planner(), times=2)
     assert {drive.match for one in found for drive in one.drives} == {Match.SAME}
     with closing(sqlite3.connect(campaign / DATABASE)) as connection, connection:
+        for table in SINCE:
+            connection.execute(f"DROP TABLE {table}")
         connection.execute("ALTER TABLE redrive DROP COLUMN difference")
         for table in ("campaign", "candidate", "test", "trajectory", "redrive_run", "redrive"):
             connection.execute(f"ALTER TABLE {table} DROP COLUMN checksum")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from copy import copy
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -59,8 +60,8 @@ class Candidate:
     Then these are judged and driven where they lie, and the curvatures follow from them; there are
     none if no road passes through the points.
     """
-    screening: Screening | None = None
-    """None if no twin drove it."""
+    screening: Screening | None = field(default=None, init=False)
+    """None if no twin drove it; see `screened_as`. It stays behind where a candidate is copied."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
@@ -69,7 +70,13 @@ class Candidate:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Made anew, so that the values are read-only again.
-        return Candidate, tuple(getattr(self, item.name) for item in fields(self))
+        return Candidate, (self.id, self.curvatures, self.step, self.origin, self.points)
+
+    def screened_as(self, screening: Screening) -> Candidate:
+        """The same candidate with what a twin did on its road."""
+        made = copy(self)
+        object.__setattr__(made, "screening", screening)
+        return made
 
 
 def _read_only(values: FloatArray) -> FloatArray:

@@ -144,7 +144,7 @@ class Screened:
         candidate = self.strategy.ask()
         seen = self._drive(candidate, self._budget_spent)
         screening = Screening("control", 0, seen.outcome, seen.moobd)
-        self._trials[candidate.id] = replace(candidate, screening=screening)
+        self._trials[candidate.id] = candidate.screened_as(screening)
         return self._trials[candidate.id]
 
     def tell(self, evaluation: Evaluation) -> None:
@@ -297,8 +297,9 @@ class Screened:
         self._promised.append((prospect.place, None))
         screening = Screening("screened", self._drawn, seen.outcome, seen.moobd)
         self._drawn = 0
-        candidate = Candidate(
-            number, scouted.curvatures, scouted.step, Origin(SCREENED), screening=screening
+        origin = Origin(SCREENED)
+        candidate = Candidate(number, scouted.curvatures, scouted.step, origin).screened_as(
+            screening
         )
         self.strategy.replace(candidate)
         self._trials[number] = candidate
