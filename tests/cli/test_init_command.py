@@ -60,6 +60,8 @@ def test_the_class_is_called_as_nothing_that_the_files_import(
         ("class.py", "class.py is no name"),
         ("driver", "driver is no name"),
         ("json.py", "a module named json"),
+        ("numpy.py", "a module named numpy"),
+        ("__main__.py", "a module named __main__"),
         ("frenetic.py", "a module named frenetic"),
     ],
 )

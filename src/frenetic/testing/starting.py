@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import keyword
 import re
-import sys
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -34,12 +34,12 @@ def write_driver(path: Path) -> tuple[Path, Path, str]:
             f"{path.name} is no name of a Python module: letters, digits and _ before .py are"
             f" allowed, such as {_MODULE}.py"
         )
-    if module in sys.stdlib_module_names or module == "frenetic":
-        raise FreneticError(f"a module named {module} is there already: choose another name")
     test = path.with_name(f"test_{path.name}")
     for file in (path, test):
         if file.exists():
             raise FreneticError(f"{file} exists and is not replaced: choose another name")
+    if module == "__main__" or ((spec := find_spec(module)) and spec.origin is not None):
+        raise FreneticError(f"a module named {module} is there already: choose another name")
     folder = files("frenetic.testing.templates")
     templates = {
         path: folder.joinpath(f"{_MODULE}.py").read_text(encoding="utf-8"),
