@@ -10,7 +10,7 @@ import numpy as np
 
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import TestRecord
-from frenetic.oracle import judge
+from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation, Trace
@@ -25,7 +25,7 @@ def evaluate(
     drive: Drive | None,
     *,
     budget_spent: float = 0.0,
-    objective: str = MOOBD,
+    objective: str | Objective = MOOBD,
 ) -> Evaluation:
     """The evaluation of a candidate, for whoever asks and tells a strategy without a campaign.
 
@@ -34,7 +34,7 @@ def evaluate(
         road: the candidate's road as it was driven.
         drive: of that road; None if it is INVALID, so that nothing was driven.
         budget_spent: share of the budget, 0..1, after this drive.
-        objective: name of what the strategy minimises, see `frenetic.campaign.objective`.
+        objective: what the strategy minimises, or its name, see `frenetic.campaign.objective`.
 
     Raises:
         CampaignError: the objective has no value for the drive.
@@ -45,18 +45,10 @@ def evaluate(
     result = judge(road, drive)
     if not result.outcome.is_driven:
         return Evaluation(candidate, result.outcome, None, budget_spent, duration=result.duration)
-    severity = None if objective == MOOBD else Objective.load(objective).severity(road, drive)
-    departure, path = result.departure, drive.trajectory
-    return Evaluation(
-        candidate,
-        result.outcome,
-        result.moobd,
-        budget_spent,
-        place=result.moobd_distance if departure is None else departure.distance,
-        side=None if departure is None else departure.side,
-        duration=result.duration,
-        objective=severity,
-        read_trace=lambda: _trace_of(road, path, result.duration),
+    minimised = objective if isinstance(objective, Objective) else Objective.load(objective)
+    severity, path = minimised.severity(road, drive), drive.trajectory
+    return _told(
+        candidate, result, budget_spent, severity, lambda: _trace_of(road, path, result.duration)
     )
 
 
@@ -79,17 +71,33 @@ def evaluation_of(
     if record.outcome.is_driven and objective.name != MOOBD:
         drive = replace(record, trajectory=read_trajectory()).drive
         severity = None if drive is None else objective.severity(record.road, drive)
-    departure = record.departure
-    return Evaluation(
+    return _told(
         record.candidate,
-        record.outcome,
-        record.moobd,
+        record,
         record.budget_spent,
-        place=record.moobd_distance if departure is None else departure.distance,
+        severity,
+        lambda: _trace(record, read_trajectory()),
+    )
+
+
+def _told(
+    candidate: Candidate,
+    result: Result | TestRecord,
+    budget_spent: float,
+    severity: float | None,
+    read_trace: Callable[[], Trace | None],
+) -> Evaluation:
+    departure = result.departure
+    return Evaluation(
+        candidate,
+        result.outcome,
+        result.moobd,
+        budget_spent,
+        place=result.moobd_distance if departure is None else departure.distance,
         side=None if departure is None else departure.side,
-        duration=record.duration,
+        duration=result.duration,
         objective=severity,
-        read_trace=lambda: _trace(record, read_trajectory()),
+        read_trace=read_trace,
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
+from frenetic.campaign.objective import Objective
 from frenetic.campaign.twin import Twin
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
@@ -65,7 +66,7 @@ def screened(spec: Spec) -> tuple[Screened, Twin]:
     scout: Strategy = replace(spec, seed=seed).make_strategy()
     of_twin = profile.over(Spec(), has_roads=False)
     twin = Twin.of(replace(of_twin, margin=spec.margin))
-    objective = spec.objective
+    objective = Objective.load(spec.objective)
     return Screened(strategy, scout, partial(twin.evaluation, objective=objective)), twin
 
 

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from frenetic.campaign.evaluation import evaluate
-from frenetic.campaign.objective import MOOBD
+from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import RoadError
 from frenetic.oracle import Result, judge
@@ -85,7 +85,7 @@ class Twin:
         return drive, judge(road, replace(drive, rules=self.rules))
 
     def evaluation(
-        self, candidate: Candidate, budget_spent: float, objective: str = MOOBD
+        self, candidate: Candidate, budget_spent: float, objective: str | Objective = MOOBD
     ) -> Evaluation:
         """The evaluation of a candidate, as a strategy is told it."""
         try:
