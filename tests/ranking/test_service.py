@@ -41,7 +41,7 @@ SHARP = Road([0.0, 0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.0, 0.0, 0.0])
 
 @pytest.fixture(scope="module")
 def twin() -> Iterator[Twin]:
-    with Twin.entered(Spec(driver=Part("planner", {"aggression": 3.0}))) as made:
+    with Twin.of(Spec(driver=Part("planner", {"aggression": 3.0}))) as made:
         yield made
 
 

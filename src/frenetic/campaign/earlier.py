@@ -25,9 +25,8 @@ from frenetic.campaign.objective import Objective
 from frenetic.campaign.record import EarlierTest, TestRecord, row_of_earlier
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
-from frenetic.errors import CampaignError, RoadError
+from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.road import Road
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
 from frenetic.search.random_search import EARLIER
@@ -194,17 +193,9 @@ class _Fitting:
         self.refused = 0
 
     def accepts(self, record: TestRecord) -> bool:
-        road, tester = record.candidate, self._tester
+        road = record.candidate
         fits = self._step is None or road.step == self._step
-        if fits:
-            try:
-                _, verdict = Road(road.curvatures, road.step, lane_width=tester.lane_width).placed(
-                    tester.map_size, tester.margin
-                )
-            except RoadError:
-                fits = False
-            else:
-                fits = verdict.valid
+        fits = fits and self._tester.fitted(road)[1].valid
         self.refused += not fits
         return fits
 

@@ -17,7 +17,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import RoadError, describe_raised, traceback_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, check_validity
+from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
 from frenetic.road.road import MAX_COORDINATE
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
@@ -82,10 +82,9 @@ class RoadTester:
                 return self._test_placed(candidate, placement)
             if candidate.points is not None:
                 return self._test_points(candidate.id, candidate.points)
-            road = Road(candidate.curvatures, candidate.step, lane_width=self.lane_width)
-            fitted, verdict = road.placed(self.map_size, self.margin)
         except RoadError as error:
             return _refused(candidate.id, str(error))
+        fitted, verdict = self.fitted(candidate)
         if fitted is None or not verdict.valid:
             return _refused(candidate.id, verdict.message, fitted.pose if fitted else None)
         return self._driven(candidate.id, fitted, self.driver)
@@ -105,6 +104,18 @@ class RoadTester:
         if pack:
             attempt = attempt.pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
+
+    def fitted(self, candidate: Candidate) -> tuple[Road | None, Verdict]:
+        """A candidate's road fitted into the map, and the verdict on it there.
+
+        Returns:
+            (None, invalid) if the curvatures make no road or no pose fits.
+        """
+        try:
+            road = Road(candidate.curvatures, candidate.step, lane_width=self.lane_width)
+            return road.placed(self.map_size, self.margin)
+        except RoadError as error:
+            return None, Verdict(False, str(error))
 
     def drive(self, road: Road) -> Drive:
         """Drives a road; a simulator that raises gives a drive with an error."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Final, Self
@@ -11,7 +9,6 @@ from typing import Final, Self
 from frenetic.campaign.evaluation import evaluate
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.tester import RoadTester
-from frenetic.errors import RoadError
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -47,17 +44,6 @@ class Twin:
         tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
         return cls(tester, spec.rules)
 
-    @classmethod
-    @contextmanager
-    def entered(cls, spec: Spec) -> Iterator[Self]:
-        """The twin of a spec, while its simulator is there.
-
-        Raises:
-            FreneticError: driver or simulator cannot be made or started.
-        """
-        with cls.of(spec) as twin:
-            yield twin
-
     def __enter__(self) -> Self:
         """Starts the simulator."""
         self.tester.simulator.__enter__()
@@ -88,12 +74,8 @@ class Twin:
         self, candidate: Candidate, budget_spent: float, objective: str | Objective = MOOBD
     ) -> Evaluation:
         """The evaluation of a candidate, as a strategy is told it."""
-        try:
-            shape = Road(candidate.curvatures, candidate.step, lane_width=self.tester.lane_width)
-            road, _ = self.placed(shape)
-        except RoadError:
-            road = None
-        if road is None:
+        road, verdict = self.tester.fitted(candidate)
+        if road is None or not verdict.valid:
             return Evaluation(candidate, Outcome.INVALID, None, budget_spent)
         drive = replace(self.tester.drive(road), rules=self.rules)
         return evaluate(candidate, road, drive, budget_spent=budget_spent, objective=objective)

@@ -61,7 +61,7 @@ def rank(
     log, prospects = Log(), []
     with (
         announced_compilation(log) as compiled,
-        Twin.entered(spec) as twin,
+        Twin.of(spec) as twin,
         counted_progress(log, "Driving") as show,
     ):
         for done, named in enumerate(found.roads, 1):

@@ -69,7 +69,7 @@ def rank_service(
     if was_given(context, "driver") and not was_given(context, "driver_options"):
         given["driver_options"] = ()  # the default's
     with (
-        Twin.entered(asked_spec(context, given)) as twin,
+        Twin.of(asked_spec(context, given)) as twin,
         serving(CompetitionTool(twin, lane_width=lane_width), host, port) as bound,
     ):
         if as_json:
