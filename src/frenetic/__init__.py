@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord, evaluate
     from frenetic.drivers import (
         BeamngAi,
+        Camera,
+        CameraDriver,
         Controls,
         Delayed,
         Driver,
@@ -59,6 +61,8 @@ __getattr__ = lazy_names(
         ),
         "frenetic.drivers": (
             "BeamngAi",
+            "Camera",
+            "CameraDriver",
             "Controls",
             "Delayed",
             "DriveSetup",
@@ -98,6 +102,8 @@ __getattr__ = lazy_names(
 __all__ = [
     "BeamngAi",
     "Budget",
+    "Camera",
+    "CameraDriver",
     "Campaign",
     "CampaignStore",
     "Candidate",

@@ -12,11 +12,14 @@ from frenetic._support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.drivers.builtin import BeamngAi, Planner, Stanley
-    from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
+    from frenetic.drivers.camera import Camera
+    from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
     from frenetic.drivers.layers import Delayed, LimitedView, Noisy
 
 __all__ = [
     "BeamngAi",
+    "Camera",
+    "CameraDriver",
     "Controls",
     "Delayed",
     "DriveSetup",
@@ -32,7 +35,14 @@ __getattr__ = lazy_names(
     __name__,
     {
         "frenetic.drivers.builtin": ("BeamngAi", "Planner", "Stanley"),
-        "frenetic.drivers.driver": ("Controls", "Driver", "DriveSetup", "Observation"),
+        "frenetic.drivers.camera": ("Camera",),
+        "frenetic.drivers.driver": (
+            "CameraDriver",
+            "Controls",
+            "Driver",
+            "DriveSetup",
+            "Observation",
+        ),
         "frenetic.drivers.layers": ("Delayed", "LimitedView", "Noisy"),
     },
 )

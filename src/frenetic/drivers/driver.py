@@ -7,10 +7,14 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from frenetic._support.arrays import FloatArray
+from frenetic.drivers.camera import Camera
 from frenetic.errors import DriverError, describe_raised
+
+if TYPE_CHECKING:
+    from frenetic.drivers.camera import Image
 
 AHEAD_SPACING = 2.0
 """Distance along the road between two points of the view ahead, in m."""
@@ -74,6 +78,10 @@ class Observation:
     """Curvature of the ego lane's centre line at the points of `ahead`, (n,) in 1/m."""
     distance: float = 0.0
     """Distance along the road, in m."""
+    image: Image | None = None
+    """The camera's picture, (height, width, 3) RGB from 0 to 255, for a `CameraDriver`.
+
+    The first row is on top. None for every other driver."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +121,14 @@ class SelectiveDriver(Driver, Protocol):
 
 
 @runtime_checkable
+class CameraDriver(Driver, Protocol):
+    """A driver that sees through a camera: its observations have an `image`."""
+
+    camera: Camera
+    """Its camera, the same in every drive."""
+
+
+@runtime_checkable
 class DriverLayer(Driver, Protocol):
     """A driver that lies over another one."""
 
@@ -124,6 +140,25 @@ def inner_driver(driver: object) -> Driver | None:
     """The driver under a layer; None if it is none."""
     inner = driver.driver if isinstance(driver, DriverLayer) else None
     return inner if isinstance(inner, Driver) else None
+
+
+def camera_of(driver: Driver) -> Camera | None:
+    """The camera of a driver or of the one under its layers; None if it has none.
+
+    Raises:
+        DriverError: its ``camera`` is something else.
+    """
+    asked: Driver | None = driver
+    while asked is not None:
+        camera = asked.camera if isinstance(asked, CameraDriver) else None
+        if isinstance(camera, Camera):
+            return camera
+        if camera is not None:
+            raise DriverError(
+                f"the driver's camera is {repr(camera)[:60]}: a frenetic.Camera is needed"
+            )
+        asked = inner_driver(asked)
+    return None
 
 
 @contextmanager

@@ -7,6 +7,7 @@ rollout calls the kernels, a simulator in Python an `Observer`.
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
 from frenetic.oracle import RUNNING, assess_record, rules_array
 from frenetic.road import Road
 from frenetic.simulators.drive import CarBody, Rules
+
+if TYPE_CHECKING:
+    from frenetic.drivers.camera import Image
 
 
 @njit()
@@ -138,8 +142,10 @@ class Observer:
         )
         return bool(end == RUNNING)
 
-    def observation(self, speed: float, yaw_rate: float, steering: float) -> Observation:
-        """The driver's view at the last record (m/s, rad/s, rad)."""
+    def observation(
+        self, speed: float, yaw_rate: float, steering: float, image: Image | None = None
+    ) -> Observation:
+        """The driver's view at the last record (m/s, rad/s, rad), with its camera's picture."""
         time, x, y = (float(v) for v in self._places[:, self._seen - 1])
         ahead = np.empty((AHEAD_POINTS, 2))
         curvature_ahead = np.empty(AHEAD_POINTS)
@@ -168,4 +174,5 @@ class Observer:
             ahead=ahead,
             curvature_ahead=curvature_ahead,
             distance=float(self._s),
+            image=image,
         )

@@ -17,7 +17,13 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
-from frenetic.drivers.driver import Driver, DriveSetup, blaming_driver, checked_controls
+from frenetic.drivers.driver import (
+    Driver,
+    DriveSetup,
+    blaming_driver,
+    camera_of,
+    checked_controls,
+)
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form
 from frenetic.errors import DriverError, traceback_of
@@ -27,6 +33,7 @@ from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
 from frenetic.simulators.drive import Drive, Rules, Trajectory
 from frenetic.simulators.embedded import rollout as kernels
+from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
     SPEED,
@@ -247,13 +254,20 @@ class EmbeddedSimulator(StartingPlace):
         def loop() -> None:
             nonlocal written, controls
             driver.reset(setup)
+            camera = camera_of(driver)
+            renderer = None if camera is None else Renderer(road, camera)
             observer = Observer(road, self.rules, self.car, room.shape[1])
             for i in range(room.shape[1]):
                 kernels.write_record(room, i, state, *controls)
                 written = i + 1
                 if not observer.see(i * kernels.PERIOD, state[X], state[Y], state[HEADING]):
                     return
-                observation = observer.observation(state[SPEED], state[YAW_RATE], state[STEERING])
+                image = None
+                if renderer is not None:
+                    image = renderer.draw(state[X], state[Y], state[HEADING])
+                observation = observer.observation(
+                    state[SPEED], state[YAW_RATE], state[STEERING], image
+                )
                 controls = checked_controls(driver.act(observation))
                 kernels.write_record(room, i, state, *controls)
                 kernels.advance_period(state, *controls, self._parameters)
