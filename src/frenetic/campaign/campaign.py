@@ -9,7 +9,7 @@ import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -29,6 +29,7 @@ from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order, start
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
+from frenetic.campaign.record import TestRecord
 from frenetic.campaign.replay import replay
 from frenetic.campaign.screening import ScreeningSummary, screened
 from frenetic.campaign.store import CampaignStore, JSONValue
@@ -54,6 +55,7 @@ from frenetic.spec import (
     EarlierCampaign,
     Part,
     Spec,
+    decode_budget,
     describe,
     describe_terms,
 )
@@ -95,7 +97,8 @@ class Campaign:
         strategy: proposes roads.
         simulator: drives them.
         driver: the system under test.
-        budget: the first of its limits that is spent ends the campaign.
+        budget: the first of its limits that is spent ends the campaign; without one, `run` is told
+            how many simulations to make.
         folder: for results, made if need be; a new one under ``campaigns/`` by default.
         map_size: m, side of the square map into which roads are fitted; by default the strategy's.
         margin: m that a road's centre line keeps from the map's edge.
@@ -131,7 +134,7 @@ class Campaign:
         strategy: Strategy,
         simulator: Simulator,
         driver: Driver,
-        budget: Budget,
+        budget: Budget | None = None,
         folder: Path | str | None = None,
         map_size: float | None = None,
         margin: float = MARGIN,
@@ -194,6 +197,9 @@ class Campaign:
         """Screens its roads for the strategy; entered while the campaign runs."""
         self.named: Spec | None = None
         """Names of its parts; None if they came from Python."""
+        self._search_so_far: tuple[Tally, dict[int, Candidate]] | None = None
+        """Results told and candidates outstanding, while the strategy knows exactly these."""
+        self._interrupt: Interrupt | None = None  # while it runs
 
     @classmethod
     def of(
@@ -287,34 +293,52 @@ class Campaign:
 
     def run(
         self,
+        simulations: int | Callable[[Progress], None] | None = None,
         on_progress: Callable[[Progress], None] | None = None,
         *,
+        on_test: Callable[[TestRecord], object] | None = None,
         on_start: Callable[[], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
     ) -> Summary:
         """Searches until the budget is spent or Ctrl-C is pressed, and stores every test.
+
+        Called again, it goes on where it stopped: ``run(20)`` and ``run(30)`` give the same tests
+        as ``run(50)`` where the campaign has a budget of 50 simulations or more.
 
         After the first Ctrl-C nothing more is asked and running tests are finished; the second ends
         the campaign at once. Several workers may bring a few more results after a budget of time or
         failures is spent, unless the campaign is ordered.
 
         Args:
-            on_progress: called after every test.
+            simulations: most drives of this call. A budget with fewer simulations grows to allow
+                them, a limit of time or failures stays. None: all that is left of the budget.
+            on_progress: called after every test; it may come first, in place of a number.
+            on_test: called with every test as it is stored, in the order of telling. It may `stop`
+                the campaign. What it raises ends the run and is raised; all results are stored, and
+                `run` goes on with the next.
             on_start: called when the folder is made and the simulator has started; the budget's
                 time begins here.
             on_interrupt: called at the first Ctrl-C.
 
         Raises:
-            CampaignError: the folder cannot be used or written, it holds a campaign already, an
-                earlier campaign cannot be read or has no road that fits, no worker can be started,
-                or only broken drives or refused roads come. Stored results stay.
+            ValueError: there is neither a budget nor a number of simulations, or the number is not
+                a whole one of at least 1.
+            CampaignError: the folder cannot be used or written, it holds another campaign already,
+                an earlier campaign cannot be read or has no road that fits, no worker can be
+                started, or only broken drives or refused roads come. Stored results stay.
         """
+        if callable(simulations):
+            simulations, on_progress = None, simulations
+        limit = self._allow(simulations)
         prepare(self.tester.simulator)
         if self.cluster is not None:
             # An optional extra.
             from frenetic.campaign.workers.dask.workers import require_scheduler
 
             require_scheduler(self.cluster)
+        callbacks = _Callbacks(on_progress, on_test, on_start, on_interrupt)
+        if self._search_so_far is not None:
+            return self._go_on(*self._search_so_far, limit, callbacks)
         self._keep_margin()
         folders = [earlier.folder for earlier in self.start_from]
         step = (options_of(self.strategy) or {}).get("step")
@@ -332,12 +356,77 @@ class Campaign:
                 log.write(Event.LOG, note, logger=__name__)
             start(self.strategy, store.earlier(), tally)
             stack.enter_context(_saying_what_is_stored(store, tally))
-            return self._search(store, log, tally, {}, on_progress, on_start, on_interrupt)
+            return self._search(store, log, tally, {}, limit, callbacks)
+
+    def _allow(self, simulations: int | None) -> int | None:
+        """The number of simulations at which to stop, which the budget allows; None for no other.
+
+        Raises:
+            ValueError: as for `run`.
+        """
+        if simulations is None:
+            if self.budget is None:
+                raise ValueError(
+                    "the campaign has no budget: run(20) makes 20 simulations, and"
+                    " Campaign(budget=Budget(simulations=200)) limits all of them"
+                )
+            return None
+        if isinstance(simulations, bool) or simulations != int(simulations) or simulations < 1:
+            raise ValueError(
+                f"simulations is {simulations}: a whole number of at least 1 is needed"
+            )
+        before = self._search_so_far[0].simulations if self._search_so_far else 0
+        limit = before + int(simulations)
+        if self.budget is None:
+            self.budget = Budget(simulations=limit)
+        elif self.budget.simulations is not None and self.budget.simulations < limit:
+            self.budget = replace(self.budget, simulations=limit)
+        return limit
+
+    def _go_on(
+        self,
+        tally: Tally,
+        outstanding: dict[int, Candidate],
+        limit: int | None,
+        callbacks: _Callbacks,
+    ) -> Summary:
+        """Searches on after an earlier `run` or `resume` of this object."""
+        with ExitStack() as stack:
+            store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
+            if sum(store.by_outcome().values()) != tally.told:
+                raise CampaignError(
+                    f"{self.folder} was written by another process since: resume() a campaign with"
+                    " a fresh strategy"
+                )
+            self._enter_twin(stack)
+            tally.budget_spent = self._required_budget.spent(
+                tally.simulations, tally.seconds, tally.failures
+            )
+            store.reopen(budget=asdict(self._required_budget))
+            log = stack.enter_context(CampaignLog(self.folder))
+            _log_start(log, Event.RESUMED, tally, self.configuration())
+            stack.enter_context(_saying_what_is_stored(store, tally))
+            return self._search(store, log, tally, outstanding, limit, callbacks)
+
+    def stop(self) -> None:
+        """Stops the campaign after the running tests, like the first Ctrl-C.
+
+        Called from `on_test` or `on_progress`, or from another thread. `run` goes on again. Nothing
+        happens unless it runs.
+        """
+        if self._interrupt is not None:
+            self._interrupt.requested = True
+
+    @property
+    def _required_budget(self) -> Budget:
+        assert self.budget is not None, "`_allow` or `resume` has seen to it"
+        return self.budget
 
     def resume(
         self,
         on_progress: Callable[[Progress], None] | None = None,
         *,
+        on_test: Callable[[TestRecord], object] | None = None,
         on_start: Callable[[], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
         accept_changed: bool = False,
@@ -347,10 +436,11 @@ class Campaign:
         The strategy must be fresh; the log is replayed to it. If it proposes other roads than the
         log holds, the campaign is not resumed. A candidate that was asked but never told is tested
         next. With a budget in simulations, an interrupted campaign ends with the same tests as an
-        uninterrupted one. Time spent before counts.
+        uninterrupted one. Time spent before counts. Without a budget, that of the folder holds.
 
         Args:
             on_progress: called after every test.
+            on_test: as for `run`, with tests that are new.
             on_start: called when the log is replayed and the simulator has started.
             on_interrupt: called at the first Ctrl-C.
             accept_changed: go on with a strategy, driver, simulator, or built-in rules that differ
@@ -363,6 +453,8 @@ class Campaign:
         """
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
+            if self.budget is None:
+                self.budget = _stored_budget(store)
             prepare(self.tester.simulator)
             strategy = store.config.get("strategy")
             if isinstance(strategy, Mapping) and "margin" in strategy:
@@ -390,7 +482,8 @@ class Campaign:
             for note in self.notes:
                 log.write(Event.LOG, note, level="warning", logger=__name__)
             stack.enter_context(_saying_what_is_stored(store, tally))
-            return self._search(store, log, tally, outstanding, on_progress, on_start, on_interrupt)
+            callbacks = _Callbacks(on_progress, on_test, on_start, on_interrupt)
+            return self._search(store, log, tally, outstanding, None, callbacks)
 
     def _enter_twin(self, stack: ExitStack) -> None:
         """Starts the twin until the stack is closed.
@@ -484,38 +577,47 @@ class Campaign:
         log: CampaignLog,
         tally: Tally,
         outstanding: dict[int, Candidate],
-        on_progress: Callable[[Progress], None] | None,
-        on_start: Callable[[], None] | None,
-        on_interrupt: Callable[[], None] | None,
+        limit: int | None,
+        callbacks: _Callbacks,
     ) -> Summary:
         """Tests until the budget is spent; the common part of `run` and `resume`."""
         interrupted = False
+        self._search_so_far = None
         start = time.perf_counter() - tally.seconds
         try:
-            with _logging_to(log), catch_interrupt(on_interrupt) as interrupt:
+            with _logging_to(log), catch_interrupt(callbacks.on_interrupt) as interrupt:
+                self._interrupt = interrupt
                 with self._workers(log) as workers:
                     if not isinstance(workers, InProcessWorker):
                         compile_kernels()  # which the strategy needs here, while they start
                     _await_start(workers, interrupt)
-                    if on_start is not None:
-                        on_start()
+                    if callbacks.on_start is not None:
+                        callbacks.on_start()
                     start = time.perf_counter() - tally.seconds
                     dispatcher = Dispatcher(
                         strategy=self.strategy,
                         workers=workers,
                         store=store,
                         log=log,
-                        budget=self.budget,
+                        budget=self._required_budget,
+                        limit=limit,
                         objective=self.objective,
                         order=self.order,
                         interrupt=interrupt,
                         tally=tally,
                         outstanding=outstanding,
                     )
-                    for progress in dispatcher.tests():
-                        if on_progress is not None:
-                            on_progress(progress)
-                interrupted = interrupt.requested and tally.budget_spent < 1.0 and not tally.ended
+                    for candidate_id, progress in dispatcher.tests():
+                        try:
+                            callbacks.report(store, candidate_id, progress)
+                        except Exception:
+                            self._search_so_far = tally, outstanding
+                            raise
+                is_stopped = interrupt.requested or (
+                    limit is not None and tally.simulations >= limit
+                )
+                interrupted = is_stopped and tally.budget_spent < 1.0 and not tally.ended
+                self._search_so_far = tally, outstanding
         except (KeyboardInterrupt, SystemError) as error:
             # Raised while compiled code returns, an interrupt arrives as its SystemError.
             if not isinstance(error.__cause__ or error, KeyboardInterrupt):
@@ -526,13 +628,16 @@ class Campaign:
             cause: dict[str, Any] = {"traceback": trace} if (trace := traceback_of(error)) else {}
             log.write(Event.GAVE_UP, reason_of(error), level="error", **cause)
             raise
+        finally:
+            self._interrupt = None
+            tally.seconds = time.perf_counter() - start
         # What is stored counts, also when an interrupt came between storing and counting.
         stored = store.counts()
         summary = Summary.of(
             stored.by_outcome,
             stored.min_moobd,
             stored.roads or 0,
-            seconds=time.perf_counter() - start,
+            seconds=tally.seconds,
             budget_spent=tally.budget_spent,
             seed=self.seed,
             folder=self.folder,
@@ -548,7 +653,7 @@ class Campaign:
             interrupted=interrupted,
             ended=tally.ended,
             strategy_seconds=round(tally.strategy_seconds, 4),
-            budget=asdict(self.budget),
+            budget=asdict(self._required_budget),
         )
         log.progress(summary, force=True)
         fields: dict[str, Any] = summary.as_json()
@@ -568,6 +673,49 @@ class Campaign:
         if self.workers == 1:
             return InProcessWorker(self.tester)
         return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
+
+    @property
+    def best_test(self) -> TestRecord | None:
+        """The stored test that is worst for the driver, by the objective; None before a drive.
+
+        Raises:
+            CampaignError: there is no campaign, or it is damaged.
+        """
+        with CampaignStore.open(self.folder) as store:
+            if values := store.objectives():
+                turn = -1.0 if self.objective.higher_is_worse else 1.0
+                return store.test(min(values, key=lambda test: turn * values[test]))
+            lowest = next(store.tests(order_by="moobd", limit=1, with_trajectory=True), None)
+            return None if lowest is None or lowest.moobd is None else lowest
+
+
+@dataclass(frozen=True)
+class _Callbacks:
+    """The functions of a user that a campaign calls, see `Campaign.run`."""
+
+    on_progress: Callable[[Progress], None] | None
+    on_test: Callable[[TestRecord], object] | None
+    on_start: Callable[[], None] | None
+    on_interrupt: Callable[[], None] | None
+
+    def report(self, store: CampaignStore, candidate_id: int, progress: Progress) -> None:
+        """Reports a stored test."""
+        if self.on_test is not None:
+            self.on_test(store.test(candidate_id))
+        if self.on_progress is not None:
+            self.on_progress(progress)
+
+
+def _stored_budget(store: CampaignStore) -> Budget:
+    """The budget to which a campaign was run or resumed last.
+
+    Raises:
+        CampaignError: it holds none that can be used.
+    """
+    try:
+        return decode_budget(store.facts.get("budget", store.config.get("budget")))
+    except ValueError as error:
+        raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
 
 
 def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:

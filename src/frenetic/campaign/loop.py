@@ -83,6 +83,7 @@ class Dispatcher:
         store: CampaignStore,
         log: CampaignLog,
         budget: Budget,
+        limit: int | None = None,
         objective: Objective,
         order: Order,
         interrupt: Interrupt,
@@ -96,6 +97,7 @@ class Dispatcher:
         self._store = store
         self._log = log
         self._budget = budget
+        self._limit = limit  # of simulations, at which it stops within the budget
         self._objective = objective
         self._lookahead = order.lookahead
         self._interrupt = interrupt
@@ -111,8 +113,10 @@ class Dispatcher:
         self._start = 0.0
         self._next_look = 0.0
 
-    def tests(self) -> Iterator[Progress]:
-        """Tests until the budget is spent or the interrupt requested; yields after every result.
+    def tests(self) -> Iterator[tuple[int, Progress]]:
+        """Tests until the budget is spent or the interrupt requested.
+
+        Yields after every result, which is stored then, the candidate's id and the progress.
 
         Raises:
             CampaignError: the strategy or all workers broke, or only broken drives or refused roads
@@ -126,7 +130,7 @@ class Dispatcher:
             yield from self._report()  # what was told before
             raise
 
-    def _rounds(self) -> Iterator[Progress]:
+    def _rounds(self) -> Iterator[tuple[int, Progress]]:
         while True:
             self._ask()
             self._hand_out()
@@ -144,17 +148,20 @@ class Dispatcher:
             yield from self._report()
             self._log_progress()
 
-    def _report(self) -> Iterator[Progress]:
+    def _report(self) -> Iterator[tuple[int, Progress]]:
         """Writes all told results in one transaction, and only then reports them."""
         if self._unreported:
             self._store.write()
             written, self._unreported = self._unreported, []
             for record, traceback, progress in written:
                 self._log_result(record, traceback)
-                yield progress
+                yield record.id, progress
 
     @property
     def _is_spent(self) -> bool:
+        """Whether the budget is spent, or the limit within it reached."""
+        if self._limit is not None and self._tally.simulations >= self._limit:
+            return True
         return self._tally.budget_spent >= 1.0
 
     def _is_over(self) -> bool:
@@ -179,15 +186,21 @@ class Dispatcher:
     def _may_ask(self) -> bool:
         if self._is_spent or self._tally.ended:
             return False
-        within = self._budget.simulations
-        if within is not None and self._tally.simulations + len(self._outstanding) >= within:
+        if self._would_exceed(self._budget.simulations):
             return False
         if self._lookahead:
-            # Also after an interrupt: asking must not depend on its moment.
+            # Also after an interrupt or within a limit: asking must not depend on its moment.
             return len(self._outstanding) < self._lookahead
+        if self._would_exceed(self._limit):
+            return False
         # What is asked later is chosen better, and less of it is dropped.
         room = self._workers.needed if self._selective else self._workers.free
         return not self._interrupt.requested and len(self._waiting) < room
+
+    def _would_exceed(self, simulations: int | None) -> bool:
+        """Whether one more candidate may be more than so many simulations."""
+        told_or_out = self._tally.simulations + len(self._outstanding)
+        return simulations is not None and told_or_out >= simulations
 
     def _hand_out(self) -> None:
         """Submits waiting candidates to free workers, and drops unwanted ones."""

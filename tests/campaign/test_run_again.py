@@ -1,0 +1,156 @@
+"""A campaign that is run in parts, with callbacks, from Python."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from contents import contents
+from test_campaign import BENT, LOOP, STRAIGHT, Scripted, fails_when_bent
+
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary, TestRecord
+from frenetic.campaign.check import check_campaign
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.search import Frenetic
+from frenetic.testing import DummyDriver, DummySimulator
+
+ROADS = STRAIGHT, LOOP, BENT
+
+
+def campaign(folder: Path, budget: Budget | None = None, **options) -> Campaign:  # type: ignore[no-untyped-def]
+    return Campaign(
+        strategy=options.pop("strategy", None) or Scripted(*ROADS),
+        simulator=DummySimulator(fails_when_bent),
+        driver=DummyDriver(),
+        budget=budget,
+        folder=folder,
+        **options,
+    )
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, ordered: bool) -> None:
+    def search(name: str) -> Campaign:
+        return campaign(
+            tmp_path / name, Budget(simulations=20), strategy=Frenetic(seed=1), ordered=ordered
+        )
+
+    whole = search("whole").run()
+    parts = search("parts")
+    ends = [parts.run(3), parts.run(10), parts.run()]
+    assert [end.simulations for end in ends] == [3, 13, 20]
+    assert [end.interrupted for end in ends] == [True, True, False]
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    assert ends[-1].counts_json() == whole.counts_json()
+    assert check_campaign(tmp_path / "parts").findings == ()
+    # And so it is resumed, too.
+    assert search("parts").resume().simulations == 20
+
+
+@pytest.mark.parametrize("ordered", [False, True])
+def test_a_campaign_without_a_budget_makes_as_many_simulations_as_it_is_told(
+    tmp_path: Path, ordered: bool
+) -> None:
+    search = campaign(tmp_path, ordered=ordered)
+    assert [search.run(2).simulations, search.run(3).simulations] == [2, 5]
+    assert search.budget == Budget(simulations=5)
+    again = campaign(tmp_path, ordered=ordered)
+    assert again.resume().simulations == 5
+    last = again.run(1)
+    assert (last.simulations, last.interrupted) == (6, False)
+
+
+def test_a_spent_budget_grows(tmp_path: Path) -> None:
+    search = campaign(tmp_path, Budget(simulations=3, time=1e6))
+    assert search.run().simulations == 3
+    assert search.run(4).simulations == 7
+    assert search.budget == Budget(simulations=7, time=1e6)
+
+
+def test_only_stored_tests_are_reported_in_order_and_whole(tmp_path: Path) -> None:
+    seen: list[TestRecord] = []
+    search = campaign(tmp_path)
+
+    def look(test: TestRecord) -> None:
+        with CampaignStore.open(tmp_path) as store:
+            assert store.stored() == test.told
+        seen.append(test)
+
+    search.run(2, on_test=look)
+    search.run(2, on_test=look)
+    assert [test.told for test in seen] == [1, 2, 3, 4, 5, 6]
+    outcomes = [Outcome.PASS, Outcome.INVALID, Outcome.FAIL]
+    assert [test.outcome for test in seen] == [*outcomes, *outcomes]
+    assert [test.drive is None for test in seen] == [test.moobd is None for test in seen]
+
+
+@pytest.mark.parametrize("options", [{}, {"ordered": True}, {"workers": 2}])
+def test_a_callback_stops_a_campaign_which_goes_on_afterwards(
+    tmp_path: Path, options: dict[str, int]
+) -> None:
+    search = campaign(tmp_path, Budget(simulations=30), **options)
+
+    def until_it_fails(test: TestRecord) -> None:
+        if test.outcome is Outcome.FAIL:
+            search.stop()
+
+    assert search.run(1).simulations == 1
+    end = search.run(on_test=until_it_fails)
+    assert end.interrupted
+    assert 1 <= end.failed < 15
+    assert search.run().simulations == 30
+    search.stop()  # not running: nothing happens
+
+
+@pytest.mark.parametrize("callback", ["on_test", "on_progress"])
+def test_an_error_in_a_callback_is_raised_and_loses_nothing(tmp_path: Path, callback: str) -> None:
+    search = campaign(tmp_path, Budget(simulations=4))
+
+    def fail(_: object) -> None:
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        search.run(**{callback: fail})  # type: ignore[arg-type]
+    with CampaignStore.open(tmp_path) as store:
+        assert store.stored() == 1
+    assert search.run().simulations == 4
+    campaign(tmp_path / "whole", Budget(simulations=4)).run()
+    assert contents(tmp_path) == contents(tmp_path / "whole")
+
+
+def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
+    search = campaign(tmp_path / "a")
+    with pytest.raises(CampaignError, match="the folder of a campaign is needed"):
+        _ = search.best_test
+    search.run(2)
+    best = search.best_test
+    assert best is not None
+    assert best.outcome is Outcome.FAIL
+    assert best.drive is not None
+    other = campaign(tmp_path / "b", objective="oob-share")
+    end: Summary = other.run(4)
+    with CampaignStore.open(tmp_path / "b") as store:
+        values = store.objectives()
+    assert other.best_test is not None
+    assert values[other.best_test.id] == end.best == max(values.values())
+
+
+def test_calls_that_make_no_sense(tmp_path: Path) -> None:
+    search = campaign(tmp_path)
+    with pytest.raises(ValueError, match=r"has no budget: run\(20\) makes 20 simulations"):
+        search.run()
+    for number in (0, -1, 1.5, True):
+        with pytest.raises(ValueError, match="whole number of at least 1"):
+            search.run(number)  # type: ignore[arg-type]
+    assert not (tmp_path / "campaign.sqlite").exists()
+    search.run(1)
+    campaign(tmp_path, Budget(simulations=2)).resume()
+    with pytest.raises(CampaignError, match="written by another process since"):
+        search.run(1)
+
+
+def test_progress_may_still_come_first(tmp_path: Path) -> None:
+    seen: list[Progress] = []
+    campaign(tmp_path, Budget(simulations=2)).run(seen.append)
+    assert [one.simulations for one in seen] == [1, 1, 2]
