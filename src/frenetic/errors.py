@@ -61,8 +61,8 @@ def place_of(error: BaseException) -> str:
 
 
 def _is_foreign(file: str) -> bool:
-    """Whether a file is neither ours nor Python's."""
-    if file.startswith((_OURS, "<frozen ")):
+    """Whether a file is neither ours nor Python's, nor what a dataclass generates."""
+    if file.startswith((_OURS, "<frozen ", "<string>")):
         return False
     return not file.startswith(_STANDARD) or any(part in file for part in _INSTALLED)
 

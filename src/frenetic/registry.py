@@ -19,7 +19,8 @@ import sysconfig
 import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -134,6 +135,8 @@ class Registry:
     """Name -> (``module:Class``, summary)."""
     methods: tuple[str, ...]
     """Methods that an object of this kind must have."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """End of a file's name -> ``module:Class`` that is made of such a file, its first argument."""
 
     def entries(self) -> list[Entry]:
         """All names: the built-in ones, then the installed ones in alphabetical order.
@@ -158,7 +161,7 @@ class Registry:
         return list(found.values())
 
     def load(self, spec: str) -> Callable[..., Any]:
-        """The class (or factory) of a name, ``module:Class`` or ``file.py:Class``.
+        """The class (or factory) of a name, ``module:Class``, ``file.py:Class`` or a file of data.
 
         Modules may lie in the current folder.
 
@@ -169,11 +172,14 @@ class Registry:
         known = {entry.name: entry for entry in self.entries()}
         if spec in known:
             return self._import(known[spec].target, spec)
+        if (suffix := Path(spec).suffix.lower()) in self.files:
+            return partial(self._import(self.files[suffix], spec), spec)
         if ":" in spec:
             return self._import(spec, spec, own=True)
+        files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
         raise UnknownNameError(
             f"unknown {self.kind} {spec!r}{_hint(spec, known)} Known: {', '.join(known)};"
-            " your own goes as package.module:Class or path/to/file.py:Class"
+            f" your own goes as package.module:Class or path/to/file.py:Class{files}"
         )
 
     def is_harmless(self, spec: str, options: Mapping[str, Any]) -> bool:
@@ -181,13 +187,14 @@ class Registry:
 
         Built-in parts can. Importing any other runs code, and a text among its options may name a
         file that it loads: it has to be installed under a name, or a class that a file below the
-        current folder defines, and to take numbers only.
+        current folder defines, and to take numbers only. So has a file of data to lie there.
         """
         if spec in self.built_in:
             return True
         is_named = spec in {entry.name for entry in self.entries()}
+        is_data = Path(spec).suffix.lower() in self.files and _is_here(Path(spec))
         simple = all(isinstance(value, (int, float, type(None))) for value in options.values())
-        return simple and (is_named or _is_defined_here(spec))
+        return simple and (is_named or is_data or _is_defined_here(spec))
 
     def make(self, spec: str, **options: Any) -> Any:
         """An instance of the part that `spec` names, made with the given options.
@@ -346,16 +353,23 @@ def is_local(file: Path) -> bool:
 def _is_defined_here(spec: str) -> bool:
     """Whether a file below the current folder defines the class; nothing is imported."""
     place, _, name = spec.rpartition(":")
-    here = Path.cwd().resolve()
     is_file = place.endswith(".py")
-    path = (here / (place if is_file else f"{place.replace('.', '/')}.py")).resolve()
+    path = Path(place if is_file else f"{place.replace('.', '/')}.py")
     try:
-        if here not in path.parents:
+        if not _is_here(path):
             return False
         tree = ast.parse(path.read_bytes())
     except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):
         return False
     return any(isinstance(item, ast.ClassDef) and item.name == name for item in tree.body)
+
+
+def _is_here(path: Path) -> bool:
+    """Whether a path leads below the current folder."""
+    try:
+        return Path.cwd().resolve() in path.resolve().parents
+    except (OSError, ValueError, RuntimeError):  # a text that is no path
+        return False
 
 
 def user_files() -> list[str]:
@@ -439,6 +453,7 @@ DRIVERS: Final = Registry(
         ),
     },
     ("reset", "act"),
+    files={".onnx": "frenetic.drivers.neural:Network"},
 )
 
 OBJECTIVES: Final = Registry(

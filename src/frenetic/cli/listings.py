@@ -24,7 +24,10 @@ def _listing(name: str, registry: Registry, summary: str) -> click.Command:
             ("name", "from", "what it is"),
             [(entry.name, entry.origin, entry.summary or entry.target) for entry in entries],
         )
-        click.echo(f"Your own: package.module:Class or path/to/file.py:Class as --{registry.kind}.")
+        files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)
+        click.echo(
+            f"Your own: package.module:Class or path/to/file.py:Class{files} as --{registry.kind}."
+        )
 
     return listing
 

@@ -90,7 +90,8 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
     options: list[Decorator] = [
         part_choice(
             "driver",
-            "Who drives: a name ('frenetic drivers'), package.module:Class or file.py:Class.",
+            "Who drives: a name ('frenetic drivers'), package.module:Class, file.py:Class or a"
+            " neural network, model.onnx.",
             Spec.driver.name,
             show_default=shown(Spec.driver.name),
         ),

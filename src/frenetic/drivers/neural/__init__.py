@@ -1,0 +1,24 @@
+"""Neural networks as drivers: a model in an ONNX file answers its camera's image.
+
+The names below are imported when they are used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from frenetic._support.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from frenetic.drivers.neural.convention import METADATA, PRESETS, Convention
+    from frenetic.drivers.neural.network import Network
+
+__all__ = ["METADATA", "PRESETS", "Convention", "Network"]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.drivers.neural.convention": ("METADATA", "PRESETS", "Convention"),
+        "frenetic.drivers.neural.network": ("Network",),
+    },
+)

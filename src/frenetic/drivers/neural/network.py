@@ -1,0 +1,327 @@
+"""A neural network as a driver."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from frenetic._support.arrays import FloatArray
+from frenetic.drivers.camera import Camera
+from frenetic.drivers.driver import Controls, DriveSetup, Observation
+from frenetic.drivers.neural.convention import Convention, shown
+from frenetic.drivers.neural.model import Model, read_model
+from frenetic.errors import DriverError
+
+if TYPE_CHECKING:
+    from frenetic.drivers.camera import Image
+
+    FloatImage = npt.NDArray[np.float32]
+    """Pixels in 0..255, (height, width, 3) RGB."""
+
+_BLOCKS: Final = 6
+"""Blocks across the height of an image; an occlusion covers two by two."""
+
+
+class Network:
+    """A driver that steers by a neural network in an ONNX file.
+
+    The network's `Convention` comes from a preset, the file's metadata and the arguments, each of
+    which overrides the ones before. The camera's image has by default the size that the network
+    takes, with the rows to be cropped; one of another size is cropped and resized (bilinear).
+
+    Without a throttle it keeps its speed by the rule of the DAVE-2 executor in the SBFT tool
+    competition: throttle = 1 - s^2 - (v / max_speed)^2, where s is the share of the largest
+    steering angle, and no brake.
+
+    Args:
+        model: path of the file.
+        preset: name of one of `frenetic.drivers.neural.PRESETS`.
+        layout, colour, mean, std, crop, camera, outputs, steering, steering_sign, lookahead,
+            max_speed: of its `Convention`.
+
+    Raises:
+        FreneticError: onnxruntime is not installed.
+        ValueError: the file holds no model that can drive, or an argument does not fit it.
+    """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its controls change; campaigns record it, see `frenetic.fingerprint`."""
+    BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("onnxruntime",)
+
+    def __init__(
+        self,
+        model: str,
+        *,
+        preset: str | None = None,
+        layout: str | None = None,
+        colour: str | None = None,
+        mean: float | Sequence[float] | None = None,
+        std: float | Sequence[float] | None = None,
+        crop: Sequence[int] | None = None,
+        camera: Mapping[str, float] | None = None,
+        outputs: str | None = None,
+        steering: str | None = None,
+        steering_sign: int | None = None,
+        lookahead: float | None = None,
+        max_speed: float | None = None,
+    ) -> None:
+        given = {
+            "preset": preset,
+            "layout": layout,
+            "colour": colour,
+            "mean": mean,
+            "std": std,
+            "crop": crop,
+            "camera": camera,
+            "outputs": outputs,
+            "steering": steering,
+            "steering_sign": steering_sign,
+            "lookahead": lookahead,
+            "max_speed": max_speed,
+        }
+        self._given = {name: value for name, value in given.items() if value is not None}
+        self._path = str(model)
+        self._data = read_model(self._path)
+        self._load()
+        self._answer(np.full(self.camera.shape, 128, dtype=np.uint8))  # or it is of no use
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Its file and the given arguments."""
+        return {"model": self._path, **self._given}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The file's content and the arguments: the other process may have no such file."""
+        return {name: getattr(self, name) for name in ("_path", "_given", "_data")}
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._load()
+
+    def _load(self) -> None:
+        self._model = Model(self._data)
+        convention = Convention.of(self._model.metadata, self._given)
+        if self._model.type is np.uint8:
+            if convention.mean != (0.0,) or convention.std != (1.0,):
+                raise ValueError("its input is uint8, pixels in 0..255: it takes no mean and std")
+            convention = replace(convention, std=(1.0 / 255.0,))
+        self.convention = convention
+        """What it is fed with, and what its outputs mean."""
+        self._is_nchw, height, width = _image_shape(self._model.shape, convention)
+        cut = sum(convention.crop)
+        self.camera = _camera(convention.camera, height and height + cut, width)
+        """Its camera."""
+        seen = (self.camera.height - cut, self.camera.width)
+        if seen[0] < 1:
+            raise ValueError(
+                f"crop is {shown(convention.crop)}: nothing is left of {self.camera.height} rows"
+            )
+        wanted = (height or seen[0], width or seen[1])
+        self._resizing = None if wanted == seen else Resizing(seen, wanted)
+        self._weights, self._constants = convention.from_pixels()
+
+    # Driving
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        self._setup = setup
+
+    def act(self, observation: Observation) -> Controls:
+        """The network's steering, with its throttle or the speed rule's.
+
+        Raises:
+            DriverError: there is no image, or the network gives no finite numbers for it.
+        """
+        image = observation.image
+        if image is None:
+            raise DriverError("a neural network needs a camera, and this simulator draws no image")
+        try:
+            answer = self._answer(image)
+        except ValueError as error:
+            raise DriverError(f"{self._path}: {error}") from None
+        setup = self._setup
+        steering = self._steering(answer, setup)
+        if self.convention.outputs == "steering-throttle":
+            return Controls(steering, max(float(answer[1]), 0.0), max(-float(answer[1]), 0.0))
+        limit = setup.speed_limit
+        if self.convention.max_speed is not None:
+            limit = min(limit, self.convention.max_speed / 3.6)
+        share = min(max(steering / setup.max_steering, -1.0), 1.0)
+        return Controls(steering, max(1.0 - share**2 - (observation.speed / limit) ** 2, 0.0))
+
+    def saliency(self, observation: Observation) -> npt.NDArray[np.float32]:
+        """How much each part of the image matters for the answer: (height, width) in 0..1.
+
+        The image is covered with its mean colour, block after block (occlusion sensitivity:
+        M. D. Zeiler and R. Fergus, ECCV 2014); a pixel's value is the mean change of the first
+        output, over the blocks that cover it, per that of the most important pixel.
+
+        Raises:
+            DriverError: as `act`.
+        """
+        image = observation.image
+        if image is None:
+            raise DriverError("there is no image")
+        top, bottom = self.convention.crop
+        height, width = image.shape[0] - top - bottom, image.shape[1]
+        side = max(math.ceil(height / _BLOCKS), 1)
+        mean = image[top : top + height].mean(axis=(0, 1)).round().astype(np.uint8)
+        change, times = np.zeros(image.shape[:2]), np.zeros(image.shape[:2])
+        try:
+            usual = self._answer(image)
+            for row in range(-side, height, side):
+                for column in range(-side, width, side):
+                    rows = slice(top + max(row, 0), top + min(row + 2 * side, height))
+                    block = rows, slice(max(column, 0), column + 2 * side)
+                    covered = image.copy()
+                    covered[block] = mean
+                    change[block] += abs(self._answer(covered)[0] - usual[0])
+                    times[block] += 1.0
+        except ValueError as error:
+            raise DriverError(f"{self._path}: {error}") from None
+        change /= np.maximum(times, 1.0)
+        most = change.max()
+        return (change / most if most > 0.0 else change).astype(np.float32)
+
+    def _answer(self, image: Image) -> FloatArray:
+        """The network's numbers for a camera's image.
+
+        Raises:
+            ValueError: they are too few or too many, or one is not finite.
+        """
+        top, bottom = self.convention.crop
+        kept = image[top : image.shape[0] - bottom]
+        pixels = kept.astype(np.float32) if self._resizing is None else self._resizing(kept)
+        height, width, _ = pixels.shape
+        channels = self._weights @ pixels.reshape(-1, 3).T + self._constants
+        fed = channels.reshape(1, -1, height, width)
+        if not self._is_nchw:
+            fed = fed.transpose(0, 2, 3, 1)
+        if self._model.type is np.uint8:
+            fed = fed.round().clip(0.0, 255.0)
+        answer = self._model.run(np.ascontiguousarray(fed, dtype=self._model.type))
+        outputs, n = self.convention.outputs, len(answer)
+        needed = {"steering": "one number", "steering-throttle": "two numbers"}
+        fits = {"steering": n == 1, "steering-throttle": n == 2}
+        if not fits.get(outputs, n >= 2 and n % 2 == 0):
+            raise ValueError(
+                f"the network gives {n} numbers, but its outputs are {outputs}:"
+                f" {needed.get(outputs, 'pairs of numbers')} are needed; give outputs"
+            )
+        if not np.isfinite(answer).all():
+            raise ValueError(f"the network gives {answer[~np.isfinite(answer)][0]}")
+        return answer
+
+    def _steering(self, answer: FloatArray, setup: DriveSetup) -> float:
+        """Angle of the front wheels in rad."""
+        if self.convention.outputs == "waypoints":
+            curvature = pursuit(answer.reshape(-1, 2), setup.rear_axle, self.convention.lookahead)
+            return math.atan(setup.wheelbase * curvature)
+        value = self.convention.steering_sign * float(answer[0])
+        if self.convention.steering == "share":
+            return value * setup.max_steering
+        if self.convention.steering == "degrees":
+            return math.radians(value)
+        if self.convention.steering == "curvature":
+            return math.atan(setup.wheelbase * value)
+        return value
+
+
+class Resizing:
+    """Bilinear resizing of images from one size to another, pixels' centres on pixels' centres.
+
+    Args:
+        seen: (height, width) of what comes.
+        wanted: those of what goes.
+    """
+
+    def __init__(self, seen: tuple[int, int], wanted: tuple[int, int]) -> None:
+        (self._above, self._below, down), (self._before, self._behind, across) = (
+            _neighbours(*sizes) for sizes in zip(seen, wanted, strict=True)
+        )
+        self._down, self._across = down[:, None, None], across[:, None]
+
+    def __call__(self, image: Image) -> FloatImage:
+        """The resized image."""
+        pixels = image.astype(np.float32)
+        above, below = pixels[self._above], pixels[self._below]
+        rows = above + self._down * (below - above)
+        before, behind = rows[:, self._before], rows[:, self._behind]
+        resized: FloatImage = before + self._across * (behind - before)
+        return resized
+
+
+def _neighbours(
+    seen: int, wanted: int
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], npt.NDArray[np.float32]]:
+    """(index before, index behind, weight of the latter), (wanted,) each, along an axis."""
+    places = ((np.arange(wanted) + 0.5) * seen / wanted - 0.5).clip(0.0, seen - 1.0)
+    before = places.astype(np.intp)
+    behind = np.minimum(before + 1, seen - 1)
+    return before, behind, (places - before).astype(np.float32)
+
+
+def pursuit(waypoints: FloatArray, rear_axle: float, lookahead: float) -> float:
+    """Curvature in 1/m of the arc that leads the rear axle to a place among waypoints.
+
+    Args:
+        waypoints: (n, 2), ahead and left of the centre of mass in m, the nearest first.
+        rear_axle: its distance from the centre of mass, in m.
+        lookahead: distance of the place from the rear axle, in m; beyond the last waypoint, that
+            one is taken.
+    """
+    points = waypoints + np.array([rear_axle, 0.0])
+    distances = np.hypot(points[:, 0], points[:, 1])
+    far = np.flatnonzero(distances >= lookahead)
+    i = int(far[0]) if len(far) else len(points) - 1
+    place = points[i]
+    if len(far) and i > 0:
+        share = (lookahead - distances[i - 1]) / (distances[i] - distances[i - 1])
+        place = points[i - 1] + share * (points[i] - points[i - 1])
+    return float(2.0 * place[1] / max(float(place @ place), 1.0))
+
+
+def _image_shape(
+    shape: Sequence[int | None], convention: Convention
+) -> tuple[bool, int | None, int | None]:
+    """(whether the channels come before the rows, height, width) of an input.
+
+    Raises:
+        ValueError: it takes no image of the convention.
+    """
+    n = convention.channels
+    text = f"({', '.join('any' if size is None else str(size) for size in shape)})"
+    if len(shape) != 4 or shape[0] not in (1, None):
+        raise ValueError(
+            f"its input has the shape {text}: one image is needed, (1, channels, height, width) or"
+            " (1, height, width, channels)"
+        )
+    layout = convention.layout
+    if layout is None:
+        layout = "nhwc" if shape[3] == n and shape[1] != n else "nchw"
+    is_nchw = layout == "nchw"
+    channels, height, width = shape[1:] if is_nchw else (shape[3], *shape[1:3])
+    if channels not in (n, None):
+        raise ValueError(
+            f"its input has the shape {text}, {layout}: {convention.colour} has {n}"
+            f" channel{'s' * (n > 1)}; give colour or layout"
+        )
+    return is_nchw, height, width
+
+
+def _camera(given: Mapping[str, float], height: int | None, width: int | None) -> Camera:
+    """The camera with the given fields, of the given size unless they say another.
+
+    Raises:
+        ValueError: there is no such field, or it is out of range.
+    """
+    if unknown := given.keys() - Camera.__dataclass_fields__.keys():
+        known = ", ".join(Camera.__dataclass_fields__)
+        raise ValueError(f"a camera has no {shown(min(map(str, unknown)))}; it has: {known}")
+    sizes = {"height": height, "width": width}
+    return Camera(**{name: size for name, size in sizes.items() if size is not None} | dict(given))  # type: ignore[arg-type]

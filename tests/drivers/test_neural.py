@@ -1,0 +1,392 @@
+"""Neural networks as drivers."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import pickle
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from onnx import TensorProto, helper
+from onnx_models import NCHW, NHWC, answering, echoing, weighing, with_weights_in, write
+
+from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Road
+from frenetic.drivers.loading import load_driver
+from frenetic.drivers.neural import Convention, Network
+from frenetic.drivers.neural.network import pursuit
+from frenetic.errors import DriverError, FreneticError
+from frenetic.registry import DRIVERS
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+SIZE = {"width": 6, "height": 4}
+
+
+def setup() -> DriveSetup:
+    return EmbeddedSimulator().setup(Road([0.0] * 8))
+
+
+def seeing(image: npt.NDArray[np.uint8], speed: float = 5.0) -> Observation:
+    nothing = np.empty((0, 2))
+    return Observation(0.0, speed, 0.0, 0.0, 0.0, 0.0, nothing, nothing[:, 0], image=image)
+
+
+def picture(seed: int = 1, shape: tuple[int, ...] = (4, 6, 3)) -> npt.NDArray[np.uint8]:
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+def controls_of(network: Network, speed: float = 5.0) -> Controls:
+    network.reset(setup())
+    return network.act(seeing(picture(shape=network.camera.shape), speed))
+
+
+# What the network is fed with
+
+
+def rgb_to_yuv(image: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    """OpenCV's formula, in 0..1, from its documentation."""
+    r, g, b = (image[..., i] / 255.0 for i in range(3))
+    y = 0.299 * r + 0.587 * g + 0.114 * b
+    return np.stack([y, 0.492 * (b - y) + 0.5, 0.877 * (r - y) + 0.5], axis=-1)
+
+
+@pytest.mark.parametrize("shape", [NCHW, NHWC, (1, 3, "height", "width"), ("n", 4, 6, 3)])
+def test_colour_layout_and_scale_are_as_the_file_says(
+    shape: tuple[int | str, ...], tmp_path: Path
+) -> None:
+    image = picture()
+    known: dict[str, npt.NDArray[np.float64]] = {
+        "rgb": image / 255.0,
+        "bgr": image[..., ::-1] / 255.0,
+        "yuv": rgb_to_yuv(image),
+    }
+    for colour, channels in known.items():
+        file = echoing(
+            tmp_path / "m.onnx",
+            shape=shape,
+            colour=colour,
+            mean=[0.5, 0.4, 0.3],
+            std=0.5,
+            camera=SIZE,
+        )
+        wanted = (channels - (0.5, 0.4, 0.3)) / 0.5
+        if shape[1] == 3:
+            wanted = wanted.transpose(2, 0, 1)
+        got = Network(str(file))._answer(image)
+        assert got == pytest.approx(wanted.ravel(), abs=2e-3)
+
+
+def test_grey_uint8_and_float16(tmp_path: Path) -> None:
+    image = picture()
+    grey = echoing(tmp_path / "grey.onnx", shape=(1, 1, 4, 6), colour="grey")
+    assert Network(str(grey))._answer(image) == pytest.approx(rgb_to_yuv(image)[..., 0].ravel())
+    raw = echoing(tmp_path / "raw.onnx", shape=NHWC, kind=TensorProto.UINT8)
+    assert np.array_equal(Network(str(raw))._answer(image), image.ravel())
+    half = echoing(tmp_path / "half.onnx", kind=TensorProto.FLOAT16)
+    wanted = image.transpose(2, 0, 1).ravel() / 255.0
+    assert Network(str(half))._answer(image) == pytest.approx(wanted, abs=1e-3)
+
+
+def test_rows_are_cropped_and_another_size_is_resized(tmp_path: Path) -> None:
+    file = echoing(tmp_path / "m.onnx", shape=NHWC, crop=[2, 1])
+    network = Network(str(file))
+    assert network.camera.shape == (7, 6, 3)
+    image = picture(shape=(7, 6, 3))
+    assert network._answer(image) == pytest.approx(image[2:6].ravel() / 255.0, abs=1e-6)
+    # Twice as fine: each pixel is the mean of the four that it covers.
+    finer = Network(str(file), crop=[0, 0], camera={"width": 12, "height": 8})
+    image = picture(shape=(8, 12, 3))
+    means = image.reshape(4, 2, 6, 2, 3).mean(axis=(1, 3)) / 255.0
+    assert finer._answer(image) == pytest.approx(means.ravel(), abs=1e-6)
+
+
+def test_dave2_is_a_preset_that_metadata_and_options_override(tmp_path: Path) -> None:
+    file = answering(tmp_path / "m.onnx", 0.0, shape=(1, 3, 66, 200), preset="dave2", std=1.0)
+    network = Network(str(file), mean=0.1, camera={"pitch": 5.0})
+    known = network.convention
+    assert (known.colour, known.mean, known.std) == ("yuv", (0.1,), (1.0,))
+    camera = network.camera
+    assert (camera.height, camera.width, camera.pitch, camera.field_of_view) == (66, 200, 5.0, 90.0)
+    assert network.options == {"model": str(file), "mean": 0.1, "camera": {"pitch": 5.0}}
+
+
+# What its answer means
+
+
+@pytest.mark.parametrize(
+    ("options", "value", "angle"),
+    [
+        ({}, 0.25, lambda s: 0.25 * s.max_steering),
+        ({"steering": "rad", "steering_sign": -1}, 0.1, lambda s: -0.1),
+        ({"steering": "degrees"}, 10.0, lambda s: math.radians(10.0)),
+        ({"steering": "curvature"}, -0.05, lambda s: math.atan(-0.05 * s.wheelbase)),
+    ],
+)
+def test_steering_has_a_unit_and_a_sign(
+    options: dict[str, Any], value: float, angle: Any, tmp_path: Path
+) -> None:
+    file = answering(tmp_path / "m.onnx", value, **options)
+    assert controls_of(Network(str(file))).steering == pytest.approx(angle(setup()), abs=1e-6)
+
+
+def test_speed_follows_the_rule_of_the_competition(tmp_path: Path) -> None:
+    file = str(answering(tmp_path / "m.onnx", 0.5))
+    assert controls_of(Network(file, max_speed=36.0), 5.0).throttle == pytest.approx(0.5)
+    assert controls_of(Network(file, max_speed=36.0), 12.0) == Controls(0.5 * setup().max_steering)
+    limit = setup().speed_limit  # of the drive
+    for network in (Network(file), Network(file, max_speed=500.0)):
+        wanted = 1.0 - 0.25 - (5.0 / limit) ** 2
+        assert controls_of(network, 5.0).throttle == pytest.approx(wanted)
+
+
+@pytest.mark.parametrize(("value", "pedals"), [(0.75, (0.75, 0.0)), (-0.25, (0.0, 0.25))])
+def test_a_network_may_have_a_throttle(
+    value: float, pedals: tuple[float, float], tmp_path: Path
+) -> None:
+    file = answering(tmp_path / "m.onnx", 0.0, value, outputs="steering-throttle")
+    answer = controls_of(Network(str(file)))
+    assert (answer.throttle, answer.brake) == pedals
+
+
+def test_waypoints_are_pursued_from_the_rear_axle(tmp_path: Path) -> None:
+    def on_arc(radius: float, angles: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        return np.stack([radius * np.sin(angles), radius * (1.0 - np.cos(angles))], axis=1)
+
+    at = on_arc(20.0, np.linspace(0.02, 0.8, 40)) - (1.4, 0.0)  # seen from 1.4 m ahead of the axle
+    assert pursuit(at, 1.4, 6.0) == pytest.approx(1.0 / 20.0, rel=1e-3)
+    assert pursuit(at[:2], 1.4, 6.0) > 0.0  # they end before
+    assert pursuit(at * (1.0, -1.0), 1.4, 6.0) == pytest.approx(-1.0 / 20.0, rel=1e-3)
+    file = answering(tmp_path / "m.onnx", 4.0, 0.0, 8.0, 0.0, outputs="waypoints")
+    assert controls_of(Network(str(file))).steering == 0.0
+
+
+# Where it looked
+
+
+def test_saliency_shows_what_the_answer_depends_on(tmp_path: Path) -> None:
+    weights = np.zeros((24, 40, 3), dtype=np.float32)
+    weights[12:16, 20:24] = 0.01
+    file = weighing(tmp_path / "m.onnx", weights, 0.0, shape=(1, 24, 40, 3))
+    image = picture(shape=(24, 40, 3))
+    image[12:16, 20:24] = 255
+    network = Network(str(file))
+    network.reset(setup())
+    seen = network.saliency(seeing(image))
+    assert (seen.shape, seen.dtype.name, seen.max()) == ((24, 40), "float32", 1.0)
+    assert seen[12:16, 20:24].min() > 0.5
+    assert seen[:, :8].max() == seen[:4].max() == 0.0
+    assert np.array_equal(seen, network.saliency(seeing(image)))
+    blind = Network(str(answering(tmp_path / "blind.onnx", 0.1)))
+    assert not blind.saliency(seeing(picture())).any()
+
+
+# As a driver of the command line
+
+
+def test_a_model_file_names_a_driver(
+    frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    how = ("--simulations", "3", "--seed", "1", "--workers", "1", "--json")
+    answering(tmp_path / "m.onnx", 0.0, max_speed=30.0)
+    answer = frenetic("run", "--driver", "m.onnx", *how, "--strategy", "random", "--out", "c")
+    assert answer.code == 0, answer.err
+    shown = frenetic("show", "c", "--json").json["config"]
+    assert shown["command"]["driver"] == "m.onnx"
+    digest = hashlib.sha256((tmp_path / "m.onnx").read_bytes()).hexdigest()
+    assert shown["driver"]["fingerprint"]["files"] == {"model (m.onnx)": digest}
+    assert "onnxruntime" in shown["driver"]["fingerprint"]["version"]
+    assert frenetic("resume", "c", "--simulations", "4", "--json").code == 0
+    answering(tmp_path / "m.onnx", 0.1, max_speed=30.0)
+    answer = frenetic("resume", "c", "--simulations", "5")
+    assert answer.refuses("model (m.onnx) was changed")
+
+
+def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
+    file = answering(tmp_path / "m.onnx", 0.3)
+    network = load_driver(str(file), {"max_speed": 20.0})
+    data = pickle.dumps(network)
+    file.unlink()
+    copy = pickle.loads(data)
+    assert controls_of(copy) == controls_of(network)  # type: ignore[arg-type]
+    assert copy.options == {"model": str(file), "max_speed": 20.0}
+
+
+def test_a_model_in_a_road_file_is_loaded_unasked_from_here_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert DRIVERS.is_harmless("m.onnx", {"max_speed": 20.0})
+    for spec in ("../m.onnx", "/m.onnx", "\0.onnx"):
+        assert not DRIVERS.is_harmless(spec, {})
+    assert not DRIVERS.is_harmless("m.onnx", {"preset": "dave2"})
+
+
+# What is refused, in a line
+
+
+def nothing(path: Path) -> Path:
+    return path
+
+
+def garbage(path: Path) -> Path:
+    path.write_bytes(b"\x80\x04garbage")
+    return path
+
+
+def empty(path: Path) -> Path:
+    path.write_bytes(b"")
+    return path
+
+
+def huge(path: Path) -> Path:
+    with path.open("wb") as file:
+        file.truncate(600_000_000)
+    return path
+
+
+def foreign_operator(path: Path) -> Path:
+    return write(path, [helper.make_node("Evil", ["image"], ["out"], domain="evil")])
+
+
+def two_inputs(path: Path) -> Path:
+    return write(path, [helper.make_node("Add", ["image", "b"], ["out"])], inputs=("image", "b"))
+
+
+def other_folder(path: Path) -> Path:
+    (path.parent.parent / "secret").write_bytes(bytes(12))
+    return with_weights_in(path, "../secret")
+
+
+def beside(path: Path) -> Path:
+    (path.parent / "weights").write_bytes(bytes(12))
+    return with_weights_in(path, "weights")
+
+
+def failing(path: Path) -> Path:
+    nodes = [helper.make_node("MatMul", ["image", "image"], ["out"])]
+    return write(path, nodes, shape=(1, 3, "height", "width"), camera=SIZE)
+
+
+def inconsistent(path: Path) -> Path:
+    return write(path, [helper.make_node("MatMul", ["image", "image"], ["out"])])
+
+
+def not_finite(path: Path) -> Path:
+    return answering(path, math.nan)
+
+
+def enormous(path: Path) -> Path:
+    return answering(path, 0.0, shape=(1, 3, 100_000, 100_000))
+
+
+def many(path: Path) -> Path:
+    return answering(path, 0.0, shape=(8, 3, 66, 200))
+
+
+def doubles(path: Path) -> Path:
+    return answering(path, 0.0, kind=TensorProto.DOUBLE)
+
+
+def steering_only(path: Path) -> Path:
+    return answering(path, 0.0)
+
+
+def damaged(path: Path) -> Path:
+    return write(path, [helper.make_node("Flatten", ["image"], ["out"])], crops=1)
+
+
+REFUSED = [
+    (nothing, {}, "there is no file"),
+    (garbage, {}, "it is no ONNX model"),
+    (empty, {}, "it is no ONNX model"),
+    (huge, {}, "it has 600 MB: a model of at most 500 MB is read"),
+    (foreign_operator, {}, "its operator evil:Evil is not one of onnxruntime's"),
+    (two_inputs, {}, "it has 2 inputs (image, b): one, the image, is needed"),
+    (other_folder, {}, "it keeps weights in another file: export it as one file"),
+    (beside, {}, "it keeps weights in another file: export it as one file"),
+    (failing, {}, "it cannot be computed"),
+    (inconsistent, {}, "onnxruntime cannot load it: "),
+    (not_finite, {}, "the network gives nan"),
+    (enormous, {}, "the camera's width is 100000: a whole number"),
+    (many, {}, "its input has the shape (8, 3, 66, 200): one image is needed"),
+    (doubles, {}, "its input is a tensor(double): float, float16 or uint8 is needed"),
+    (steering_only, {"outputs": "steering-throttle"}, "gives 1 numbers, but its outputs are"),
+    (steering_only, {"outputs": "pedals"}, "outputs is 'pedals': steering, steering-throttle,"),
+    (steering_only, {"colour": "grey"}, "has the shape (1, 3, 4, 6), nchw: grey has 1 channel;"),
+    (steering_only, {"preset": "dave3"}, "preset is 'dave3': dave2 is allowed"),
+    (steering_only, {"mean": [1, 2]}, "mean is [1, 2]: a number is needed, or one for each"),
+    (steering_only, {"std": 0}, "std is 0: a positive number is needed"),
+    (steering_only, {"crop": 3}, "crop is 3: the number of rows at the top"),
+    (steering_only, {"crop": [4, 0], "camera": SIZE}, "nothing is left of 4 rows"),
+    (steering_only, {"camera": {"zoom": 2}}, "a camera has no 'zoom'; it has: width, height"),
+    (steering_only, {"camera": 3}, "camera is 3: an object of numbers is needed"),
+    (steering_only, {"max_speed": "fast"}, "max_speed is 'fast': a positive number is needed"),
+    (steering_only, {"steering_sign": 2}, "steering_sign is 2: 1 or -1 is needed"),
+    (damaged, {}, "its metadata frenetic has an entry 'crops'"),
+]
+
+
+@pytest.mark.parametrize(
+    ("make", "options", "message"), REFUSED, ids=lambda v: getattr(v, "__name__", None)
+)
+def test_a_model_that_cannot_drive_is_refused_in_a_line(
+    make: Any,
+    options: dict[str, Any],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    folder = tmp_path / "models"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    file = make(folder / "m.onnx")
+    with pytest.raises(FreneticError, match=r"driver '.*m\.onnx'") as caught:
+        load_driver(str(file), options)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 700
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    "text", ["{", "[]", '{"mean": NaN}', '{"crop": [1e400, 0]}', "[" * 100_000], ids=range(5)
+)
+def test_damaged_metadata_are_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"metadata frenetic is|needed"):
+        Convention.of({"frenetic": text}, {})
+
+
+def test_numbers_that_are_none_end_a_drive_with_their_reason(tmp_path: Path) -> None:
+    # It divides by what is 0 in the dark alone.
+    nodes = [
+        helper.make_node("ReduceSum", ["image"], ["sum"], keepdims=0),
+        helper.make_node("Div", ["sum", "sum"], ["out"]),
+    ]
+    network = Network(str(write(tmp_path / "m.onnx", nodes)))
+    network.reset(setup())
+    with pytest.raises(DriverError, match=r"m\.onnx: the network gives nan"):
+        network.act(seeing(np.zeros((4, 6, 3), dtype=np.uint8)))
+    with pytest.raises(DriverError, match="draws no image"):
+        network.act(seeing(None))  # type: ignore[arg-type]
+
+
+def test_without_the_extra_the_way_to_it_is_named(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answering(Path("m.onnx"), 0.0)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    answer = frenetic("run", "--driver", "m.onnx", "--simulations", "2", "--out", "c")
+    assert answer.refuses(
+        'a neural network needs onnxruntime: pip install "frenetic-roads[neural]"'
+    )
+    assert not Path("c").exists()

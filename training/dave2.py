@@ -1,0 +1,303 @@
+"""Trains the network of the driver `dave2`, and says how it drives.
+
+    python3 -m venv train && train/bin/pip install -r training/requirements.txt
+    train/bin/python training/dave2.py --out dave2.onnx
+
+An expert, pure pursuit of the lane's centre, says how to steer at what the camera sees. The first
+frames are of its own drives, in which it is pushed about; then the network drives and the expert
+says what would have been right, round after round (DAgger: S. Ross et al., AISTATS 2011), so it
+learns to recover from its own errors. All roads are random ones. The same seed gives the same
+network on the same machine with the same versions.
+
+It uses a graphics card if there is one, and takes about ten minutes on two cores without.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import onnx
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from torch import nn
+
+from frenetic import (
+    Camera,
+    Controls,
+    DriveSetup,
+    EmbeddedSimulator,
+    Observation,
+    Outcome,
+    Planner,
+    Road,
+    judge,
+)
+from frenetic.drivers.neural import METADATA, Convention, Network
+from frenetic.search import RandomSearch
+
+PRESET: Final = "dave2"
+CONVENTION: Final = Convention.of({}, {"preset": PRESET})
+CAMERA: Final = Camera(**CONVENTION.camera)  # type: ignore[arg-type]
+LOOKAHEAD: Final = 7.0
+"""Distance of the place on the lane that the expert steers for, in m."""
+SPEEDS: Final = (25.0, 60.0)
+"""Range of the speeds at which is learnt, in km/h."""
+KEPT: Final = 4
+"""One in so many frames is kept: neighbours look alike."""
+SCALE: Final = 8.0
+"""What the last layer gives per share of the steering angle; roads need about an eighth of it."""
+BATCH: Final = 64
+RATE: Final = 1e-3
+FRESH: Final = 1_000_000
+"""Seed of the roads that only the finished network drives."""
+
+
+@dataclass
+class Frames:
+    """What was seen, and how the expert steers there."""
+
+    images: list[npt.NDArray[np.uint8]] = field(default_factory=list)
+    shares: list[float] = field(default_factory=list)
+    """Shares of the front wheels' largest angle."""
+
+    def __len__(self) -> int:
+        return len(self.shares)
+
+
+class Pupil:
+    """A driver that keeps what it sees with the expert's steering.
+
+    Args:
+        network: which steers; None for the expert.
+        frames: to which it adds.
+        rng: for its choices.
+        speed: km/h, by the rule of `Network`.
+    """
+
+    def __init__(
+        self, network: Network | None, frames: Frames, rng: np.random.Generator, speed: float
+    ) -> None:
+        self.camera = CAMERA
+        self._network, self._frames, self._rng = network, frames, rng
+        self._speed = speed / 3.6
+        self._expert = Planner(lookahead_time=0.0, lookahead_min=LOOKAHEAD)
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        self._most = setup.max_steering
+        self._push = 0.0
+        self._expert.reset(setup)
+        if self._network is not None:
+            self._network.reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        """The network's controls, or the expert's, pushed about."""
+        right = self._expert.act(observation).steering / self._most
+        assert observation.image is not None
+        if self._rng.random() < 1.0 / KEPT:
+            self._frames.images.append(observation.image.copy())
+            self._frames.shares.append(right)
+        if self._network is None:
+            self._push = 0.95 * self._push + self._rng.normal(0.0, 0.01)
+            share = right + self._push
+        else:
+            share = self._network.act(observation).steering / self._most
+        throttle = max(1.0 - share**2 - (observation.speed / self._speed) ** 2, 0.0)
+        return Controls(share * self._most, throttle)
+
+
+def random_roads(seed: int) -> Iterator[Road]:
+    """Valid random roads, as the search `random` proposes them on the usual map."""
+    search = RandomSearch(seed=seed)
+    while True:
+        candidate = search.ask()
+        road, verdict = Road(candidate.curvatures, candidate.step).placed()
+        if road is not None and verdict.valid:
+            yield road
+
+
+def drive(
+    roads: Iterator[Road], n: int, network: Network | None, frames: Frames, rng: np.random.Generator
+) -> None:
+    """Adds n frames of drives along the roads, which begin beside the lane's centre."""
+    until = len(frames) + n
+    simulator = EmbeddedSimulator()
+    while len(frames) < until:
+        simulator.start_offset = float(rng.uniform(-1.2, 1.2))
+        simulator.start_heading = float(rng.uniform(-0.15, 0.15))
+        pupil = Pupil(network, frames, rng, float(rng.uniform(*SPEEDS)))
+        error = simulator.drive(next(roads), pupil).error
+        assert error is None, error
+    del frames.images[until:], frames.shares[until:]
+
+
+def dave2() -> nn.Sequential:
+    """The network: inputs (n, 3, 66, 200), `SCALE` times the steering share (n, 1)."""
+    return nn.Sequential(
+        *(nn.Conv2d(3, 24, 5, 2), nn.ReLU()),
+        *(nn.Conv2d(24, 36, 5, 2), nn.ReLU()),
+        *(nn.Conv2d(36, 48, 5, 2), nn.ReLU()),
+        *(nn.Conv2d(48, 64, 3), nn.ReLU()),
+        *(nn.Conv2d(64, 64, 3), nn.ReLU(), nn.Flatten()),
+        *(nn.Linear(1152, 100), nn.ReLU()),
+        *(nn.Linear(100, 50), nn.ReLU()),
+        *(nn.Linear(50, 10), nn.ReLU()),
+        nn.Linear(10, 1),
+    )
+
+
+class Teacher:
+    """Fits the network to frames."""
+
+    def __init__(self, seed: int, device: str) -> None:
+        torch.manual_seed(seed)
+        torch.use_deterministic_algorithms(True)
+        self.network = dave2().to(device)
+        self._device = device
+        self._optimiser = torch.optim.AdamW(self.network.parameters(), lr=RATE, weight_decay=1e-4)
+        self._generator = torch.Generator().manual_seed(seed)
+        weights, constants = CONVENTION.from_pixels()
+        self._weights = torch.from_numpy(weights).to(device)
+        self._constants = torch.from_numpy(constants).to(device)
+
+    def teach(self, frames: Frames, epochs: float, last_rate: float = RATE) -> float:
+        """Fits for some passes over the frames; the rate falls to the last one by a cosine.
+
+        Returns the mean absolute error over the last tenth, as a share of the steering angle.
+        """
+        images = np.stack(frames.images)
+        wanted = torch.tensor(frames.shares, dtype=torch.float32)
+        steps = round(epochs * len(frames) / BATCH)
+        errors = []
+        for step in range(steps):
+            share = 0.5 + 0.5 * math.cos(math.pi * step / steps)
+            for group in self._optimiser.param_groups:
+                group["lr"] = last_rate + share * (RATE - last_rate)
+            rows = torch.randint(len(frames), (BATCH,), generator=self._generator)
+            seen = self._inputs(torch.from_numpy(images[rows.numpy()]))
+            wished = SCALE * wanted[rows].to(self._device)
+            missed = self.network(seen)[:, 0] - wished
+            loss = nn.functional.huber_loss(missed, torch.zeros_like(missed), delta=0.3)
+            self._optimiser.zero_grad()
+            loss.backward()
+            self._optimiser.step()
+            errors.append(missed.detach().abs().mean().item() / SCALE)
+        return float(np.mean(errors[-max(steps // 10, 1) :]))
+
+    def _inputs(self, images: torch.Tensor) -> torch.Tensor:
+        """Inputs of images, each in another light and with noise."""
+        n = len(images)
+
+        def drawn(*shape: int) -> torch.Tensor:
+            return torch.randn(*shape, generator=self._generator).to(self._device)
+
+        pixels = images.to(self._device).float()
+        contrast, light = 1.0 + 0.15 * drawn(n, 1, 1, 1), 15.0 * drawn(n, 1, 1, 1)
+        grain = 3.0 * drawn(n, pixels.shape[1], pixels.shape[2], 1)
+        pixels = (pixels * contrast + light + grain).clamp(0.0, 255.0)
+        channels = pixels.reshape(n, -1, 3) @ self._weights.T + self._constants[:, 0]
+        return channels.reshape(pixels.shape).permute(0, 3, 1, 2)
+
+
+def save(network: nn.Sequential, path: Path) -> None:
+    """Writes the network as ONNX, with its convention; the same weights give the same bytes."""
+    nodes, tensors, value = [], [], "image"
+    layers = list(network.cpu())
+    for i, layer in enumerate(layers):
+        name = "steering" if i == len(layers) - 1 else f"x{i}"
+        inputs = [value]
+        if isinstance(layer, (nn.Conv2d, nn.Linear)):
+            scale = SCALE if name == "steering" else 1.0
+            for kind, values in layer.state_dict().items():
+                inputs.append(f"{kind}{i}")
+                tensors.append(
+                    numpy_helper.from_array(values.numpy() / np.float32(scale), inputs[-1])
+                )
+        if isinstance(layer, nn.Conv2d):
+            stride = [int(one) for one in layer.stride]
+            nodes.append(helper.make_node("Conv", inputs, [name], strides=stride))
+        elif isinstance(layer, nn.Linear):
+            nodes.append(helper.make_node("Gemm", inputs, [name], transB=1))
+        else:
+            kind = {nn.ReLU: "Relu", nn.Flatten: "Flatten"}[type(layer)]
+            nodes.append(helper.make_node(kind, inputs, [name]))
+        value = name
+    graph = helper.make_graph(
+        nodes,
+        "dave2",
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, 66, 200])],
+        [helper.make_tensor_value_info("steering", TensorProto.FLOAT, [1, 1])],
+        tensors,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    model.producer_name, model.producer_version = "frenetic", ""
+    helper.set_model_props(model, {METADATA: json.dumps({"preset": PRESET})})
+    onnx.checker.check_model(model)
+    path.write_bytes(model.SerializeToString(deterministic=True))
+
+
+def measure(path: Path, speeds: Sequence[float], n: int) -> None:
+    """Prints how the network keeps its lane on fresh random roads."""
+    for speed in speeds:
+        driver, simulator, roads = (
+            Network(str(path), max_speed=speed),
+            EmbeddedSimulator(),
+            random_roads(FRESH),
+        )
+        driven = (next(roads) for _ in range(n))
+        results = [judge(road, simulator.drive(road, driver)) for road in driven]
+        passed = sum(result.outcome is Outcome.PASS for result in results)
+        moobd = median(result.moobd for result in results if result.moobd is not None)
+        print(f"{speed:g} km/h: {passed} of {n} random roads passed, median MOOBD {moobd:.2f} m")
+
+
+def main() -> None:
+    """Trains as the arguments say."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, required=True, help="The ONNX file.")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--frames", type=int, default=4000, help="Frames of each round.")
+    parser.add_argument("--rounds", type=int, default=6, help="The first one by the expert.")
+    parser.add_argument("--passes", type=float, default=2.0, help="Passes over all frames a round.")
+    parser.add_argument("--last-passes", type=float, default=5.0, help="Passes at the end.")
+    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--roads", type=int, default=200, help="Fresh roads of each measurement.")
+    parser.add_argument("--speeds", type=float, nargs="*", default=[35.0, 40.0, 45.0, 50.0])
+    given = parser.parse_args()
+    torch.set_num_threads(given.threads)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    start, rng, frames = time.perf_counter(), np.random.default_rng(given.seed), Frames()
+    teacher, roads, network = Teacher(given.seed, device), random_roads(given.seed), None
+    for i in range(given.rounds):
+        drive(roads, given.frames, network, frames, rng)
+        driven = time.perf_counter() - start
+        is_last = i == given.rounds - 1
+        error = teacher.teach(
+            frames, given.last_passes if is_last else given.passes, 1e-5 if is_last else RATE / 3
+        )
+        save(teacher.network, given.out)
+        teacher.network.to(device)
+        network = Network(str(given.out))
+        print(
+            f"round {i + 1}: {len(frames)} frames after {driven:.0f} s, error {error:.4f} after"
+            f" {time.perf_counter() - start:.0f} s",
+            flush=True,
+        )
+    data = given.out.read_bytes()
+    print(f"{given.out}: {len(data)} bytes, SHA-256 {hashlib.sha256(data).hexdigest()}")
+    measure(given.out, given.speeds, given.roads)
+
+
+if __name__ == "__main__":
+    main()
