@@ -89,15 +89,15 @@ def assess_now(
     heading: float,
     i: int,
     s: float,
-) -> tuple[int, float, float, float]:
-    """(end, s, lateral offset from the ego lane's centre, heading error) at record ``i``.
+) -> tuple[int, float, float, float, float]:
+    """(end, s, lateral offset from the ego lane's centre, heading error, oob share) at ``i``.
 
     The arguments are those of `frenetic.oracle.assess_record`.
     """
-    end, s, d, road_heading, _ = assess_record(
+    end, s, d, road_heading, share = assess_record(
         table, ds, lane_width, rules, car, times, xs, ys, heading, i, s
     )
-    return end, s, d + 0.5 * lane_width, wrap(heading - road_heading)
+    return end, s, d + 0.5 * lane_width, wrap(heading - road_heading), share
 
 
 class Observer:
@@ -127,7 +127,7 @@ class Observer:
         self._places[:, i] = time, x, y
         self._heading = heading
         self._seen += 1
-        end, self._s, self._offset, self._heading_error = assess_now(
+        end, self._s, self._offset, self._heading_error, _ = assess_now(
             self._road.table,
             self._road.sub_step,
             self._road.lane_width,

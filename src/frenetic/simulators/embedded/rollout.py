@@ -123,7 +123,7 @@ def rollout(
     s = 0.0
     for i in range(most):
         write_record(records, i, state, steering, throttle, brake)
-        end, s, offset, heading_error = assess_now(
+        end, s, offset, heading_error, _ = assess_now(
             table,
             ds,
             lane_width,

@@ -1,0 +1,299 @@
+"""Cars that are stepped together: observe, decide, move, judge, for all of them in one kernel.
+
+The kernel calls those of the embedded simulator's rollout in the same order, so an episode is the
+drive that the same policy gives there, bit for bit.
+
+The reward of a step is the progress along the road, as a share of what the speed limit allows and
+at most 1, less the share of the car that is outside its lane, less `FAILURE` if the drive fails.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.spaces import Box
+
+from frenetic._support.arrays import FloatArray
+from frenetic._support.compiled import njit
+from frenetic.drivers.driver import AHEAD_POINTS
+from frenetic.drivers.laws import SPEED_LIMIT, setup_array
+from frenetic.drivers.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
+from frenetic.oracle import REACHED, RUNNING, TIMED_OUT, rules_array
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
+from frenetic.simulators.embedded.rollout import (
+    PERIOD,
+    advance_period,
+    start_state,
+    write_record,
+)
+from frenetic.simulators.embedded.vehicle import (
+    HEADING,
+    SPEED,
+    STATE_SIZE,
+    STEERING,
+    YAW_RATE,
+)
+from frenetic.simulators.observing import assess_now, look_ahead
+
+FAILURE: Final = 10.0
+"""Reward that a failing drive costs: about what half a second at the speed limit brings."""
+WAIT, START, STEP = range(3)
+"""Task of a car in a call of the kernel."""
+
+_COLUMNS: Final = len(Trajectory.names())
+_FIRST_ROOM: Final = 256  # records
+
+
+@njit()
+def step_cars(
+    tasks: npt.NDArray[np.int64],
+    actions: FloatArray,
+    tables: FloatArray,
+    rows: npt.NDArray[np.int64],
+    roads: FloatArray,
+    rules: FloatArray,
+    setups: FloatArray,
+    car: FloatArray,
+    vehicle: FloatArray,
+    start: FloatArray,
+    states: FloatArray,
+    records: FloatArray,
+    steps: npt.NDArray[np.int64],
+    ends: npt.NDArray[np.int64],
+    places: FloatArray,
+    rewards: FloatArray,
+    vectors: npt.NDArray[np.float32],
+) -> None:
+    """Starts cars or moves them on by one period; the later arguments are written to.
+
+    Args:
+        tasks: (n,) WAIT, START or STEP.
+        actions: (n, 2) see `frenetic.drivers.policy.controls_of`.
+        tables: (n, m, 6) the roads, see `frenetic.road.geometry`, of which row k has ``rows[k]``.
+        rows: (n,).
+        roads: (n, 2) sub-step and lane width of each road in m.
+        rules: (n, 5) see `frenetic.oracle.rules_array`.
+        setups: (n, 9) see `frenetic.drivers.laws.setup_array`.
+        car, vehicle: see `rollout`.
+        start: (2,) m and rad, see `start_state`.
+        states: (n, 7).
+        records: (n, 11, r), room for the columns of trajectories.
+        steps: (n,) control periods driven.
+        ends: (n,) RUNNING, or how the drive ended.
+        places: (n, 2) distance along the road and least oob distance so far, in m.
+        rewards: (n,).
+        vectors: (n, 26) see `frenetic.drivers.policy.write_vector`.
+    """
+    ahead = np.empty((AHEAD_POINTS, 2))
+    curvature_ahead = np.empty(AHEAD_POINTS)
+    for k in range(len(tasks)):
+        if tasks[k] == WAIT:
+            continue
+        table = tables[k][: rows[k]]
+        ds, lane_width = roads[k, 0], roads[k, 1]
+        state = states[k]
+        rows_of = records[k]
+        steering = throttle = brake = 0.0
+        if tasks[k] == START:
+            state[:] = start_state(table, lane_width, start[0], start[1])
+            steps[k] = 0
+            places[k, 0] = 0.0
+            places[k, 1] = math.inf
+        else:
+            steering, throttle, brake = controls_of(actions[k, 0], actions[k, 1], setups[k])
+            write_record(rows_of, steps[k], state, steering, throttle, brake)
+            advance_period(state, steering, throttle, brake, vehicle)
+            steps[k] += 1
+        i = steps[k]
+        write_record(rows_of, i, state, steering, throttle, brake)
+        before = places[k, 0]
+        end, s, offset, heading_error, share = assess_now(
+            table,
+            ds,
+            lane_width,
+            rules[k],
+            car,
+            rows_of[0],
+            rows_of[1],
+            rows_of[2],
+            state[HEADING],
+            i,
+            before,
+        )
+        look_ahead(
+            table,
+            ds,
+            lane_width,
+            rows_of[1, i],
+            rows_of[2, i],
+            state[HEADING],
+            s,
+            AHEAD_POINTS,
+            ahead,
+            curvature_ahead,
+        )
+        write_vector(
+            state[SPEED],
+            state[YAW_RATE],
+            state[STEERING],
+            offset,
+            heading_error,
+            curvature_ahead,
+            AHEAD_POINTS,
+            setups[k],
+            vectors[k],
+        )
+        ends[k] = end
+        places[k, 0] = s
+        places[k, 1] = min(places[k, 1], 0.5 * lane_width - abs(offset))
+        if tasks[k] == START:
+            rewards[k] = 0.0
+            continue
+        rewards[k] = min((s - before) / (setups[k, SPEED_LIMIT] * PERIOD), 1.0) - share
+        if end not in (RUNNING, REACHED):
+            rewards[k] -= FAILURE
+
+
+class Cars:
+    """Cars in the embedded simulator, each with a road and a drive of its own.
+
+    Args:
+        count: number of cars.
+        simulator: its rules, car, friction and starting place hold for all of them.
+    """
+
+    def __init__(self, count: int, simulator: EmbeddedSimulator) -> None:
+        self.simulator = simulator
+        self.observation_space = Box(-1.0, 1.0, (VECTOR_SIZE,), np.float32)
+        """Space of one car's observations."""
+        self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
+        """Space of one car's actions."""
+        self._car = simulator.car.to_array()
+        self._vehicle = simulator.vehicle.to_array()
+        self._start = np.array([simulator.start_offset, simulator.start_heading])
+        self._on: list[Road | None] = [None] * count
+        self._tables = np.empty((count, 0, 6))
+        self._tables_seen = _read_only(self._tables)
+        self._rows = np.zeros(count, np.int64)
+        self._roads = np.empty((count, 2))
+        self._rules = np.empty((count, 5))
+        self._setups = np.empty((count, 9))
+        self._states = np.empty((count, STATE_SIZE))
+        self._records = np.empty((count, _COLUMNS, _FIRST_ROOM))
+        self._steps_left = 0  # at least as many fit into the records
+        self._places = np.zeros((count, 2))
+        self.steps = np.zeros(count, np.int64)
+        """Control periods driven, (n,)."""
+        self.ends = np.full(count, REACHED, np.int64)
+        """State of each drive, (n,): see `frenetic.oracle.RUNNING`; ended before the first one."""
+        self.rewards = np.zeros(count)
+        """Rewards of the last step, (n,)."""
+        self.vectors = np.zeros((count, VECTOR_SIZE), np.float32)
+        """Observations, (n, 26)."""
+
+    def place(self, k: int, road: Road) -> None:
+        """Gives car ``k`` a road, on which it has to be started."""
+        if self._tables.shape[1] < len(road.table):
+            self._tables = _longer(self._tables, 1, len(road.table))
+            self._tables_seen = _read_only(self._tables)
+        self._tables[k, : len(road.table)] = road.table
+        self._rows[k] = len(road.table)
+        self._roads[k] = road.sub_step, road.lane_width
+        self._rules[k] = rules_array(self.simulator.rules, road.length)
+        self._setups[k] = setup_array(self.simulator.setup(road))
+        self._on[k] = road
+
+    def step(self, tasks: npt.NDArray[np.int64], actions: FloatArray) -> None:
+        """Starts cars or moves them on by one period.
+
+        Args:
+            tasks: (n,) WAIT, START or STEP; a car steps only while its drive is RUNNING.
+            actions: (n, 2) in -1..1; of those that step, finite.
+        """
+        if self._steps_left < 1:
+            needed = int(self.steps.max()) + 2
+            if needed > self._records.shape[2]:
+                self._records = _longer(self._records, 2, needed)
+            self._steps_left = self._records.shape[2] - needed + 1
+        self._steps_left -= 1
+        step_cars(
+            tasks,
+            actions,
+            self._tables_seen,
+            self._rows,
+            self._roads,
+            self._rules,
+            self._setups,
+            self._car,
+            self._vehicle,
+            self._start,
+            self._states,
+            self._records,
+            self.steps,
+            self.ends,
+            self._places,
+            self.rewards,
+            self.vectors,
+        )
+
+    @property
+    def timed_out(self) -> npt.NDArray[np.bool_]:
+        """Cars that took too long, (n,)."""
+        found: npt.NDArray[np.bool_] = self.ends == TIMED_OUT
+        return found
+
+    def info(self, k: int) -> dict[str, Any]:
+        """Information on the drive of car ``k``; nothing unless it has ended by the rules."""
+        if self.ends[k] == RUNNING:
+            return {}
+        distance, moobd = self._places[k]
+        outcome = Outcome.PASS if self.ends[k] == REACHED else Outcome.FAIL
+        return {"outcome": str(outcome), "moobd": float(moobd), "distance": float(distance)}
+
+    def road(self, k: int) -> Road | None:
+        """The road of car ``k``; None before the first one."""
+        return self._on[k]
+
+    def drive(self, k: int) -> Drive:
+        """The drive of car ``k`` so far."""
+        written = self.steps[k] + 1 if self._on[k] is not None else 0
+        columns = self._records[k, :, :written]
+        return Drive(Trajectory(*columns), self.simulator.car, self.simulator.rules)
+
+
+def checked_actions(actions: npt.ArrayLike, count: int) -> FloatArray:
+    """Actions of ``count`` cars for `Cars.step`.
+
+    Raises:
+        ValueError: they are not (count, 2) finite numbers.
+    """
+    given = np.asarray(actions, dtype=np.float64)
+    if given.shape != (count, ACTION_SIZE):
+        raise ValueError(
+            f"the actions have shape {given.shape}: steering and pedal of each car,"
+            f" {(count, ACTION_SIZE)}, are needed"
+        )
+    if not np.isfinite(given).all():
+        raise ValueError(f"an action is not finite: {given[~np.isfinite(given).all(axis=1)][0]}")
+    return given
+
+
+def _longer(array: FloatArray, axis: int, needed: int) -> FloatArray:
+    """A copy whose ``axis`` has room for ``needed``, and some more."""
+    shape = list(array.shape)
+    shape[axis] = max(needed, 3 * shape[axis] // 2)
+    longer = np.empty(shape)
+    longer[tuple(map(slice, array.shape))] = array
+    return longer
+
+
+def _read_only(array: FloatArray) -> FloatArray:
+    """A view as a road's table is, for which the simulator's kernels are compiled."""
+    view = array.view()
+    view.setflags(write=False)
+    return view

@@ -1,0 +1,164 @@
+"""The environment of many cars, which are stepped in one compiled call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from frenetic.gym.cars import START, STEP, WAIT, Cars, checked_actions
+from frenetic.gym.roads import RoadSource
+from frenetic.oracle import RUNNING
+from frenetic.road import MAP_SIZE, Road
+from frenetic.simulators import Drive, EmbeddedSimulator
+
+Vectors = npt.NDArray[np.float32]
+Flags = npt.NDArray[np.bool_]
+
+
+class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
+    """Many cars, each on a road of its own: `LaneKeepingEnv`, stepped in one compiled call.
+
+    With the same seed, its episodes are those of `gymnasium.vector.SyncVectorEnv` over as many
+    `LaneKeepingEnv`, bit for bit.
+
+    Args:
+        num_envs: number of cars.
+        autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: ``NextStep``, ``SameStep`` or
+            ``Disabled``.
+        max_episode_steps: steps after which an episode is truncated; None for the rules' limit.
+        roads, map_size, render_mode, simulator: see `LaneKeepingEnv`.
+
+    Raises:
+        FreneticError: a file or folder of ``roads`` holds no road.
+        ValueError: an option is out of range.
+    """
+
+    def __init__(
+        self,
+        *,
+        num_envs: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        roads: Sequence[Road | Path | str] | None = None,
+        map_size: float = MAP_SIZE,
+        render_mode: None = None,
+        **simulator: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}: at least 1 is needed")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps is {max_episode_steps}: at least 1 is needed")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self._most = max_episode_steps
+        self._source = RoadSource(roads, map_size)
+        self._cars = Cars(num_envs, EmbeddedSimulator(**simulator))
+        self.single_observation_space = self._cars.observation_space
+        self.single_action_space = self._cars.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._has_ended = np.ones(num_envs, np.bool_)  # no episode has begun
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Vectors, dict[str, Any]]:
+        """Puts the cars at rest on other roads.
+
+        Args:
+            seed: of the first car, the next one for each other; or one for each car.
+            options: ``reset_mask``, (num_envs,) bool, says which cars; all by default.
+        """
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
+        if np.shape(mask) != (self.num_envs,) or np.asarray(mask).dtype != np.bool_:
+            raise ValueError(f"reset_mask is {mask!r}: ({self.num_envs},) bool are needed")
+        for k, own in enumerate(self._seeds(seed)):
+            if own is not None and mask[k]:
+                self._generators[k], _ = seeding.np_random(own)
+        self._start(mask)
+        return self._cars.vectors.copy(), {}
+
+    def step(
+        self, actions: Vectors
+    ) -> tuple[Vectors, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]:
+        """Drives on for a control period; cars whose episode has ended are reset as the mode says.
+
+        Raises:
+            ResetNeeded: an episode has ended, and the mode is ``Disabled``; or none has begun.
+            ValueError: the actions are not (num_envs, 2) finite numbers.
+        """
+        given = checked_actions(actions, self.num_envs)
+        resets = self._has_ended
+        if resets.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
+            raise gymnasium.error.ResetNeeded("an episode has ended: call reset() first")
+        self._place(resets)
+        cars = self._cars
+        cars.step(np.where(resets, START, STEP), given)
+        truncated = cars.timed_out
+        if self._most is not None:
+            truncated |= (cars.steps >= self._most) & (cars.ends == RUNNING)
+        terminated = (cars.ends != RUNNING) & ~cars.timed_out
+        self._has_ended = terminated | truncated
+        rewards = cars.rewards.copy()
+        infos: dict[str, Any] = {}
+        ended = _numbers(self._has_ended)
+        is_same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        for k in ended:
+            info = cars.info(k)
+            if is_same_step:
+                info = {"final_obs": cars.vectors[k].copy(), "final_info": info}
+            infos = self._add_info(infos, info, k)
+        if is_same_step and ended:
+            self._start(self._has_ended)
+        return cars.vectors.copy(), rewards, terminated, truncated, infos
+
+    def road(self, k: int) -> Road | None:
+        """The road of car ``k``; None before the first one."""
+        return self._cars.road(k)
+
+    def drive(self, k: int) -> Drive:
+        """The episode of car ``k`` so far as a `Drive`."""
+        return self._cars.drive(k)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int):
+            return [seed + k for k in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds are given: one for each of {self.num_envs} cars")
+        return seed
+
+    def _start(self, mask: Flags) -> None:
+        """Puts some cars at rest on other roads."""
+        self._place(mask)
+        self._cars.step(np.where(mask, START, WAIT), np.zeros((self.num_envs, 2)))
+        self._has_ended = self._has_ended & ~mask
+
+    def _place(self, mask: Flags) -> None:
+        """Draws roads for some cars."""
+        for k in _numbers(mask):
+            generator = self._generators[k]
+            if generator is None:
+                generator = self._generators[k] = seeding.np_random()[0]
+            self._cars.place(k, self._source.draw(generator))
+
+
+def _numbers(mask: Flags) -> list[int]:
+    """The cars that a mask (n,) names."""
+    numbers: list[int] = mask.nonzero()[0].tolist()
+    return numbers

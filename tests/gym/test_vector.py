@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from frenetic import Road, Rules
+from frenetic.gym import LaneKeepingEnv, LaneKeepingVectorEnv
+
+CARS = 3
+QUICK = Rules(stuck_time=0.4)
+"""Cars that begin slowly are stuck, so that episodes end early, and not all at once."""
+
+
+def pair(mode: AutoresetMode) -> tuple[LaneKeepingVectorEnv, SyncVectorEnv]:
+    ours = LaneKeepingVectorEnv(num_envs=CARS, autoreset_mode=mode, rules=QUICK)
+    theirs = SyncVectorEnv([lambda: LaneKeepingEnv(rules=QUICK)] * CARS, autoreset_mode=mode)
+    return ours, theirs
+
+
+def alike(one: Any, other: Any) -> bool:
+    if isinstance(one, dict):
+        assert isinstance(other, dict)
+        return one.keys() == other.keys() and all(alike(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        return all(alike(a, b) for a, b in zip(one, other, strict=True))
+    return bool(np.array_equal(one, other)) and getattr(one, "dtype", 0) == getattr(
+        other, "dtype", 0
+    )
+
+
+@pytest.mark.parametrize("mode", list(AutoresetMode))
+def test_many_cars_drive_as_one_by_one(mode: AutoresetMode) -> None:
+    ours, theirs = pair(mode)
+    assert ours.metadata["autoreset_mode"] is mode
+    assert ours.observation_space == theirs.observation_space
+    assert ours.action_space == theirs.action_space
+    for one, other in zip(ours.reset(seed=5), theirs.reset(seed=5), strict=True):
+        assert alike(one, other)
+    ours.action_space.seed(1)
+    ends = 0
+    for _ in range(120):
+        actions = ours.action_space.sample()
+        results = ours.step(actions), theirs.step(actions)
+        for one, other in zip(*results, strict=True):
+            assert alike(one, other), (one, other)
+        ended = results[0][2] | results[0][3]
+        ends += ended.sum()
+        if mode is AutoresetMode.DISABLED and ended.any():
+            # It hands the options on to each environment, and the mask with them.
+            for one, other in zip(
+                ours.reset(options={"reset_mask": ended}),
+                theirs.reset(options={"reset_mask": ended.copy()}),
+                strict=True,
+            ):
+                assert alike(one, other)
+    assert ends > CARS
+
+
+def test_gymnasium_makes_it() -> None:
+    envs = gymnasium.make_vec("frenetic/LaneKeeping-v0", num_envs=2, max_episode_steps=3)
+    assert isinstance(envs, LaneKeepingVectorEnv)
+    envs = gymnasium.wrappers.vector.RecordEpisodeStatistics(envs)
+    envs.reset(seed=1)
+    still = np.zeros((2, 2), np.float32)
+    for _ in range(2):
+        *_, truncated, infos = envs.step(still)
+        assert not truncated.any()
+        assert not infos
+    *_, terminated, truncated, infos = envs.step(still)
+    assert truncated.all()
+    assert not terminated.any()
+    assert list(infos["episode"]["l"]) == [3, 3]
+    assert envs.step(still)[1].tolist() == [0.0, 0.0]  # the step that resets
+
+
+def test_the_outcome_of_an_episode_that_was_cut_off_is_none() -> None:
+    envs = LaneKeepingVectorEnv(num_envs=1, max_episode_steps=2)
+    envs.reset(seed=1)
+    envs.step(np.zeros((1, 2), np.float32))
+    *_, infos = envs.step(np.zeros((1, 2), np.float32))
+    assert infos == {}
+
+
+def test_a_drive_of_a_car_and_a_longer_road() -> None:
+    """Roads and drives grow beyond the room that there was for them."""
+    short, long = Road([0.0] * 3), Road([0.0] * 60)
+    rules = Rules(speed_limit=30.0, stuck_time=60.0)
+    envs = LaneKeepingVectorEnv(
+        num_envs=2, roads=[short, long], rules=rules, autoreset_mode="Disabled"
+    )
+    single = LaneKeepingEnv(rules=rules)
+    envs.reset(seed=[1, 2])
+    while envs.road(0) is envs.road(1) or envs.road(0) is long:
+        envs.reset()
+    gas = np.array([[0.0, 0.02], [0.0, 0.1]], np.float32)
+    for _ in range(300):
+        _, _, terminated, truncated, _ = envs.step(gas)
+        assert not (terminated | truncated).any()
+    for k in range(2):
+        single.reset(options={"road": envs.road(k)})
+        for _ in range(300):
+            single.step(gas[k])
+        ours, theirs = envs.drive(k).trajectory, single.drive().trajectory
+        assert len(ours) == 301
+        assert np.array_equal(ours.to_rows(), theirs.to_rows())
+
+
+def test_seeds_for_each_car() -> None:
+    one, other = (LaneKeepingVectorEnv(num_envs=2) for _ in range(2))
+    one.reset(seed=7)
+    other.reset(seed=[7, 8])
+    for k in range(2):
+        ours, theirs = one.road(k), other.road(k)
+        assert ours is not None
+        assert theirs is not None
+        assert np.array_equal(ours.curvatures, theirs.curvatures)
+    before = one.road(1)
+    one.reset(seed=[9, 9], options={"reset_mask": np.array([True, False])})
+    assert one.road(1) is before
+
+
+def test_what_it_refuses() -> None:
+    for options in ({"num_envs": 0}, {"max_episode_steps": 0}, {"autoreset_mode": "never"}):
+        with pytest.raises(ValueError):
+            LaneKeepingVectorEnv(**options)
+    envs = LaneKeepingVectorEnv(num_envs=2, autoreset_mode="Disabled", max_episode_steps=1)
+    with pytest.raises(ValueError, match="2 cars"):
+        envs.reset(seed=[1])
+    with pytest.raises(ValueError, match="reset_mask"):
+        envs.reset(options={"reset_mask": np.array([True])})
+    envs.reset(seed=1)
+    with pytest.raises(ValueError, match="shape"):
+        envs.step(np.zeros((3, 2), np.float32))
+    envs.step(np.zeros((2, 2), np.float32))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        envs.step(np.zeros((2, 2), np.float32))
