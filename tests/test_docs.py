@@ -42,21 +42,24 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path) -> None:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
 
 
-def tutorial_keeps_its_promises(folder: Path) -> None:
+def failed(folder: Path) -> int:
+    with CampaignStore.open(folder) as store:
+        return store.counts().failed
+
+
+def start_keeps_its_promises(folder: Path) -> None:
     """What the page says of the campaigns that it runs."""
-
-    def failed(name: str) -> int:
-        with CampaignStore.open(folder / name) as store:
-            return store.counts().failed
-
-    assert failed("first") > 0
-    assert failed("one") == 1
-    assert failed("mine") > 0
-    assert failed("farther") == 0
+    assert failed(folder / "mine") > 0
+    assert failed(folder / "farther") == 0
     assert len(list((folder / "farther" / "failures").glob("near-miss-*.png"))) == 5
 
 
-PROMISES = {"tutorial.md": tutorial_keeps_its_promises}
+def tutorial_keeps_its_promises(folder: Path) -> None:
+    assert failed(folder / "first") > 0
+    assert failed(folder / "one") == 1
+
+
+PROMISES = {"index.md": start_keeps_its_promises, "tutorial.md": tutorial_keeps_its_promises}
 """Name of a page -> the check of what it promises, in the folder in which it ran."""
 
 
@@ -102,6 +105,12 @@ def test_code_runs(page: Path, interpreter: Interpreter, tmp_path: Path) -> None
 def test_links_lead_somewhere(page: Path) -> None:
     for target in LINK.findall(page.read_text(encoding="utf-8")):
         assert (page.parent / target).exists(), target
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").rglob("*.md")), ids=lambda page: page.name)
+def test_page_has_its_place_in_the_site(page: Path) -> None:
+    name = page.relative_to(ROOT / "docs").as_posix()
+    assert f'= "{name}" }}' in (ROOT / "zensical.toml").read_text(encoding="utf-8")
 
 
 def test_pages_find_a_block_to_run() -> None:

@@ -74,8 +74,7 @@ class RoadTester:
         Args:
             candidate: the road.
             placement: place and conditions of a road that was driven before; by default it is
-            fitted
-                into the map and driven like any other.
+                fitted into the map and driven like any other.
         """
         try:
             if placement is not None:
