@@ -24,9 +24,9 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").g
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
 
-# Blocks of these kinds are shown, not run: a fragment of a user's own file, and benchmarks, which
-# take data or time that a test does not have.
-SHOWN = {"toml", "console"}
+# Blocks of these kinds are shown, not run: a fragment of a user's own file, benchmarks, which take
+# data or time that a test does not have, and Python (py) that needs what tests do not install.
+SHOWN = {"toml", "console", "py"}
 # What a page may ask the reader to do beside running Frenetic: setting up. `.ci/run` does that.
 SET_UP = ("python3 -m venv", "git clone", ".venv/bin/", ".ci/run")
 

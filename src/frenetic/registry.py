@@ -451,6 +451,10 @@ DRIVERS: Final = Registry(
             "frenetic.simulators.metadrive:MetaDriveExpert",
             "MetaDrive's neural network, trained by PPO; in the simulator metadrive only",
         ),
+        "dave2": (
+            "frenetic.drivers.neural:Dave2",
+            "a neural network that steers by a camera's image, at a steady speed; an extra",
+        ),
     },
     ("reset", "act"),
     files={".onnx": "frenetic.drivers.neural:Network"},

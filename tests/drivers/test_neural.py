@@ -15,12 +15,23 @@ import pytest
 from onnx import TensorProto, helper
 from onnx_models import NCHW, NHWC, answering, echoing, weighing, with_weights_in, write
 
-from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Road
+from frenetic import (
+    Controls,
+    Driver,
+    DriveSetup,
+    EmbeddedSimulator,
+    Observation,
+    Outcome,
+    RandomSearch,
+    Road,
+    judge,
+)
 from frenetic.drivers.loading import load_driver
-from frenetic.drivers.neural import Convention, Network
-from frenetic.drivers.neural.network import pursuit
+from frenetic.drivers.neural import Convention, Dave2, Network
+from frenetic.drivers.neural.network import DAVE2, pursuit
 from frenetic.errors import DriverError, FreneticError
 from frenetic.registry import DRIVERS
+from frenetic.testing import DriverContract
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -390,3 +401,30 @@ def test_without_the_extra_the_way_to_it_is_named(
         'a neural network needs onnxruntime: pip install "frenetic-roads[neural]"'
     )
     assert not Path("c").exists()
+
+
+# The network that comes along
+
+
+DIGEST = "bf1f7c6723a0b2b29d26ffffae7d5c8312f0d82c608ae4d966cde19a48489ed1"
+
+
+class TestDave2(DriverContract):
+    def make(self) -> Driver:
+        return Dave2()
+
+
+def test_dave2_is_the_network_that_was_trained() -> None:
+    assert hashlib.sha256(DAVE2.read_bytes()).hexdigest() == DIGEST
+    assert DAVE2.stat().st_size < 2_000_000
+
+
+def test_dave2_keeps_its_lane_on_random_roads() -> None:
+    search, simulator, driver = RandomSearch(seed=5), EmbeddedSimulator(), load_driver("dave2")
+    outcomes: list[Outcome] = []
+    while len(outcomes) < 2:
+        candidate = search.ask()
+        road, verdict = Road(candidate.curvatures, candidate.step).placed()
+        if road is not None and verdict.valid:
+            outcomes.append(judge(road, simulator.drive(road, driver)).outcome)
+    assert outcomes == [Outcome.PASS] * 2

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from frenetic.drivers import Controls, Driver
+from frenetic.drivers.driver import camera_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -60,6 +61,7 @@ class DriverContract:
         answers: list[Controls] = []
 
         class Watch:
+            camera = camera_of(driver)
             reset = staticmethod(driver.reset)
 
             @staticmethod

@@ -11,14 +11,14 @@ from frenetic._support.lazy import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.drivers.neural.convention import METADATA, PRESETS, Convention
-    from frenetic.drivers.neural.network import Network
+    from frenetic.drivers.neural.network import Dave2, Network
 
-__all__ = ["METADATA", "PRESETS", "Convention", "Network"]
+__all__ = ["METADATA", "PRESETS", "Convention", "Dave2", "Network"]
 
 __getattr__ = lazy_names(
     __name__,
     {
         "frenetic.drivers.neural.convention": ("METADATA", "PRESETS", "Convention"),
-        "frenetic.drivers.neural.network": ("Network",),
+        "frenetic.drivers.neural.network": ("Dave2", "Network"),
     },
 )

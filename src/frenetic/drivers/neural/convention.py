@@ -40,8 +40,8 @@ class Convention:
     """
 
     layout: str | None = None
-    """Order of the input's axes: ``nchw`` or ``nhwc``; None to tell it by the axis that is as long
-    as the colour space has channels."""
+    """Order of the input's axes: ``nchw`` or ``nhwc``; None to tell it by the axis of
+    length 1 or 3."""
     colour: str = "rgb"
     """Colour space: ``rgb``, ``bgr``, ``grey``, or ``yuv`` as OpenCV's ``COLOR_RGB2YUV`` has it,
     with U and V in the middle of their range where there is no colour."""

@@ -1,10 +1,11 @@
-"""A neural network as a driver."""
+"""A neural network as a driver, and the one that comes with Frenetic."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     FloatImage = npt.NDArray[np.float32]
     """Pixels in 0..255, (height, width, 3) RGB."""
 
+DAVE2: Final = Path(__file__).with_name("dave2.onnx")
+"""The network of the driver `Dave2`; ``training/dave2.py`` made it."""
 _BLOCKS: Final = 6
 """Blocks across the height of an image; an occlusion covers two by two."""
 
@@ -232,6 +235,31 @@ class Network:
         return value
 
 
+class Dave2(Network):
+    """A network with the layers of DAVE-2 (M. Bojarski et al., arXiv:1604.07316).
+
+    It has learnt in the embedded simulator to steer as pure pursuit does: ``training/dave2.py``
+    made it.
+
+    Args:
+        max_speed: speed that its rule keeps, in km/h, see `Network`.
+
+    Raises:
+        FreneticError: onnxruntime is not installed.
+        ValueError: `max_speed` is out of range.
+    """
+
+    BEHAVIOUR: ClassVar[int] = 1
+
+    def __init__(self, *, max_speed: float = 45.0) -> None:
+        super().__init__(str(DAVE2), max_speed=max_speed)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Its arguments; its file is part of its behaviour."""
+        return dict(self._given)
+
+
 class Resizing:
     """Bilinear resizing of images from one size to another, pixels' centres on pixels' centres.
 
@@ -303,7 +331,7 @@ def _image_shape(
         )
     layout = convention.layout
     if layout is None:
-        layout = "nhwc" if shape[3] == n and shape[1] != n else "nchw"
+        layout = "nhwc" if shape[1] not in (1, 3) and shape[3] in (1, 3) else "nchw"
     is_nchw = layout == "nchw"
     channels, height, width = shape[1:] if is_nchw else (shape[3], *shape[1:3])
     if channels not in (n, None):

@@ -1,0 +1,118 @@
+"""What a step of a drive costs with the driver `dave2`: physics, image and network.
+
+    python benchmarks/neural.py [--roads 20] [--seed 1] [--max-speed KMH]
+
+Drives random roads of the 200 m map, as the search `random` proposes them, on one core. A step is
+the time from one call of the driver to the next, 0.05 s of simulated time: the median over all
+steps of all drives. The image's share is what a step costs beyond the network and beyond a step of
+the same drive without a camera. Drives per second are per second of processor time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from itertools import islice, pairwise
+from statistics import median
+
+from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Road
+from frenetic.drivers.neural import Dave2
+from frenetic.search import RandomSearch
+
+
+class Timed:
+    """A driver that notes when it is called and when it answers."""
+
+    def __init__(self, driver: Dave2) -> None:
+        self.driver = driver
+        self.camera = driver.camera
+        self.calls: list[float] = []
+        self.answers: list[float] = []
+        self.controls: list[Controls] = []
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        self.driver.reset(setup)
+        self.calls, self.answers, self.controls = [], [], []
+
+    def act(self, observation: Observation) -> Controls:
+        """The driver's controls."""
+        self.calls.append(time.perf_counter())
+        self.controls.append(self.driver.act(observation))
+        self.answers.append(time.perf_counter())
+        return self.controls[-1]
+
+
+class Again:
+    """A driver without a camera that repeats a drive's controls, and notes when it is called."""
+
+    def __init__(self, controls: list[Controls]) -> None:
+        self._controls = controls
+        self.calls: list[float] = []
+
+    def reset(self, _: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        self.calls = []
+
+    def act(self, _: Observation) -> Controls:
+        """The recorded controls."""
+        self.calls.append(time.perf_counter())
+        return self._controls[len(self.calls) - 1]
+
+
+def random_roads(seed: int) -> Iterator[Road]:
+    """Valid roads, on the map."""
+    search = RandomSearch(seed=seed)
+    while True:
+        candidate = search.ask()
+        road, verdict = Road(candidate.curvatures, candidate.step).placed()
+        if road is not None and verdict.valid:
+            yield road
+
+
+def gaps(calls: list[float]) -> list[float]:
+    """Time from each call to the next, in ms."""
+    return [1e3 * (later - call) for call, later in pairwise(calls)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--roads", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--max-speed", type=float)
+    given = parser.parse_args()
+    network = Dave2() if given.max_speed is None else Dave2(max_speed=given.max_speed)
+    timed, simulator = Timed(network), EmbeddedSimulator()
+    roads = list(islice(random_roads(given.seed), given.roads))
+    simulator.drive(roads[0], timed)  # compiles
+    steps: list[float] = []
+    inference: list[float] = []
+    physics: list[float] = []
+    seconds = 0.0
+    for road in roads:
+        start = time.process_time()
+        drive = simulator.drive(road, timed)
+        seconds += time.process_time() - start
+        assert drive.error is None, drive.error
+        steps += gaps(timed.calls)
+        pairs = zip(timed.calls, timed.answers, strict=True)
+        inference += [1e3 * (answer - call) for call, answer in pairs]
+        again = Again(timed.controls)
+        simulator.drive(road, again)
+        physics += gaps(again.calls)
+    whole, network_ms, physics_ms = median(steps), median(inference), median(physics)
+    camera = network.camera
+    print(f"image of {camera.width} x {camera.height} pixels, {len(steps)} steps, medians in ms")
+    for name, value in (
+        ("physics and observation", physics_ms),
+        ("image", whole - network_ms - physics_ms),
+        ("network", network_ms),
+        ("whole step", whole),
+    ):
+        print(f"{name:24} {value:6.3f}")
+    print(f"{len(roads) / seconds:.1f} drives per second")
+
+
+if __name__ == "__main__":
+    main()
