@@ -146,3 +146,12 @@ def _whoever_calls() -> Iterator[None]:
 def endurance(request: pytest.FixtureRequest) -> bool:
     """Whether a test is to run in full: `pytest -m endurance`; else in a short form."""
     return "endurance" in str(request.config.getoption("markexpr"))
+
+
+@pytest.fixture(scope="module")
+def new_process_server() -> None:
+    """Lets the next process start a server of its own, which loads what its simulator asks for."""
+    if sys.platform == "linux":
+        from multiprocessing import forkserver
+
+        forkserver._forkserver._stop()  # type: ignore[attr-defined]

@@ -17,6 +17,7 @@ import pids
 import pytest
 from pids import LIMIT, descendants, until_gone
 
+from frenetic._support.child_processes import PRELOADED
 from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
 from frenetic.bench.bench import endings_in_short, unusual_endings
 from frenetic.bench.generator import GeneratorProcess
@@ -544,7 +545,10 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
 
 
 def test_what_is_preloaded_is_there() -> None:
-    for name in RUNS_PRELOADED:  # the server of processes would leave it out without a word
+    for name in (
+        *RUNS_PRELOADED,
+        PRELOADED,
+    ):  # the server of processes would leave it out without a word
         assert find_spec(name) is not None
 
 

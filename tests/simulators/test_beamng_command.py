@@ -22,6 +22,8 @@ from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import read_confirmations
 from frenetic.redrive.record import Agreement
 
+pytestmark = pytest.mark.usefixtures("new_process_server")
+
 Frenetic = Callable[..., tuple[int, str, str]]
 
 ROAD = {"curvatures": [0.0, 0.0, 0.01, 0.02, 0.01, 0.0, 0.0]}
@@ -271,7 +273,8 @@ def test_doctor_in_full_and_as_json(frenetic: Frenetic, stand_in: StandIn) -> No
 
 def test_connection_lost_for_good_leaves_what_was_driven(frenetic: Frenetic) -> None:
     with StandIn(trouble=lambda kind, n: DROP if kind == "Step" and n > 500 else None) as server:
-        code, _, err = frenetic("run", *beamng(server), "--seed", "1", "--out", "c")
+        search = ("run", *beamng(server), "--driver", "beamng-ai", "--seed", "1", "--out", "c")
+        code, _, err = frenetic(*search)
     assert code == 2
     assert len([line for line in err.splitlines() if line.startswith("frenetic: ")]) == 1
     with CampaignStore.open(Path("c")) as store:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import sys
+from importlib.util import find_spec
 from typing import Any
 
 import pytest
 
 from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.errors import DriverError, FreneticError
-from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
+from frenetic.road import Road
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.beamng import BeamngSimulator
 from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
+from frenetic.simulators.isolated import IsolatedSimulator
+from frenetic.simulators.metadrive import MetaDriveSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -60,6 +65,32 @@ def test_a_class_says_what_holds_before_one_is_made() -> None:
     assert usual(lambda: DummySimulator()).usual_wall_limit == 60.0
 
 
+@pytest.mark.parametrize("simulator", [BeamngSimulator, MetaDriveSimulator])
+def test_what_is_preloaded_is_there(simulator: Any) -> None:
+    assert usual(simulator).preloads
+    for name in usual(simulator).preloads:  # the server of processes leaves out what is missing
+        assert find_spec(name) is not None
+
+
+class Slow(DummySimulator):
+    """Its package takes long to load; no drive loads it."""
+
+    preloads = ("tabnanny",)
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        if "tabnanny" not in sys.modules:
+            raise ValueError("it is not loaded")
+        return super().drive(road, driver)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are not forked elsewhere")
+@pytest.mark.usefixtures("new_process_server")
+def test_processes_are_forked_with_it_loaded() -> None:
+    with IsolatedSimulator(Slow()) as simulator:
+        assert simulator.drive(Road([0.0, 0.01, 0.0, 0.0]), DummyDriver()).error is None
+    assert "tabnanny" not in sys.modules
+
+
 def test_what_can_be_varied_is_what_can_be_set() -> None:
     everything = {"rules", "friction", "start_offset", "start_heading"}
     assert capabilities(EmbeddedSimulator()).variable == everything
@@ -72,6 +103,7 @@ def test_what_can_be_varied_is_what_can_be_set() -> None:
         ("wall_limit", 0.0, r"Dummy.*\.wall_limit is 0.0: a positive number of seconds is needed"),
         ("usual_workers", "two", "a whole number of at least 1 is needed"),
         ("workers_at_most", True, "a whole number of at least 1 is needed"),
+        ("preloads", ["json", 1], "a tuple of names of modules is needed"),
         ("needs", "beamngpy", "a tuple of names of modules is needed"),
         ("prepare", True, "a method is needed"),
     ],

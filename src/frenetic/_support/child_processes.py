@@ -44,17 +44,18 @@ PRELOADED: Final = "frenetic.simulators.embedded.preloading"
 # In the parent
 
 
-def process_context(preloaded: Sequence[str] = (PRELOADED,)) -> ForkServerContext | SpawnContext:
+def process_context(preloaded: Sequence[str] = ()) -> ForkServerContext | SpawnContext:
     """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
 
     Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
 
     Args:
-        preloaded: modules that the server imports; it leaves out what is missing without a word.
+        preloaded: modules that the server imports beside `PRELOADED` if it does not run yet; it
+            leaves out what is missing without a word.
     """
     if platform.system() == "Linux":
         context = multiprocessing.get_context(_FORKED)
-        context.set_forkserver_preload(list(preloaded))
+        context.set_forkserver_preload([*preloaded, PRELOADED])
         return context
     return multiprocessing.get_context("spawn")
 

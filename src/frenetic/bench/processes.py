@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from threadpoolctl import threadpool_limits
 
-from frenetic._support.child_processes import PRELOADED, process_context, stand_alone
+from frenetic._support.child_processes import process_context, stand_alone
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.runs import Run, RunState, Terms, run_entrant
 from frenetic.campaign.progress import Progress
@@ -23,7 +23,7 @@ from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.registry import load_user_file, user_files
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
-RUNS_PRELOADED: Final = ("frenetic.bench.runs", PRELOADED)
+RUNS_PRELOADED: Final = ("frenetic.bench.runs",)
 """Modules that the server of runs imports."""
 _REPORT: Final = 0.2  # s between two messages about the progress of a run
 

@@ -30,6 +30,9 @@ class Usual:
 
     needs: tuple[str, ...] = ()
     """Modules without which it is not installed."""
+    preloads: tuple[str, ...] = ()
+    """Modules that its processes have from the start where they are forked: they do before the
+    fork what takes long, and raise nothing."""
     usual_wall_limit: float = 60.0
     """Wall time that a drive may take unless another limit is given, in s."""
     usual_workers: int | None = None
@@ -131,10 +134,12 @@ def _are_names(value: object) -> bool:
     return isinstance(value, tuple | list) and all(isinstance(name, str) for name in value)
 
 
+_NAMES: Final = (_are_names, "a tuple of names of modules")
 _TIME: Final = (_is_time, "a positive number of seconds")
 _WORKERS: Final = (_is_number_of_workers, "a whole number of at least 1")
 _WANTED: Final[dict[str, tuple[Callable[[object], bool], str]]] = {
-    "needs": (_are_names, "a tuple of names of modules"),
+    "needs": _NAMES,
+    "preloads": _NAMES,
     "usual_wall_limit": _TIME,
     "wall_limit": _TIME,
     "usual_workers": _WORKERS,

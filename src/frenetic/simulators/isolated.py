@@ -158,7 +158,8 @@ class _Child:
 
     def __init__(self, simulator: Simulator) -> None:
         self._simulator = simulator
-        self._variable = capabilities(simulator).variable
+        able = capabilities(simulator)
+        self._variable = able.variable
         self._numbers = 0  # of drives
         self.is_driving = False
         self._last: Driver | None = None  # whom it has
@@ -166,7 +167,11 @@ class _Child:
         self._process: BaseProcess
         self._connection: Connection
         self._process, self._connection = start_process(
-            process_context(), _serve, user_files(), pack(simulator), name="simulator"
+            process_context(able.preloads),
+            _serve,
+            user_files(),
+            pack(simulator),
+            name="simulator",
         )
 
     def await_start(self) -> CarBody:

@@ -104,6 +104,7 @@ class BeamngSimulator:
     """
 
     needs: Final = ("beamngpy",)
+    preloads: Final = ("frenetic.simulators.beamng.preloading",)
     """Modules that the extra brings."""
     usual_wall_limit: Final = WALL_LIMIT
     usual_workers: Final = 1

@@ -60,6 +60,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     """
 
     needs: Final = ("metadrive",)
+    preloads: Final = ("frenetic.simulators.metadrive.preloading",)
     """Modules that the extra brings."""
 
     BEHAVIOUR: ClassVar[int] = 1

@@ -104,7 +104,7 @@ class LocalWorkers:
         self._user_files = user_files()
         self._drive_limit = drive_limit
         self._log = log
-        self._context = process_context()
+        self._context = process_context(capabilities(tester.simulator).preloads)
         self._tasks = 0  # given out
         self._selector = _selector()
         self._workers = [_Worker(f"worker {number}") for number in range(1, count + 1)]
