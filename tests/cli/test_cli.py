@@ -265,25 +265,23 @@ def test_own_driver_from_a_file_and_from_a_module(frenetic: Frenetic) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "why"),
+    ("name", "wall_limit", "why"),
     [
-        ("Raises", "the driver raised ValueError: lost"),
-        ("Nan", "steering = nan, not a finite number"),
-        ("ForEver", "did not finish its drive within 0.2 s"),
+        ("Raises", "60", "the driver raised ValueError: lost"),
+        ("Nan", "60", "steering = nan, not a finite number"),
+        ("ForEver", "0.2", "did not finish its drive within 0.2 s"),
     ],
 )
 def test_broken_driver_is_an_error_and_ends_a_campaign(
-    frenetic: Frenetic, name: str, why: str
+    frenetic: Frenetic, name: str, wall_limit: str, why: str
 ) -> None:
     write("mydriver.py", MY_DRIVER)
     write("road.json", STRAIGHT)
-    spec = f"mydriver.py:{name}"
-    answer = frenetic("drive", "road.json", "--driver", spec, "--wall-limit", "0.2", "--json")
+    driver = ("--driver", f"mydriver.py:{name}", "--wall-limit", wall_limit)
+    answer = frenetic("drive", "road.json", *driver, "--json")
     assert answer.json["outcome"] == "ERROR"
     assert why in answer.json["reason"]
-    answer = frenetic(
-        "run", "--driver", spec, "--simulations", "50", "--wall-limit", "0.2", "--out", "c"
-    )
+    answer = frenetic("run", *driver, "--simulations", "50", "--out", "c")
     refused(answer, "the last 10 drives broke", why)
     assert frenetic("show", "c", "--json").json["errors"] == 10
 
