@@ -74,6 +74,33 @@ def weighing(path: Path, weights: npt.NDArray[np.float32], bias: float, **more: 
     return write(path, nodes, tensors=tensors, **more)
 
 
+def endless(path: Path) -> Path:
+    """A model that adds a number to itself, again and again."""
+    scalar = helper.make_tensor_value_info
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["again"], ["and_again"]),
+            helper.make_node("Add", ["value", "value"], ["twice"]),
+        ],
+        "body",
+        [
+            scalar("i", TensorProto.INT64, []),
+            scalar("again", TensorProto.BOOL, []),
+            scalar("value", TensorProto.FLOAT, []),
+        ],
+        [scalar("and_again", TensorProto.BOOL, []), scalar("twice", TensorProto.FLOAT, [])],
+    )
+    nodes = [
+        helper.make_node("ReduceMean", ["image"], ["mean"], keepdims=0),
+        helper.make_node("Loop", ["times", "true", "mean"], ["out"], body=body),
+    ]
+    tensors = [
+        numpy_helper.from_array(np.array(1 << 60, dtype=np.int64), "times"),
+        numpy_helper.from_array(np.array(True), "true"),
+    ]
+    return write(path, nodes, tensors=tensors)
+
+
 def with_weights_in(path: Path, other: str) -> Path:
     """A model whose weights lie in another file."""
     tensor = numpy_helper.from_array(np.zeros(3, dtype=np.float32), "w")

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from onnx import TensorProto, helper
-from onnx_models import NCHW, NHWC, answering, echoing, weighing, with_weights_in, write
+from onnx_models import NCHW, NHWC, answering, echoing, endless, weighing, with_weights_in, write
 
 from frenetic import (
     Controls,
@@ -367,6 +367,14 @@ def test_a_model_that_cannot_drive_is_refused_in_a_line(
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 700
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_model_that_never_ends_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.drivers.neural.network.LONGEST", 0.1)
+    with pytest.raises(ValueError, match=r"it takes more than 0\.1 s for an image"):
+        Network(str(endless(tmp_path / "m.onnx")))
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from threading import Timer
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +20,8 @@ from frenetic.errors import FreneticError, describe_error
 EXTRA: Final = 'pip install "frenetic-roads[neural]"'
 LARGEST: Final = 500_000_000
 """Largest file, in bytes."""
+LONGEST: Final = 10.0
+"""Longest time for an image when a model is loaded, in s: some never end."""
 _TYPES: Final[Mapping[str, type[np.generic]]] = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
@@ -45,6 +48,7 @@ class Model:
             import onnxruntime  # the extra
         except ImportError as error:
             raise FreneticError(f"a neural network needs onnxruntime: {EXTRA}") from error
+        self._runtime = onnxruntime
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.execution_mode = onnxruntime.ExecutionMode.ORT_SEQUENTIAL
@@ -78,17 +82,32 @@ class Model:
         """The file's own entries, name -> value."""
         return dict(self._session.get_modelmeta().custom_metadata_map)
 
-    def run(self, image: npt.NDArray[Any]) -> FloatArray:
+    def run(self, image: npt.NDArray[Any], limit: float | None = None) -> FloatArray:
         """All numbers of all outputs, in their order, (n,).
 
+        Args:
+            image: the input.
+            limit: s after which it is given up; None for no limit.
+
         Raises:
-            ValueError: it cannot be computed.
+            ValueError: it cannot be computed, or not in that time.
         """
+        options = timer = None
+        if limit is not None:
+            options = self._runtime.RunOptions()
+            options.log_severity_level = _FATAL
+            timer = Timer(limit, setattr, (options, "terminate", True))
+            timer.start()
         try:
-            outputs = self._session.run(None, {self._input: image})
+            outputs = self._session.run(None, {self._input: image}, options)
             return np.concatenate([np.asarray(one, dtype=np.float64).ravel() for one in outputs])
         except Exception as error:  # of several classes of its own; or an output is no array
+            if options is not None and options.terminate:
+                raise ValueError(f"it takes more than {limit:g} s for an image") from None
             raise ValueError(f"it cannot be computed: {describe_error(error)}") from None
+        finally:
+            if timer is not None:
+                timer.cancel()
 
 
 def read_model(path: str) -> bytes:

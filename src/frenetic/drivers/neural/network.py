@@ -15,7 +15,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.neural.convention import Convention, shown
-from frenetic.drivers.neural.model import Model, read_model
+from frenetic.drivers.neural.model import LONGEST, Model, read_model
 from frenetic.errors import DriverError
 
 if TYPE_CHECKING:
@@ -91,7 +91,8 @@ class Network:
         self._path = str(model)
         self._data = read_model(self._path)
         self._load()
-        self._answer(np.full(self.camera.shape, 128, dtype=np.uint8))  # or it is of no use
+        # What cannot answer a grey image is of no use.
+        self._answer(np.full(self.camera.shape, 128, dtype=np.uint8), LONGEST)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -191,11 +192,12 @@ class Network:
         most = change.max()
         return (change / most if most > 0.0 else change).astype(np.float32)
 
-    def _answer(self, image: Image) -> FloatArray:
+    def _answer(self, image: Image, limit: float | None = None) -> FloatArray:
         """The network's numbers for a camera's image.
 
         Raises:
-            ValueError: they are too few or too many, or one is not finite.
+            ValueError: they are too few or too many, one is not finite, or they take longer than
+                `limit` s.
         """
         top, bottom = self.convention.crop
         kept = image[top : image.shape[0] - bottom]
@@ -207,7 +209,7 @@ class Network:
             fed = fed.transpose(0, 2, 3, 1)
         if self._model.type is np.uint8:
             fed = fed.round().clip(0.0, 255.0)
-        answer = self._model.run(np.ascontiguousarray(fed, dtype=self._model.type))
+        answer = self._model.run(np.ascontiguousarray(fed, dtype=self._model.type), limit)
         outputs, n = self.convention.outputs, len(answer)
         needed = {"steering": "one number", "steering-throttle": "two numbers"}
         fits = {"steering": n == 1, "steering-throttle": n == 2}
