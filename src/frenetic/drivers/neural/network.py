@@ -41,11 +41,11 @@ class Network:
     competition: throttle = 1 - s^2 - (v / max_speed)^2, where s is the share of the largest
     steering angle, and no brake.
 
+    The arguments after the first two are those of its `Convention`.
+
     Args:
         model: path of the file.
         preset: name of one of `frenetic.drivers.neural.PRESETS`.
-        layout, colour, mean, std, crop, camera, outputs, steering, steering_sign, lookahead,
-            max_speed: of its `Convention`.
 
     Raises:
         FreneticError: onnxruntime is not installed.
