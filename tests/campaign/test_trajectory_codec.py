@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from frenetic.campaign.trajectory_codec import MAX_RECORDS, RESOLUTIONS, decode, encode
+from frenetic.campaign.trajectory_codec import MAX_RECORDS, RESOLUTIONS, decode, encode, rounded
 from frenetic.errors import CampaignError
 from frenetic.simulators.drive import Trajectory
 
@@ -76,6 +76,13 @@ def test_values_come_back_within_half_a_resolution(trajectory: Trajectory) -> No
 def test_encoding_again_gives_the_same_bytes(trajectory: Trajectory) -> None:
     data = encode(trajectory)
     assert encode(decode(data)) == data
+
+
+@given(trajectories())
+def test_rounding_without_encoding_gives_the_same_bits(trajectory: Trajectory) -> None:
+    again, direct = decode(encode(trajectory)), rounded(trajectory)
+    for name in RESOLUTIONS:
+        assert getattr(direct, name).tobytes() == getattr(again, name).tobytes(), name
 
 
 def test_regular_times_come_back_as_decimal_numbers() -> None:

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Final, NamedTuple, Self, get_args
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.trajectory_codec import decode, encode
+from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.errors import CampaignError
 from frenetic.oracle import Departure, Result, Side
 from frenetic.outcome import Outcome
@@ -86,7 +86,9 @@ class Attempt:
 
     def stored_trajectory(self) -> Trajectory | None:
         """The packed trajectory as it will be read from the campaign: rounded."""
-        return None if self.packed is None else decode(self.packed)
+        if self.packed is None:
+            return None
+        return decode(self.packed) if self.trajectory is None else rounded(self.trajectory)
 
     def record(
         self,

@@ -103,6 +103,14 @@ def decode(data: bytes) -> Trajectory:
     return Trajectory(*decode_columns(data))
 
 
+def rounded(trajectory: Trajectory) -> Trajectory:
+    """Return the trajectory as it comes back from `decode(encode(trajectory))`, to the bit.
+
+    Raises a `ValueError` like `encode`.
+    """
+    return Trajectory(*(_to_steps(trajectory) / _STEPS_PER_UNIT))
+
+
 def decode_columns(data: bytes) -> FloatArray:
     """Return the decoded (11, n) array, its columns in the order of `RESOLUTIONS`."""
     if len(data) < _HEADER.size:
