@@ -104,6 +104,7 @@ BENCHES: Final = (
     Published(
         "gentle-1000",
         1000,
+        ENTRANTS + ABLATIONS,
         drive=_driver("planner", lateral_acceleration=7.0),
         aim=80,
         is_main=True,
@@ -114,13 +115,14 @@ BENCHES: Final = (
         (RANDOM, LISTING_1, OURS, CMA_MAE, *EXPLOITATION),
         _driver("planner", lateral_acceleration=6.0),
     ),
-    Published("stanley-200", 200, drive=_driver("stanley")),
+    Published("stanley-200", 200, ENTRANTS + ABLATIONS, _driver("stanley")),
     Published("stanley-1000", 1000, (RANDOM, LISTING_1, OURS), _driver("stanley")),
-    Published("steady-200", 200, drive=_driver(f"{STEADY}:Steady", speed=48.0)),
+    Published("steady-200", 200, ENTRANTS + ABLATIONS, _driver(f"{STEADY}:Steady", speed=48.0)),
     Published(
         "metadrive-200",
         200,
-        (RANDOM, LISTING_1, OURS, CMA_MAE),  # four, or five repeats show nothing
+        # Four strategies and three ablations, or five repeats show nothing.
+        (RANDOM, LISTING_1, OURS, CMA_MAE, *ABLATIONS[:3]),
         _driver("metadrive-idm", target_speed=46.0)
         | {"simulator": "metadrive", "simulator_options": {}},
         seeds=SEEDS[:5],
@@ -166,7 +168,7 @@ def main() -> None:
     for published in chosen:
         groups = complete_groups(published, options.folder)
         if {RANDOM.name, LISTING_1.name, OURS.name} <= set(groups):
-            write_tables(published, compare(groups), groups)
+            write_tables(published, groups)
     write_table("verdicts", verdicts(PAGE.read_text(encoding="utf-8")))
 
 
@@ -238,51 +240,59 @@ def _options() -> argparse.Namespace:
 # Tables
 
 
-def write_tables(
-    published: Published, comparison: Comparison, groups: Mapping[str, Sequence[Path]]
-) -> None:
-    """Writes the tables of a bench, and the picture of a main one."""
-    for note in comparison.notes:
+def write_tables(published: Published, groups: Mapping[str, Sequence[Path]]) -> None:
+    """Writes the tables of a bench, and the picture of a main one.
+
+    p is corrected among strategies, and for itself among our search and its parts: what a part
+    brings is another question.
+    """
+    off = {entrant.name for entrant in ABLATIONS}
+    peers = compare({name: found for name, found in groups.items() if name not in off})
+    families = [peers]
+    if off & set(groups):
+        parts = {name: found for name, found in groups.items() if name in {OURS.name, *off}}
+        families.append(compare(parts))
+    for note in (note for family in families for note in family.notes):
         print(f"{published.name}: {note}")
-    tables = {"bench": table(comparison), "pairs": pairs(comparison)}
+    tables = {"bench": table(families), "pairs": pairs(families)}
     if published.aim is not None:
-        tables["aim"] = aim(comparison, published.aim)
+        tables["aim"] = aim(peers, published.aim)
     if published.is_main:
-        draw_comparison(comparison, DOCS / "images" / f"bench-{published.name}.svg")
-        ablations = {entrant.name for entrant in ABLATIONS}
-        tables["distances"] = distances(
-            {name: found for name, found in groups.items() if name not in ablations}
-        )
+        draw_comparison(peers, DOCS / "images" / f"bench-{published.name}.svg")
+        tables["distances"] = distances({name: groups[name] for name in peers.groups})
     for kind, text in tables.items():
         write_table(f"{kind}-{published.name}", text)
 
 
-def table(comparison: Comparison) -> str:
+def table(families: Sequence[Comparison]) -> str:
     """A row per entrant, a column per measure: medians and quartiles."""
-    names = [name for name in SHOWN if name in telling_of(comparison)]
+    names = [name for name in SHOWN if name in telling_of(families[0])]
+    rows = {
+        group: [group, *(family.by(name).text(group) for name in names)]
+        for family in families
+        for group in family.groups
+    }
     return markdown(
         [
             ["median (quartiles)", *(SHOWN[name] for name in names)],
             ["---", *["---:"] * len(names)],
-            *(
-                [group, *(comparison.by(name).text(group) for name in names)]
-                for group in comparison.groups
-            ),
+            *rows.values(),
         ]
     )
 
 
-def pairs(comparison: Comparison) -> str:
+def pairs(families: Sequence[Comparison]) -> str:
     """Verdict, effect size and corrected p of our search against each other entrant."""
-    names = [name for name in COMPARED if name in telling_of(comparison)]
+    names = [name for name in COMPARED if name in telling_of(families[0])]
     lines = [
         ["Frenetic against", *(SHOWN[name] for name in names)],
         ["---", *["---"] * len(names)],
     ]
-    for other in comparison.groups:
-        if other != OURS.name:
-            by = (comparison.by(name) for name in names)
-            lines.append([other, *(_said(_pair(one, other)) for one in by)])
+    for family in families:
+        for other in family.groups:
+            if other != OURS.name:
+                by = (family.by(name) for name in names)
+                lines.append([other, *(_said(_pair(one, other)) for one in by)])
     return markdown(lines)
 
 
