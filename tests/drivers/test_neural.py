@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from onnx import TensorProto, helper
+from onnx import TensorProto, helper, numpy_helper
 from onnx_models import NCHW, NHWC, answering, echoing, endless, weighing, with_weights_in, write
 
 from frenetic import (
@@ -26,6 +26,7 @@ from frenetic import (
     Road,
     judge,
 )
+from frenetic.drivers import PolicyDriver
 from frenetic.drivers.loading import load_driver
 from frenetic.drivers.neural import Convention, Dave2, Network
 from frenetic.drivers.neural.network import DAVE2, pursuit
@@ -436,3 +437,46 @@ def test_dave2_keeps_its_lane_on_random_roads() -> None:
         if road is not None and verdict.valid:
             outcomes.append(judge(road, simulator.drive(road, driver)).outcome)
     assert outcomes == [Outcome.PASS] * 2
+
+
+# A policy of the environment
+
+
+def test_a_network_of_vectors_drives_as_the_same_policy_does(tmp_path: Path) -> None:
+    weights = np.zeros((2, 26), dtype=np.float32)
+    weights[0, 4:6] = -0.8
+    weights[0, 6:9] = 0.17
+    weights[1, 0] = -20.0
+    tensors = [
+        numpy_helper.from_array(weights, "w"),
+        numpy_helper.from_array(np.array([0.0, 5.0], dtype=np.float32), "b"),
+    ]
+    file = write(
+        tmp_path / "m.onnx",
+        [helper.make_node("Gemm", ["image", "w", "b"], ["out"], transB=1)],
+        shape=("n", 26),
+        tensors=tensors,
+        outputs="steering-throttle",
+        steering="action",
+    )
+    network = Network(str(file), inputs="vector")
+    seen = []
+
+    def policy(vector: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+        seen.append(vector)
+        return network._run(vector[np.newaxis])
+
+    road = Road([0.0, 0.02, 0.05, 0.05, 0.0, -0.04, -0.06, -0.02, 0.0])
+    drives = [EmbeddedSimulator().drive(road, one) for one in (network, PolicyDriver(policy))]
+    assert len(seen) > 100
+    assert not hasattr(network, "camera")
+    rows = [drive.trajectory.to_rows() for drive in drives]
+    assert np.array_equal(rows[0], rows[1])
+    assert judge(road, drives[0]).outcome is Outcome.PASS
+
+
+@pytest.mark.parametrize("shape", [(1, 25), (1, 3, 4, 6)])
+def test_a_network_of_vectors_takes_vectors(shape: tuple[int, ...], tmp_path: Path) -> None:
+    file = answering(tmp_path / "m.onnx", 0.0, shape=shape)
+    with pytest.raises(ValueError, match=r"a vector is needed, \(1, 26\) floats"):
+        Network(str(file), inputs="vector")

@@ -84,6 +84,24 @@ def controls_of(steering: float, pedal: float, setup: FloatArray) -> tuple[float
     return angle, max(pedal, 0.0), max(-pedal, 0.0)
 
 
+def vector_of(observation: Observation, setup: FloatArray) -> npt.NDArray[np.float32]:
+    """The vector of an observation, (VECTOR_SIZE,); ``setup`` is `setup_array`."""
+    o = observation
+    vector = np.empty(VECTOR_SIZE, np.float32)
+    write_vector(
+        o.speed,
+        o.yaw_rate,
+        o.steering,
+        o.lateral_offset,
+        o.heading_error,
+        o.curvature_ahead,
+        len(o.curvature_ahead),
+        setup,
+        vector,
+    )
+    return vector
+
+
 class PolicyDriver:
     """A driver that asks a policy, such as one that was trained in `frenetic.gym`.
 
@@ -109,20 +127,7 @@ class PolicyDriver:
         Raises:
             DriverError: the action is not two finite numbers.
         """
-        o = observation
-        vector = np.empty(VECTOR_SIZE, np.float32)
-        write_vector(
-            o.speed,
-            o.yaw_rate,
-            o.steering,
-            o.lateral_offset,
-            o.heading_error,
-            o.curvature_ahead,
-            len(o.curvature_ahead),
-            self._setup,
-            vector,
-        )
-        action = np.asarray(self.policy(vector), dtype=np.float64)
+        action = np.asarray(self.policy(vector_of(observation, self._setup)), dtype=np.float64)
         if action.shape != (ACTION_SIZE,) or not np.isfinite(action).all():
             raise DriverError(
                 f"the policy returned {repr(action)[:80]}: steering and pedal, two finite numbers,"

@@ -24,10 +24,11 @@ _COLOURS: Final[Mapping[str, tuple[tuple[tuple[float, ...], ...], tuple[float, .
 }
 """Colour space -> (weights of red, green and blue in its channels, what is added to these)."""
 _CHOICES: Final[Mapping[str, Sequence[str]]] = {
+    "inputs": ("image", "vector"),
     "layout": ("nchw", "nhwc"),
     "colour": tuple(_COLOURS),
     "outputs": ("steering", "steering-throttle", "waypoints"),
-    "steering": ("share", "rad", "degrees", "curvature"),
+    "steering": ("share", "action", "rad", "degrees", "curvature"),
 }
 
 
@@ -39,6 +40,9 @@ class Convention:
         ValueError: a value is out of range.
     """
 
+    inputs: str = "image"
+    """What it is fed with: the camera's ``image``, or the ``vector`` of `frenetic.drivers.policy`,
+    which the environment of `frenetic.gym` gives; a vector has none of the image's settings."""
     layout: str | None = None
     """Order of the input's axes: ``nchw`` or ``nhwc``; None to tell it by the axis of
     length 1 or 3."""
@@ -57,8 +61,9 @@ class Convention:
     """``steering``; ``steering-throttle``, the latter from -1, full brake, to 1; or ``waypoints``,
     pairs (ahead, left) in m from the centre of mass, the nearest first."""
     steering: str = "share"
-    """What steering is: the ``share`` of the front wheels' largest angle, -1..1; their angle in
-    ``rad`` or ``degrees``; or the ``curvature`` to drive, in 1/m."""
+    """What steering is: the ``share`` of the front wheels' largest angle, -1..1; that of an
+    ``action`` in `frenetic.gym`, -1..1; their angle in ``rad`` or ``degrees``; or the
+    ``curvature`` to drive, in 1/m."""
     steering_sign: int = 1
     """1 if positive steering turns left, -1 if it turns right."""
     lookahead: float = 6.0

@@ -14,8 +14,10 @@ import numpy.typing as npt
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
+from frenetic.drivers.laws import setup_array
 from frenetic.drivers.neural.convention import Convention, shown
 from frenetic.drivers.neural.model import LONGEST, Model, read_model
+from frenetic.drivers.policy import VECTOR_SIZE, controls_of, vector_of
 from frenetic.errors import DriverError
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ class Network:
         model: str,
         *,
         preset: str | None = None,
+        inputs: str | None = None,
         layout: str | None = None,
         colour: str | None = None,
         mean: float | Sequence[float] | None = None,
@@ -75,6 +78,7 @@ class Network:
     ) -> None:
         given = {
             "preset": preset,
+            "inputs": inputs,
             "layout": layout,
             "colour": colour,
             "mean": mean,
@@ -91,8 +95,11 @@ class Network:
         self._path = str(model)
         self._data = read_model(self._path)
         self._load()
-        # What cannot answer a grey image is of no use.
-        self._answer(np.full(self.camera.shape, 128, dtype=np.uint8), LONGEST)
+        # Without an answer it is of no use.
+        if self.convention.inputs == "vector":
+            self._run(np.zeros((1, VECTOR_SIZE)), LONGEST)
+        else:
+            self._answer(np.full(self.camera.shape, 128, dtype=np.uint8), LONGEST)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -110,6 +117,10 @@ class Network:
     def _load(self) -> None:
         self._model = Model(self._data)
         convention = Convention.of(self._model.metadata, self._given)
+        if convention.inputs == "vector":
+            _check_vector(self._model)
+            self.convention = convention
+            return
         if self._model.type is np.uint8:
             if convention.mean != (0.0,) or convention.std != (1.0,):
                 raise ValueError("its input is uint8, pixels in 0..255: it takes no mean and std")
@@ -119,7 +130,7 @@ class Network:
         self._is_nchw, height, width = _image_shape(self._model.shape, convention)
         cut = sum(convention.crop)
         self.camera = _camera(convention.camera, height and height + cut, width)
-        """Its camera."""
+        """Its camera; a network that is fed with vectors has none."""
         seen = (self.camera.height - cut, self.camera.width)
         if seen[0] < 1:
             raise ValueError(
@@ -134,6 +145,7 @@ class Network:
     def reset(self, setup: DriveSetup) -> None:
         """Prepares for the next drive."""
         self._setup = setup
+        self._numbers = setup_array(setup)
 
     def act(self, observation: Observation) -> Controls:
         """The network's steering, with its throttle or the speed rule's.
@@ -141,11 +153,14 @@ class Network:
         Raises:
             DriverError: there is no image, or the network gives no finite numbers for it.
         """
-        image = observation.image
-        if image is None:
+        image, takes_vectors = observation.image, self.convention.inputs == "vector"
+        if image is None and not takes_vectors:
             raise DriverError("a neural network needs a camera, and this simulator draws no image")
         try:
-            answer = self._answer(image)
+            if image is None or takes_vectors:
+                answer = self._run(vector_of(observation, self._numbers)[np.newaxis])
+            else:
+                answer = self._answer(image)
         except ValueError as error:
             raise DriverError(f"{self._path}: {error}") from None
         setup = self._setup
@@ -209,6 +224,14 @@ class Network:
             fed = fed.transpose(0, 2, 3, 1)
         if self._model.type is np.uint8:
             fed = fed.round().clip(0.0, 255.0)
+        return self._run(fed, limit)
+
+    def _run(self, fed: npt.NDArray[Any], limit: float | None = None) -> FloatArray:
+        """The network's numbers for what it is fed with.
+
+        Raises:
+            ValueError: see `_answer`.
+        """
         answer = self._model.run(np.ascontiguousarray(fed, dtype=self._model.type), limit)
         outputs, n = self.convention.outputs, len(answer)
         needed = {"steering": "one number", "steering-throttle": "two numbers"}
@@ -230,6 +253,8 @@ class Network:
         value = self.convention.steering_sign * float(answer[0])
         if self.convention.steering == "share":
             return value * setup.max_steering
+        if self.convention.steering == "action":
+            return controls_of(value, 0.0, self._numbers)[0]
         if self.convention.steering == "degrees":
             return math.radians(value)
         if self.convention.steering == "curvature":
@@ -316,6 +341,24 @@ def pursuit(waypoints: FloatArray, rear_axle: float, lookahead: float) -> float:
     return float(2.0 * place[1] / max(float(place @ place), 1.0))
 
 
+def _shown(shape: Sequence[int | None]) -> str:
+    return f"({', '.join('any' if size is None else str(size) for size in shape)})"
+
+
+def _check_vector(model: Model) -> None:
+    """Checks that a model takes vectors.
+
+    Raises:
+        ValueError: it does not.
+    """
+    shape = model.shape
+    if model.type is np.uint8 or len(shape) != 2 or shape[1] not in (VECTOR_SIZE, None):
+        raise ValueError(
+            f"its input has the shape {_shown(shape)}: a vector is needed, (1, {VECTOR_SIZE})"
+            " floats"
+        )
+
+
 def _image_shape(
     shape: Sequence[int | None], convention: Convention
 ) -> tuple[bool, int | None, int | None]:
@@ -325,7 +368,7 @@ def _image_shape(
         ValueError: it takes no image of the convention.
     """
     n = convention.channels
-    text = f"({', '.join('any' if size is None else str(size) for size in shape)})"
+    text = _shown(shape)
     if len(shape) != 4 or shape[0] not in (1, None):
         raise ValueError(
             f"its input has the shape {text}: one image is needed, (1, channels, height, width) or"
