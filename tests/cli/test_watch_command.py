@@ -6,6 +6,7 @@ import io
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -21,9 +22,10 @@ from rich.console import Console
 
 from frenetic.campaign.log import LOG, CampaignLog, Event, WorkerState
 from frenetic.campaign.progress import Progress
+from frenetic.campaign.state_text import doubt
 from frenetic.campaign.watch import SILENT_AFTER, CampaignState, CampaignWatcher
 from frenetic.cli import main
-from frenetic.cli.watch import doubt, live_view, sparkline
+from frenetic.cli.watch import live_view, sparkline
 
 LIMIT = 120.0  # s after which a test that waits for another process fails
 
@@ -427,3 +429,44 @@ def test_higher_values_have_higher_bars(rows: int) -> None:
     heights = [sum(" ▁▂▃▄▅▆▇█".index(row[k]) for row in bars) for k in range(100)]
     assert heights == sorted(heights)
     assert (heights[0], heights[-1]) == (0, 8 * rows)
+
+
+# As a page
+
+
+def test_page_is_served_until_ctrl_c(
+    campaign: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("frenetic.cli.watch.time.sleep", interrupt)
+    before = (campaign / LOG).read_bytes()
+    code, out, err = call(capsys, "c", "--serve")
+    assert (code, err) == (0, "")
+    first, reach, state, last = out.splitlines()
+    assert first.startswith("Live report: http://127.0.0.1:")
+    assert reach.startswith("Only this computer reaches it. Ctrl-C closes it")
+    assert state == "c: running"
+    assert last == "The page is closed."
+    assert (campaign / LOG).read_bytes() == before
+
+
+def test_busy_port_is_a_mistake(campaign: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        code, out, err = call(capsys, "c", "--serve", "--port", str(port))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"frenetic: cannot listen on port {port} of 127.0.0.1: ")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    "options", [["--port", "8000"], ["--serve", "--once"], ["--serve", "--port", "70000"]]
+)
+def test_odd_options_of_a_page_are_a_mistake(
+    campaign: Path, capsys: pytest.CaptureFixture[str], options: list[str]
+) -> None:
+    code, out, err = call(capsys, "c", *options)
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1

@@ -266,11 +266,12 @@ _SELECT_FACTS: Final = "SELECT key, value, {} FROM campaign"
 _SELECT_IDS: Final[Mapping[str, str]] = {
     "told": """
         SELECT candidate_id FROM test
-        WHERE ? IS NULL OR outcome = ? ORDER BY told LIMIT ?
+        WHERE told > ? AND (? IS NULL OR outcome = ?) ORDER BY told LIMIT ?
     """,
     "moobd": """
         SELECT candidate_id FROM test
-        WHERE ? IS NULL OR outcome = ? ORDER BY moobd IS NULL, moobd, told LIMIT ?
+        WHERE told > ? AND (? IS NULL OR outcome = ?)
+        ORDER BY moobd IS NULL, moobd, told LIMIT ?
     """,
 }
 SELECT_TESTED_ROADS: Final = """
@@ -607,12 +608,14 @@ class CampaignStore:
         order_by: Order = "told",
         limit: int | None = None,
         with_trajectory: bool = False,
+        after: int = 0,
     ) -> Iterator[TestRecord]:
         """Return an iterator over the tests that are stored at this moment.
 
-        It gives only those with `outcome`, if given, and at most `limit` of them, in the order of
-        telling, or of `moobd`, lowest first and those without one last. Later tests do not show up.
-        Without `with_trajectory` their trajectory is None.
+        It gives only those with `outcome`, if given, that were told later than the first `after`,
+        and at most `limit` of them, in the order of telling, or of `moobd`, lowest first and those
+        without one last. Later tests do not show up. Without `with_trajectory` their trajectory is
+        None.
 
         Raises a `ValueError` for an unknown order or a negative limit; taking a damaged test raises
         a `CampaignError`.
@@ -624,7 +627,7 @@ class CampaignStore:
         # A stored test never changes, so the ids are a snapshot, and no transaction stays open
         # between two tests.
         only = None if outcome is None else str(outcome)
-        wanted = (only, only, -1 if limit is None else limit)
+        wanted = (after, only, only, -1 if limit is None else limit)
         self._write_tests()
         with translated(self._path):
             ids = self._connection.execute(_SELECT_IDS[order_by], wanted).fetchall()

@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from frenetic._support.durations import format_duration
-from frenetic._support.words import counted
+from frenetic._support.words import counted, rate_words
 from frenetic.cli.messages import silence
 
 if TYPE_CHECKING:
@@ -194,18 +194,6 @@ def print_table(
     for row in rows:
         table.add_row(*("-" if cell is None else escape(str(cell)) for cell in row))
     Results().print(table)
-
-
-def rate_words(rate: float | None) -> str:
-    """Tests per second, or per minute or hour where they are few."""
-    if rate is None:
-        return "-"
-    if rate == 0.0:
-        return "0 tests/s"
-    units = {"s": 1.0, "min": 60.0, "h": 3600.0}
-    unit = next((unit for unit, seconds in units.items() if rate * seconds >= 1.0), "h")
-    number = rate * units[unit]
-    return f"{number:.{0 if number >= 100.0 else 1}f} tests/{unit}"
 
 
 def two_digits(value: float | None) -> str | None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 import click
 
 from frenetic._support.durations import format_duration
-from frenetic._support.words import counted
+from frenetic._support.words import counted, rate_words
 from frenetic.cli.beamng import place_words
 from frenetic.cli.console import (
     Log,
@@ -21,7 +21,6 @@ from frenetic.cli.console import (
     first_error,
     live_progress,
     print_failures,
-    rate_words,
     shell,
 )
 from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, with_options

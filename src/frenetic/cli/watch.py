@@ -7,7 +7,6 @@ import json
 import math
 import sys
 import time
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -21,7 +20,17 @@ from rich.table import Table
 from rich.text import Text
 
 from frenetic._support.durations import format_duration
-from frenetic.cli.console import Results, print_facts, rate_words
+from frenetic.campaign.state_text import (
+    census,
+    clock_time,
+    doubt,
+    message_line,
+    progress_line,
+    rates,
+    status_name,
+    times,
+)
+from frenetic.cli.console import Results, print_facts
 from frenetic.cli.options import CampaignFolder, Duration, json_option
 from frenetic.errors import CampaignError
 
@@ -35,8 +44,6 @@ LONGEST_INTERVAL: Final = 86_400.0
 """Time between two readings of the log, in s."""
 WORKERS_SHOWN: Final = 12
 MESSAGES_SHOWN: Final = 4
-OLD: Final = 180.0
-"""Time by this machine's clock after which a log that does not grow may be old, in s."""
 BAR: Final = 5.0
 """Campaign time that a bar of the failures over time covers at least, in s."""
 
@@ -67,21 +74,44 @@ _STYLES: Final = {
     show_default=True,
     help="How often to look: 1s, 10s, 1m.",
 )
+@click.option(
+    "--serve",
+    is_flag=True,
+    help="Show the report as a page of this computer that grows while the campaign runs.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    help="With --serve: the page's port. [default: any that is free, as with 0]",
+)
 @json_option
-def watch(campaign: Path, once: bool, interval: float, as_json: bool) -> None:
+def watch(
+    campaign: Path, once: bool, interval: float, serve: bool, port: int | None, as_json: bool
+) -> None:
     """Follow the CAMPAIGN in a folder until it ends. Ctrl-C leaves; the campaign goes on.
 
     Only its log is read, so the folder may be on another machine, seen through a network share.
     --json prints the present state as one JSON object. The exit code is 0 when the campaign has
     finished, 1 when it was interrupted or gave up.
+
+    --serve prints the address of a page with the campaign's report, which grows while it runs and
+    stays until Ctrl-C; then the exit code is 0. The page listens on 127.0.0.1, so that only this
+    computer reaches it. The campaign may begin later, or have ended.
     """
     from frenetic.campaign.watch import CampaignWatcher, Status, require_log
 
     if interval > LONGEST_INTERVAL:
         raise click.UsageError("--interval is too long: at most a day is allowed")
-    require_log(campaign)
+    if port is not None and not serve:
+        raise click.UsageError("--port is that of the page: add --serve")
+    if serve and (once or as_json):
+        raise click.UsageError("--serve stays until Ctrl-C: leave out --once and --json")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # the log may hold what it cannot encode
+    if serve:
+        _serve(campaign, port or 0, interval)
+        return
+    require_log(campaign)
     watcher = CampaignWatcher(campaign)
     state = watcher.look()
     if state.trouble:
@@ -100,6 +130,26 @@ def watch(campaign: Path, once: bool, interval: float, as_json: bool) -> None:
         follow = _follow_live if has_screen else _follow_in_lines
         if follow(watcher, state, campaign, interval, console).status is not Status.FINISHED:
             raise click.exceptions.Exit(1)
+
+
+def _serve(folder: Path, port: int, interval: float) -> None:
+    """Shows the report as a growing page until Ctrl-C."""
+    from frenetic.report.html import LiveReport
+
+    with LiveReport(folder, port=port, interval=interval) as live:
+        click.echo(f"Live report: {live.address}")
+        click.echo("Only this computer reaches it. Ctrl-C closes it; the campaign goes on.")
+        shown = ""
+        try:
+            while True:
+                state = live.state()
+                if state.status != shown:
+                    shown = state.status
+                    click.echo(f"{folder}: " + ", ".join(filter(None, (shown, state.note))))
+                    sys.stdout.flush()
+                time.sleep(interval)
+        except KeyboardInterrupt:
+            click.echo("The page is closed.")
 
 
 def _follow_live(
@@ -187,7 +237,7 @@ def live_view(
 
 def _budget_bar(state: CampaignState, width: int) -> RenderableType:
     progress = state.progress
-    text = f"{progress.budget_spent:.1%}  {_times(state)}"
+    text = f"{progress.budget_spent:.1%}  {times(state)}"
     row = Table.grid(padding=(0, 2))
     bar = ProgressBar(
         total=1.0,
@@ -207,7 +257,7 @@ def _counts(state: CampaignState) -> RenderableType:
     counts.highlight_regex(r"[1-9]\d* failed", "red")
     counts.highlight_regex(r"[1-9]\d* errors?", "yellow")
     best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
-    return Group(counts, Text(f"best MOOBD {best}{progress.best_in_words}, {_rates(state)}"))
+    return Group(counts, Text(f"best MOOBD {best}{progress.best_in_words}, {rates(state)}"))
 
 
 def _failures_over_time(state: CampaignState, width: int, ascii_only: bool) -> list[RenderableType]:
@@ -252,7 +302,7 @@ def _workers(workers: Sequence[WorkerState]) -> RenderableType:
     side_by_side.add_row(*map(_table_of_workers, filter(None, (shown[:half], shown[half:]))))
     if len(workers) == len(shown):
         return side_by_side
-    more = f"and {len(workers) - len(shown)} more; of all {len(workers)}: {_census(workers)}"
+    more = f"and {len(workers) - len(shown)} more; of all {len(workers)}: {census(workers)}"
     return Group(side_by_side, Text(more, style="dim"))
 
 
@@ -275,7 +325,7 @@ def _table_of_workers(workers: Sequence[WorkerState]) -> Table:
 def _messages(messages: Sequence[Message], now: datetime) -> Text:
     lines = (
         Text.assemble(
-            (f"{_clock_time(message.time, now)} ", "dim"),
+            (f"{clock_time(message.time, now)} ", "dim"),
             (message.text, _STYLES.get(message.level, "")),
         )
         for message in messages
@@ -303,9 +353,9 @@ def _facts(
     yield "status", ", ".join(filter(None, (status_name(state), doubt(state, now))))
     if described := _describe(state.setup):
         yield "search", described
-    yield "budget", f"{progress.budget_spent:.1%} spent, {_times(state)}"
+    yield "budget", f"{progress.budget_spent:.1%} spent, {times(state)}"
     yield "results", progress.in_words()
-    yield "rate", _rates(state)
+    yield "rate", rates(state)
     if progress.min_moobd is not None:
         yield "best MOOBD", f"{progress.min_moobd:.2f} m{progress.best_in_words}"
     intervals = min(int(progress.seconds / BAR), 60)
@@ -313,58 +363,12 @@ def _facts(
         (bars,) = sparkline(state.failures_per_interval(intervals).tolist(), ascii_only=ascii_only)
         yield "failures", f"{bars}  (over time)"
     if state.workers and not state.status.is_end:
-        yield "workers", _census(state.workers)
+        yield "workers", census(state.workers)
     if place := _whereabouts(state, now):
         yield "log", place
 
 
-def progress_line(state: CampaignState) -> str:
-    """State of a campaign in one line."""
-    progress = state.progress
-    best = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
-    return (
-        f"{progress.budget_spent:.1%} after {_times(state)}: {progress.in_words()}, best MOOBD"
-        f" {best}{progress.best_in_words}, {rate_words(state.rate)}"
-    )
-
-
-def message_line(message: Message, now: datetime) -> str:
-    """A warning or error in one line."""
-    return f"{_clock_time(message.time, now)} {message.level}: {message.text}"
-
-
 # Words
-
-
-def status_name(state: CampaignState) -> str:
-    """Activity of a campaign, in a word or two."""
-    return str(state.status).replace("_", " ")
-
-
-def doubt(state: CampaignState, now: datetime) -> str:
-    """Reason why the shown state may be outdated; empty if there is none.
-
-    Args:
-        state: of the campaign.
-        now: by this machine's clock, which is compared with the campaign's only if nothing better
-            is known.
-    """
-    if state.trouble:
-        return f"the log cannot be read: {state.trouble}"
-    if state.status == "waiting":
-        return "the log does not say anything yet"
-    if state.status == "silent":
-        quiet = format_duration(state.quiet_seconds)
-        return f"no sign of life for {quiet}: is it still running?"
-    written = _moment(state.last_time)
-    if state.status == "running" and not state.has_grown and written is not None:
-        age = (now - written).total_seconds()
-        if age > OLD:
-            return (
-                f"the last line is {format_duration(age)} old, if both clocks agree:"
-                " is it still running?"
-            )
-    return ""
 
 
 def _describe(setup: Setup) -> str:
@@ -383,14 +387,6 @@ def _describe(setup: Setup) -> str:
     return ", ".join(parts)
 
 
-def _times(state: CampaignState) -> str:
-    gone = format_duration(state.progress.seconds)
-    left = state.progress.seconds_left
-    if state.status.is_end or left is None:
-        return gone
-    return f"{gone}, {format_duration(left)} left"
-
-
 def _whereabouts(state: CampaignState, now: datetime) -> str:
     """The process that writes the log, and the time of its last line."""
     parts = []
@@ -399,36 +395,7 @@ def _whereabouts(state: CampaignState, now: datetime) -> str:
     if state.setup.host:
         parts.append(f"on {state.setup.host}")
     if state.last_time:
-        parts.append(f"at {_clock_time(state.last_time, now)}")
+        parts.append(f"at {clock_time(state.last_time, now)}")
     if state.unreadable:
         parts.append(f"{state.unreadable} lines unreadable")
     return " ".join(parts)
-
-
-def _census(workers: Sequence[WorkerState]) -> str:
-    """Numbers of workers by activity."""
-    counted = Counter(worker.state for worker in workers).most_common()
-    return ", ".join(f"{count} {state}" for state, count in counted)
-
-
-def _rates(state: CampaignState) -> str:
-    """The present rate while the campaign runs, and that since its start."""
-    now = "" if state.status.is_end else f"{rate_words(state.rate)} now, "
-    return f"{now}{rate_words(state.progress.tests_per_second)} overall"
-
-
-def _clock_time(text: str, now: datetime) -> str:
-    """A moment of the log for people: its time today, or its date too."""
-    moment = _moment(text)
-    if moment is None:
-        return "-"
-    here, today = moment.astimezone(), now.astimezone()
-    return f"{here:%H:%M:%S}" if here.date() == today.date() else f"{here:%m-%d %H:%M}"
-
-
-def _moment(text: str) -> datetime | None:
-    try:
-        moment = datetime.fromisoformat(text)
-        return moment if moment.tzinfo and 1970 < moment.year < 9000 else None
-    except ValueError:
-        return None

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from frenetic._support.thinning import evenly
+from frenetic._support.thinning import evenly, spread
 from frenetic._support.words import capitalised
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import Segment
@@ -80,7 +80,7 @@ def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
     )
     failed = [failed[i] for i in evenly(len(failed), MAPPED_FAILURES)]
     passed = [test for test in tests if test.outcome is Outcome.PASS]
-    passed = [passed[i] for i in evenly(len(passed), max(MAPPED - len(failed), MAPPED_PASSED))]
+    passed = [passed[i] for i in spread(len(passed), max(MAPPED - len(failed), MAPPED_PASSED))]
     chosen = {test.id for test in (*failed, *passed)}
     return [test for test in tests if test.id in chosen]
 

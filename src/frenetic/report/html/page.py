@@ -32,6 +32,8 @@ SCRIPTS: Final = (
     "main.js",
 )
 """Files in ``static`` that become one script, in this order."""
+LIVE_SCRIPT: Final = "live.js"
+"""The script that a growing page has, too."""
 
 _MARK: Final = re.compile(r"\{\{(\w+)\}\}")
 _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
@@ -57,8 +59,13 @@ class Report:
     """Those of them with a drive in the page."""
 
 
-def render(report: Report) -> str:
+def render(report: Report, *, interval: float | None = None) -> str:
     """The page: self-contained HTML that may load nothing.
+
+    Args:
+        report: the contents.
+        interval: s between two questions to the page's own server, for a page that grows; it may
+            load from there.
 
     Raises:
         ValueError: a section's id is invalid or not unique.
@@ -70,12 +77,13 @@ def render(report: Report) -> str:
                 f"a section's id is {name!r}: letters, digits and hyphens are needed, and each id"
                 " once"
             )
-    script, style = _script(), _text("report.css")
+    is_live = interval is not None
+    script, style = _script(is_live), _text("report.css")
     parts = {
         "title": html.escape(report.title),
-        "policy": _policy(script, style),
+        "policy": _policy(script, style, is_live),
         "style": style,
-        "data": _island(to_json(report)),
+        "data": _island(to_json(report) | {"interval": interval}),
         "script": script,
     }
     return _MARK.sub(lambda mark: parts[mark[1]], _text("template.html"))
@@ -106,15 +114,19 @@ def _island(data: Any) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def _policy(script: str, style: str) -> str:
-    """A content security policy that allows this script and style and loads nothing."""
+def _policy(script: str, style: str, is_live: bool) -> str:
+    """A content security policy that allows this script and style and loads nothing.
+
+    A growing page may ask its own server.
+    """
     hashed = (
         base64.b64encode(hashlib.sha256(t.encode()).digest()).decode() for t in (script, style)
     )
     script_src, style_src = (f"'sha256-{one}'" for one in hashed)
+    asking = " connect-src 'self';" if is_live else ""
     return (
         f"default-src 'none'; script-src {script_src}; style-src {style_src}; img-src data:;"
-        " base-uri 'none'; form-action 'none'"
+        f"{asking} base-uri 'none'; form-action 'none'"
     )
 
 
@@ -124,8 +136,8 @@ def _text(name: str) -> str:
 
 
 @cache
-def _script() -> str:
-    parts = "\n".join(_text(name) for name in SCRIPTS)
+def _script(is_live: bool) -> str:
+    parts = "\n".join(_text(name) for name in (*SCRIPTS, *([LIVE_SCRIPT] if is_live else [])))
     return _unbreakable(f'"use strict";\n(() => {{\n{parts}\n}})();\n')
 
 

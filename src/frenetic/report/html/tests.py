@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar, Final
 
@@ -12,7 +12,6 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment
 from frenetic.campaign.record import TestRecord
-from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Departure, Side
 from frenetic.outcome import Outcome
@@ -43,23 +42,11 @@ class TestSummary:
     """Campaign time when it was told, in s."""
     origin: Origin
 
-
-def read_tests(store: CampaignStore) -> list[TestSummary]:
-    """All tests in the order of telling.
-
-    Raises:
-        CampaignError: the campaign is damaged.
-    """
-    return [
-        TestSummary(
-            record.candidate.id,
-            record.outcome,
-            record.moobd,
-            record.elapsed,
-            record.candidate.origin,
-        )
-        for record in store.tests()
-    ]
+    @classmethod
+    def of(cls, record: TestRecord) -> TestSummary:
+        """The summary of a stored test."""
+        candidate = record.candidate
+        return cls(candidate.id, record.outcome, record.moobd, record.elapsed, candidate.origin)
 
 
 @dataclass(frozen=True)
@@ -206,20 +193,27 @@ class DriveData:
         own = 400 + 10 * len(self.road.curvatures) + len(self.reason)
         return own + columns_size(self.columns)
 
+    def with_files(self, folder: Path) -> DriveData:
+        """The same with the files that the campaign's folder holds now."""
+        name = f"{file_stem(self.id)}.json"
+        return replace(
+            self,
+            road_file=f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
+            minimised=_minimised(folder, f"{MINIMISED}/{name}"),
+        )
 
-def drive_data(record: TestRecord, segment: Segment, folder: Path) -> DriveData:
-    """The data of a test for a page.
+
+def drive_data(record: TestRecord, segment: Segment) -> DriveData:
+    """The data of a test for a page, without files.
 
     Args:
         record: of the test.
         segment: of its drive, any.
-        folder: of the campaign, which may hold the test's files.
     """
     drive, road = segment.drive, segment.road
-    departure, test_id = record.departure, record.candidate.id
-    name = f"{file_stem(test_id)}.json"
+    departure = record.departure
     return DriveData(
-        id=test_id,
+        id=record.candidate.id,
         outcome=str(record.outcome),
         reason=record.reason,
         moobd=_rounded(record.moobd, 3),
@@ -237,8 +231,8 @@ def drive_data(record: TestRecord, segment: Segment, folder: Path) -> DriveData:
         speed_limit=drive.rules.speed_limit,
         departure=None if departure is None else _rounded_departure(departure),
         columns=drive_columns(drive.trajectory, segment.assessment),
-        road_file=f"{FAILURES}/{name}" if (folder / FAILURES / name).is_file() else None,
-        minimised=_minimised(folder, f"{MINIMISED}/{name}"),
+        road_file=None,
+        minimised=None,
     )
 
 

@@ -4,10 +4,11 @@ const report = JSON.parse(document.getElementById("data").textContent);
 
 const OUTCOMES = { P: "PASS", F: "FAIL", I: "INVALID", E: "ERROR", D: "DROPPED" };
 
-/** The test of a row of the page's table. */
+/** Tests by id, each with its row in the page's table; -1 once it is not there any more. */
 const tests = new Map();
-if (report.tests !== null) {
-  const table = report.tests;
+
+function readTests(table) {
+  for (const test of tests.values()) test.row = -1;
   table.ids.forEach((id, row) => {
     tests.set(id, {
       id,
@@ -20,6 +21,8 @@ if (report.tests !== null) {
     });
   });
 }
+
+if (report.tests !== null) readTests(report.tests);
 const drives = new Map(report.drives.map((drive) => [drive.id, drive]));
 
 // Elements. Texts become text nodes, never HTML.

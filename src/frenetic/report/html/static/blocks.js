@@ -1,9 +1,10 @@
-// What draws a block: its kind -> a function of the element to fill and the block.
+// What draws a block: its kind -> a function of the element to fill and the block. It may return a
+// function that shows a newer block in place; without one a page that grows draws it anew.
 
 const kinds = {
-  paragraph: (element, block) => element.append(el("p", {}, block.text)),
+  paragraph: (element, block) => void element.append(el("p", {}, block.text)),
   facts: drawFacts,
-  command: (element, block) => element.append(commandLine(block.line, block.text)),
+  command: (element, block) => void element.append(commandLine(block.line, block.text)),
   table: drawTable,
   picture: drawPicture,
   chart: drawChart,

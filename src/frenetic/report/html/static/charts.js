@@ -266,7 +266,15 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
     event.preventDefault();
   });
 
-  const one = { place, draw, zoom };
+  /** Draws it anew, with what one points at; never during a drag. */
+  function renew() {
+    if (pressed !== null) return;
+    const cursor = tip.hidden ? null : shown.cursor;
+    draw();
+    if (cursor !== null) point(cursor);
+  }
+
+  const one = { place, draw, zoom, renew };
   charts.push(one);
   let width = 0;
   new ResizeObserver(() => {
@@ -340,9 +348,9 @@ function drawBars(element, block) {
 /** Failures over what was spent, with a choice of how to count that. */
 function drawTimeline(element, block) {
   let axis = block.axes[0];
-  // Where no failure is like another, one line lies on the other.
-  const isHidden = block.failures.every((number, i) => number === block.distinct[i]);
   const lines = () => {
+    // Where no failure is like another, one line lies on the other.
+    const isHidden = block.failures.every((number, i) => number === block.distinct[i]);
     const found = [];
     if (axis.expected !== null) {
       const { share, low, high, of, distinct, distinct_low, distinct_high } = axis.expected;
@@ -354,20 +362,25 @@ function drawTimeline(element, block) {
     found.push({ name: "distinct failures", x: axis.x, y: block.distinct, low: [], high: [], role: "accent", stepped: true });
     return found;
   };
-  const drawn = chart(360, "Failures over simulations, tests or time", () => ({
+  const figure = chart(360, "Failures over simulations, tests or time", () => ({
     lines: lines(), xTitle: axis.title, yTitle: "found so far", fromZero: true, wholeX: axis.name !== "time", wholeY: true,
     testAt: (x) => block.latest[lastUpTo(axis.x, x)] ?? null,
   }));
-  const buttons = block.axes.map((one) =>
-    el("button", { type: "button", "aria-pressed": String(one === axis) }, one.name === "time" ? "wall time" : one.name),
-  );
+  const names = block.axes.map((one) => one.name);
+  const buttons = names.map((name) => el("button", { type: "button", "aria-pressed": String(name === axis.name) }, name === "time" ? "wall time" : name));
   buttons.forEach((button, i) =>
     button.addEventListener("click", () => {
       axis = block.axes[i];
       buttons.forEach((other) => other.setAttribute("aria-pressed", String(other === button)));
-      drawn.zoom(null);
+      figure.zoom(null);
     }),
   );
-  element.append(el("div", { class: "choices" }, "Over ", el("div", { class: "switch", role: "group", "aria-label": "Over what" }, buttons)), drawn.place);
+  element.append(el("div", { class: "choices" }, "Over ", el("div", { class: "switch", role: "group", "aria-label": "Over what" }, buttons)), figure.place);
   captioned(element, block.caption);
+  return (newer) => {
+    block = newer;
+    axis = block.axes.find((one) => one.name === axis.name) ?? block.axes[0];
+    figure.renew();
+    element.querySelector(":scope > .caption").textContent = block.caption;
+  };
 }

@@ -14,9 +14,10 @@ function asOther(i, element) {
 }
 
 function drawConfirmed(element, block) {
-  const there = block.drives.filter(({ test }) => drives.has(test)).map((other) => ({ ...other, name: block.there }));
+  const there = block.drives.filter(({ test }) => drives.has(test)).map((other) => ({ ...other, name: block.there, element }));
   if (!there.length) return;
-  for (const other of there) othersById.set(other.test, [...othersOf(other.test), other]);
+  // Drawn anew, the block's drives take the place of its former ones.
+  for (const other of there) othersById.set(other.test, [...othersOf(other.test).filter((one) => one.element !== element), other]);
   const order = there.map(({ test }) => test);
   const item = (other) => {
     const { test: id, agreement, moobd } = other;

@@ -59,8 +59,9 @@ function between(name, title, unit, explanation) {
 }
 
 function drawGallery(element, block) {
-  for (const one of block.repeats) repeatsById.set(one.test, one);
   let shown = PAGE;
+  let order = []; // the tests in sight
+  let items = new Map(); // what a cluster's element says, as text -> the element
   const grid = el("div", { class: "gallery" });
   const more = el("button", { type: "button", class: "more" });
   const select = (id, options) => el("select", { id }, options.map(([value, text]) => el("option", { value }, text)));
@@ -92,8 +93,18 @@ function drawGallery(element, block) {
       .map((cluster) => ({ cluster, head: cluster.shown.find((id) => matches(cluster, id)) }))
       .filter(({ head }) => head !== undefined)
       .sort(({ cluster: a }, { cluster: b }) => (sort.value === "size" ? b.size - a.size : sort.value === "first" ? a.first - b.first : 0) || a.moobd - b.moobd);
-    const order = () => chosen.map(({ head }) => head);
-    fillGrid(grid, more, chosen, shown, ({ cluster, head }) => clusterItem(cluster, head, order));
+    order = chosen.map(({ head }) => head);
+    const [before, unfolded] = [items, [...grid.querySelectorAll(".is-open")].map((item) => item.dataset.first)];
+    items = new Map();
+    // An element that says the same is kept: with it what is unfolded, and no picture is drawn again.
+    fillGrid(grid, more, chosen, shown, ({ cluster, head }) => {
+      const text = JSON.stringify([cluster, head, block.repeats.length ? cluster.shown.map(repeatsOf) : null]);
+      const known = before.get(text);
+      const item = known ?? clusterItem(cluster, head, () => order);
+      items.set(text, item);
+      if (known === undefined && unfolded.includes(item.dataset.first)) item.querySelector("button.alike")?.click();
+      return item;
+    });
     if (!chosen.length) grid.append(el("p", { class: "quiet" }, "None of these."));
     found.textContent = isFiltered ? `${chosen.length} of ${openable.length}` : "";
     clear.hidden = !isFiltered;
@@ -108,6 +119,13 @@ function drawGallery(element, block) {
   });
   for (const field of [sort, ...fields]) field.addEventListener("input", show);
   const labelled = (text, field) => el("span", {}, el("label", { for: field.id }, text), field);
+  const again = labelled("Driven again ", robust);
+  const renew = (newer) => {
+    block = newer;
+    for (const one of block.repeats) repeatsById.set(one.test, one);
+    again.hidden = !block.repeats.length;
+    show();
+  };
   element.append(
     el(
       "div",
@@ -117,7 +135,7 @@ function drawGallery(element, block) {
       labelled("Find ", search),
       radius.element,
       speed.element,
-      block.repeats.length ? labelled("Driven again ", robust) : null,
+      again,
       found,
       clear,
     ),
@@ -127,12 +145,14 @@ function drawGallery(element, block) {
     el("p", { class: "caption" }, "Each road is laid flat and driven to the right; ● is its start, ○ where the car left its lane."),
   );
   arrowKeys(grid, () => [...grid.querySelectorAll(".card")]);
-  show();
+  renew(block);
+  return renew;
 }
 
 /** Fills a grid with so many of its items, and says on a button how many more there are. */
 function fillGrid(grid, more, items, shown, make) {
-  grid.replaceChildren(...items.slice(0, shown).map(make));
+  const wanted = items.slice(0, shown).map(make);
+  if (wanted.length !== grid.children.length || wanted.some((item, i) => item !== grid.children[i])) grid.replaceChildren(...wanted);
   more.hidden = items.length <= shown;
   more.textContent = `Show ${items.length - shown} more`;
   grid.querySelectorAll(".card").forEach((item, i) => (item.tabIndex = i === 0 ? 0 : -1));
@@ -140,7 +160,7 @@ function fillGrid(grid, more, items, shown, make) {
 
 function clusterItem(cluster, head, order) {
   const caption = head === cluster.most_severe ? cluster.description : `Like test ${cluster.most_severe}, which ${cluster.description}`;
-  const item = el("article", { class: "cluster" }, card(head, order, { caption }));
+  const item = el("article", { class: "cluster", "data-first": cluster.first }, card(head, order, { caption }));
   const others = cluster.shown.filter((id) => id !== head);
   if (cluster.size > 1) {
     const hidden = cluster.size - cluster.shown.length;

@@ -2,8 +2,16 @@
 
 const PAPER = 680; // px, what is printed on
 
-function drawBar() {
+const main = document.getElementById("page");
+const nav = scrollsSideways(el("nav", { "aria-label": "Sections" }));
+const drawn = new Map(); // a section's id -> its elements, and what shows a newer block in each
+
+function drawLinks() {
   const links = report.sections.slice(1).map((section) => el("a", { href: `#${section.id}` }, section.title));
+  if (links.map((link) => link.text).join() !== [...nav.children].map((link) => link.text).join()) nav.replaceChildren(...links);
+}
+
+function drawBar() {
   const theme = el("button", { type: "button", id: "theme", class: "theme" });
   const say = () => {
     const now = document.documentElement.dataset.theme;
@@ -15,25 +23,28 @@ function drawBar() {
     say();
   });
   say();
-  const nav = scrollsSideways(el("nav", { "aria-label": "Sections" }, links));
+  drawLinks();
   document.getElementById("bar").append(el("a", { class: "brand", href: "#page" }, "Frenetic"), nav, theme);
 }
 
 function drawSection(section, place) {
-  const body = el("div", { class: "blocks" });
-  for (const block of section.blocks) {
-    const element = el("div", { class: `block block-${block.kind}` });
-    body.append(element);
-    kinds[block.kind](element, block);
-  }
+  const elements = section.blocks.map((block) => el("div", { class: `block block-${block.kind}` }));
+  const body = el("div", { class: "blocks" }, elements);
+  const renew = section.blocks.map((block, i) => kinds[block.kind](elements[i], block));
   const title = el(place === 0 ? "h1" : "h2", { id: `${section.id}-title` }, section.title);
-  return el("section", { id: section.id, "aria-labelledby": `${section.id}-title` }, title, section.lead ? el("p", { class: "lead" }, section.lead) : null, body);
+  const lead = section.lead ? el("p", { class: "lead" }, section.lead) : null;
+  const element = el("section", { id: section.id, "aria-labelledby": `${section.id}-title` }, title, lead, body);
+  drawn.set(section.id, { section, element, title, lead, elements, renew });
+  return element;
 }
 
 document.documentElement.dataset.theme = storedTheme();
 drawBar();
-document.getElementById("page").append(...report.sections.map(drawSection));
-document.getElementById("foot").append(`Made by ${report.made_by}. This file is complete: it loads nothing.`);
+main.append(...report.sections.map(drawSection));
+document.getElementById("foot").append(
+  `Made by ${report.made_by}. `,
+  report.interval === null ? "This file is complete: it loads nothing." : "It grows while 'frenetic watch --serve' shows it, on this computer only.",
+);
 
 document.addEventListener("DOMContentLoaded", openLinked);
 // Paper is white, narrower than most screens, and nothing on it can be unfolded.
