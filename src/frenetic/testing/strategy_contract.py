@@ -6,10 +6,12 @@ import itertools
 import random
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
 
+from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation, Trace
 from frenetic.search.strategy import Strategy, WarmStartingStrategy
@@ -332,29 +334,52 @@ def _made_up(candidate: Candidate, budget_spent: float) -> Evaluation:
 
     One in three drives has no trace, as one that is told by another simulator may.
     """
-    rng = np.random.default_rng(candidate.id)
-    outcome = list(Outcome)[int(rng.choice(4, p=[0.5, 0.3, 0.15, 0.05]))]
-    if not outcome.is_driven:
-        return Evaluation(candidate, outcome, None, budget_spent)
-    moobd = float(rng.uniform(-3.0, 2.0))
-    told = Evaluation(candidate, outcome, moobd, budget_spent)
+    drawn = _drawn(candidate.id)
+    if not drawn.outcome.is_driven:
+        return Evaluation(candidate, drawn.outcome, None, budget_spent)
     if candidate.id % 3 == 0:
-        return told
+        return Evaluation(candidate, drawn.outcome, drawn.moobd, budget_spent)
     length = (len(candidate.curvatures) - 1) * candidate.step
-    distance = np.linspace(0.0, length * float(rng.uniform(0.2, 1.0)), 100)
+    distance = length * drawn.places
+    stands = drawn.outcome is not Outcome.FAIL or candidate.id % 7 == 0  # some fail in the lane
+    return Evaluation(
+        candidate,
+        drawn.outcome,
+        drawn.moobd,
+        budget_spent,
+        place=float(distance[drawn.worst]),
+        side=None if stands else "left" if drawn.offset[drawn.worst] > 0.0 else "right",
+        duration=drawn.duration,
+        read_trace=lambda: Trace(distance, drawn.offset.copy(), drawn.speed.copy()),
+    )
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """What is random in an evaluation."""
+
+    outcome: Outcome
+    moobd: float
+    places: FloatArray
+    """(100,), shares of the road's length."""
+    offset: FloatArray
+    worst: int
+    """Number of the place with the largest offset."""
+    speed: FloatArray
+    duration: float
+
+
+@cache
+def _drawn(candidate_id: int) -> _Drawn:
+    rng = np.random.default_rng(candidate_id)
+    outcome = list(Outcome)[int(rng.choice(4, p=[0.5, 0.3, 0.15, 0.05]))]
+    moobd = float(rng.uniform(-3.0, 2.0))
+    places = np.linspace(0.0, float(rng.uniform(0.2, 1.0)), 100)
     offset = rng.normal(0.0, 0.3, 100)
     worst = int(rng.integers(100))
     offset[worst] = (2.0 - moobd) * (1.0 if rng.random() < 0.5 else -1.0)
-    trace = Trace(distance, offset, rng.uniform(5.0, 20.0, 100))
-    told = replace(
-        told,
-        place=float(distance[worst]),
-        duration=float(rng.uniform(1.0, 60.0)),
-        read_trace=lambda: trace,
-    )
-    if outcome is not Outcome.FAIL or candidate.id % 7 == 0:  # some stand still
-        return told
-    return replace(told, side="left" if offset[worst] > 0.0 else "right")
+    speed = rng.uniform(5.0, 20.0, 100)
+    return _Drawn(outcome, moobd, places, offset, worst, speed, float(rng.uniform(1.0, 60.0)))
 
 
 def _copy(candidate: Candidate) -> Candidate:
