@@ -12,6 +12,7 @@ import platform
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import environments
@@ -21,6 +22,11 @@ from frenetic.export import ExportedRoad, to_openscenario, write_road
 from frenetic.road import Road
 from frenetic.road.opendrive import to_opendrive
 from frenetic.simulators import Rules
+
+if TYPE_CHECKING:
+    from agreements import Agreements
+
+pytest_plugins = ["agreements"]
 
 ESMINI = os.environ.get("FRENETIC_ESMINI")
 WINDING = [0.0, 0.02, 0.05, -0.03, 0.0, 0.01, 0.0]
@@ -117,7 +123,10 @@ def test_carla_finds_every_position(name: str) -> None:
         )
 
 
-def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path: Path) -> None:
+@pytest.mark.endurance
+def test_the_asam_checker_finds_nothing(
+    agreements: Agreements, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
     files = []
     for name, road in ROADS.items():
         path = tmp_path / f"{name}.xodr"
@@ -130,17 +139,21 @@ def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path
             files[-1].write_text(text.replace('revMinor="0"', f'revMinor="{minor}"'))
     bad = tmp_path / "bad.xosc"
     bad.write_text(text.replace("<CatalogLocations />", ""))
-    python = environments.python_with(environments.OPENSCENARIO_CHECKER, request)
-    script = environments.ASAM_CHECKS
-    answers = environments.answers(python, script, "qc_openscenario", *files, bad)
-    assert len(answers.pop(str(bad))["check_asam_xosc_xml_valid_schema"]) > 1
-    assert len(answers) == 16
-    for file, answer in answers.items():
-        assert answer["check_asam_xosc_xml_valid_schema"] == ["completed"]
-        assert len(answer) == 17
-        done = [status for status, *issues in answer.values() if status == "completed"]
-        assert len(done) == (17 if file.endswith(("-2.xosc", "-3.xosc")) else 5)
-        assert not any(issues for _, *issues in answer.values())
+    checker, script = environments.OPENSCENARIO_CHECKER, environments.ASAM_CHECKS
+    texts = [path.read_bytes() for path in (*files, bad)]
+    with agreements.upon("ASAM", checker, script.read_bytes(), *texts) as is_agreed:
+        if is_agreed:
+            return
+        python = environments.python_with(checker, request)
+        answers = environments.answers(python, script, "qc_openscenario", *files, bad)
+        assert len(answers.pop(str(bad))["check_asam_xosc_xml_valid_schema"]) > 1
+        assert len(answers) == 16
+        for file, answer in answers.items():
+            assert answer["check_asam_xosc_xml_valid_schema"] == ["completed"]
+            assert len(answer) == 17
+            done = [status for status, *issues in answer.values() if status == "completed"]
+            assert len(done) == (17 if file.endswith(("-2.xosc", "-3.xosc")) else 5)
+            assert not any(issues for _, *issues in answer.values())
 
 
 @pytest.mark.skipif(ESMINI is None, reason="FRENETIC_ESMINI names no esmini")

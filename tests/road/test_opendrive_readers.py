@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import environments
 import numpy as np
@@ -13,6 +14,11 @@ import pytest
 
 from frenetic.road import Road
 from frenetic.road.opendrive import from_opendrive, to_opendrive
+
+if TYPE_CHECKING:
+    from agreements import Agreements
+
+pytest_plugins = ["agreements"]
 
 ROADS = readers.varied_roads()
 SHOULDERS = {name: 2.5 * (i % 2) for i, name in enumerate(ROADS)}  # m
@@ -104,8 +110,11 @@ def test_a_reader_that_errs_is_noticed() -> None:
     assert readers.away_at_places(road, lane) > 0.15
 
 
+@pytest.mark.endurance
 @checker_can_be_installed
-def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path: Path) -> None:
+def test_the_asam_checker_finds_nothing(
+    agreements: Agreements, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
     files = {}
     for i, (name, road) in enumerate(ROADS.items()):
         text = to_opendrive(road, name=name, shoulder=SHOULDERS[name])
@@ -117,17 +126,22 @@ def test_the_asam_checker_finds_nothing(request: pytest.FixtureRequest, tmp_path
     files[bad] = to_opendrive(Road([0.0, 0.01])).replace('hdg="', 'heading="')
     for path, text in files.items():
         path.write_text(text, encoding="utf-8")
-    python = environments.python_with(environments.OPENDRIVE_CHECKER, request)
-    answers = environments.answers(python, environments.ASAM_CHECKS, "qc_opendrive", *files)
-    complaint = answers.pop(str(bad))
-    assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
-    assert len(answers) == 60
-    for file, answer in answers.items():
-        skipped = {name for name, (status, *_) in answer.items() if status == "skipped"}
-        assert skipped == {GONE_IN_1_8 if file.endswith("-8.xodr") else NEW_IN_1_8}
-        assert len(answer) == 23
-        assert all(status in ("completed", "skipped") for status, *_ in answer.values())
-        assert not any(issues for _, *issues in answer.values())
+    checker, script = environments.OPENDRIVE_CHECKER, environments.ASAM_CHECKS
+    texts = files.values()
+    with agreements.upon("ASAM", checker, script.read_bytes(), *texts) as is_agreed:
+        if is_agreed:
+            return
+        python = environments.python_with(checker, request)
+        answers = environments.answers(python, script, "qc_opendrive", *files)
+        complaint = answers.pop(str(bad))
+        assert len(complaint["check_asam_xodr_xml_valid_schema"]) > 1
+        assert len(answers) == 60
+        for file, answer in answers.items():
+            skipped = {name for name, (status, *_) in answer.items() if status == "skipped"}
+            assert skipped == {GONE_IN_1_8 if file.endswith("-8.xodr") else NEW_IN_1_8}
+            assert len(answer) == 23
+            assert all(status in ("completed", "skipped") for status, *_ in answer.values())
+            assert not any(issues for _, *issues in answer.values())
 
 
 def imported_roads() -> dict[str, Road]:
@@ -153,9 +167,10 @@ def imported_roads() -> dict[str, Road]:
     return roads
 
 
+@pytest.mark.endurance
 @commonroad_can_be_installed
 def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
-    request: pytest.FixtureRequest, tmp_path: Path
+    agreements: Agreements, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     roads = ROADS | imported_roads()
     files = {tmp_path / f"{i}.xodr": road for i, road in enumerate(roads.values())}
@@ -164,19 +179,23 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
     elsewhere, bend = tmp_path / "elsewhere.xodr", ROADS["S-bend"]
     elsewhere.write_text(to_opendrive(bend, origin=(-33.5, 151.25)), encoding="utf-8")
     east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"
-    python = environments.python_with(environments.COMMONROAD, request)
-    answers = environments.answers(python, HERE / LANELETS, *files, east, elsewhere)
-    assert len(answers) == 53 + 1
-    for path, road in files.items():
-        lanes = answers[str(path)]
-        assert isinstance(lanes, list), lanes
-        away = [
-            readers.away_from_line(road, readers.ReadLane(np.array(lane), road.lane_width))
-            for lane in lanes
-        ]
-        assert min(away) < 0.03
-    moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(elsewhere)]]
-    assert min(readers.away_from_line(bend, readers.ReadLane(lane, 4.0)) for lane in moved) < 0.03
+    asked = [path.read_bytes() for path in (HERE / LANELETS, *files, elsewhere)]
+    with agreements.upon("CommonRoad", environments.COMMONROAD, east, *asked) as is_agreed:
+        if is_agreed:
+            return
+        python = environments.python_with(environments.COMMONROAD, request)
+        answers = environments.answers(python, HERE / LANELETS, *files, east, elsewhere)
+        assert len(answers) == 53 + 1
+        for path, road in files.items():
+            lanes = answers[str(path)]
+            assert isinstance(lanes, list), lanes
+            away = [
+                readers.away_from_line(road, readers.ReadLane(np.array(lane), road.lane_width))
+                for lane in lanes
+            ]
+            assert min(away) < 0.03
+        moved = [np.array(lane) - [1000.0, 0.0] for lane in answers[str(elsewhere)]]
+        assert min(readers.away_from_line(bend, readers.ReadLane(at, 4.0)) for at in moved) < 0.03
 
 
 def test_what_we_read_back_is_the_same_road() -> None:

@@ -5,7 +5,8 @@ import pickle
 from collections import Counter
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +27,11 @@ from frenetic.road.validity import (
     min_radius,
     overlaps_itself,
 )
+
+if TYPE_CHECKING:
+    from agreements import Agreements
+
+pytest_plugins = ["agreements"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -250,19 +256,27 @@ FAMILIES: list[tuple[Family, int, dict[str, int]]] = [
 # --- agreement with the reference --------------------------------------------------------------
 
 
+@pytest.mark.endurance
 @pytest.mark.parametrize(
     ("family", "count", "due"), FAMILIES, ids=[f[0].__name__ for f in FAMILIES]
 )
-def test_agrees_with_the_reference(family: Family, count: int, due: dict[str, int]) -> None:
+def test_agrees_with_the_reference(
+    agreements: Agreements, family: Family, count: int, due: dict[str, int]
+) -> None:
     rng = np.random.default_rng(20210517)
-    seen: Counter[str] = Counter()
-    for number in range(count):
+    judged = []
+    for _ in range(count):
         points = family(rng)
-        expected = reference.verdict_message(points)
         verdict = check_validity(points)
-        assert verdict.message == expected, f"{family.__name__} {number}: {points.tolist()}"
-        assert verdict.valid == (expected == "")
-        seen[expected] += 1
+        assert verdict.valid == (verdict.message == "")
+        judged.append((points, verdict.message))
+    parts = [part for points, message in judged for part in (points.tobytes(), message)]
+    judge = Path(reference.__file__).read_bytes()
+    with agreements.upon(family.__name__, judge, *parts) as is_agreed:
+        if not is_agreed:
+            for points, message in judged:
+                assert message == reference.verdict_message(points), points.tolist()
+    seen = Counter(message for _, message in judged)
     assert not {m: (seen[m], n) for m, n in due.items() if seen[m] < n}
 
 

@@ -1,7 +1,4 @@
-"""Python environments of their own, for tools whose packages do not go with ours.
-
-As a script it installs all of them in a folder: `.ci/run` does so beside the project's own install.
-"""
+"""Python environments of their own, for tools whose packages do not go with ours."""
 
 from __future__ import annotations
 
@@ -11,10 +8,9 @@ import subprocess
 import sys
 import venv
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    import pytest
+import pytest
 
 OPENDRIVE_CHECKER = "asam-qc-opendrive==1.0.0"
 OPENSCENARIO_CHECKER = "asam-qc-openscenarioxml==1.0.0"
@@ -28,8 +24,6 @@ def python_with(package: str, request: pytest.FixtureRequest) -> str:
 
     Where it cannot be installed, the test fails in CI and is skipped elsewhere.
     """
-    import pytest  # the script runs before it is installed
-
     try:
         return installed(package, request.config.cache.mkdir(_name(package)))
     except OSError as error:
@@ -66,8 +60,3 @@ def answers(python: str, script: Path, *arguments: str | Path) -> dict[str, Any]
     assert done.returncode == 0, done.stderr
     document: dict[str, Any] = json.loads(done.stdout)
     return document
-
-
-if __name__ == "__main__":
-    for one in (COMMONROAD, OPENDRIVE_CHECKER, OPENSCENARIO_CHECKER):
-        installed(one, Path(sys.argv[1], _name(one)))
