@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
 
 # Layers of a picture, each drawn over the one before.
-SKY, LAND, SHOULDER, ASPHALT, MARKINGS, TEXTURE = 0, 1, 2, 3, 4, 5
-LAYERS: Final = ("sky", "land", "shoulder", "asphalt", "markings", "texture")
-"""Layers of a picture in the order in which they are drawn, see `Renderer`."""
+LAND, SHOULDER, ASPHALT, MARKINGS, TEXTURE = range(5)
+LAYERS: Final = ("land", "shoulder", "asphalt", "markings", "texture")
+"""Layers of a picture from the first, land and sky, in the order in which they are drawn."""
 
 MARKING_WIDTH: Final = 0.15
 """Width of a line, in m."""
@@ -52,82 +52,81 @@ _FINE = 1.0 / 16.0  # m, a texel of gravel and grain
 _COARSE = 0.5  # m, a texel of patches
 _FAR = 4000.0  # m, where the ground ends in the haze
 _HAZE = 900.0  # m in which the haze takes 63 % of a colour
+_STRIDE = 4  # samples of a line from one that is looked up to the next
 _MOST_SAMPLES = 4  # of a pixel, one above the other
+_SKY_COLUMNS = 1024  # of the panorama, all around counter-clockwise from +x
+_SKY_ROWS = 128  # of the panorama; row i is (i / rows)^2 of the way from the horizon to the zenith
 _EMPTY = -(2**62)
 
 
 # What a camera's pixels look at
 
-# Columns of a sample's geometry. Ground: place, footprint to the right and downwards (m), 1 - haze,
-# distance. Sky: direction, elevation, -1.
-_X, _Y, _AX, _AY, _BX, _BY, _CLEAR, _DISTANCE = range(8)
+# Columns of a sample's geometry. Ground: place, footprint to the right and downwards (m), its size,
+# what the haze leaves of its colour. Sky: column and row of the panorama, and a negative last one.
+_X, _Y, _AX, _AY, _BX, _BY, _FOOTPRINT, _CLEAR = range(8)
 
 
 @dataclass(frozen=True, eq=False)
 class _Projection:
-    """Samples of a camera's image."""
+    """Samples of a camera's image, in lines: a row of the image has one line or several."""
 
     first: npt.NDArray[np.int64]
-    """First sample of each pixel, (height * width + 1,)."""
-    samples: FloatArray
-    """(n, 8), see above."""
+    """First line of each row, (height + 1,)."""
+    samples: npt.NDArray[np.float32]
+    """(lines, width, 8), see above."""
 
 
 @lru_cache(maxsize=8)
 def _projection(camera: Camera) -> _Projection:
-    """The samples of a camera; pixels that look far along the ground have several."""
-    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width].reshape(2, -1)
-    single = _footprints(camera, rows.astype(float), columns.astype(float), 1.0)
-    length = np.hypot(single[:, _BX], single[:, _BY])
-    # A footprint of more than 2 m may hold more than one piece of a bend.
-    is_near_horizon = np.abs(camera.rays_through(rows, columns)[..., 2]) < 2.0 / camera.focal_length
-    number = np.where(single[:, _CLEAR] < 0.0, 1, np.ceil(length / 2.0))
-    number = np.where(is_near_horizon, _MOST_SAMPLES, np.clip(number, 1, _MOST_SAMPLES))
-    number = number.astype(np.int64)
-    first = np.concatenate([[0], np.cumsum(number)])
-    pixel = np.repeat(np.arange(len(number)), number)
-    of_pixel = number[pixel]
-    part = (np.arange(first[-1]) - first[pixel] + 0.5) / of_pixel - 0.5
-    samples = _footprints(camera, rows[pixel] + part, columns[pixel].astype(float), 1.0 / of_pixel)
-    return _Projection(first, samples)
+    """The samples of a camera; rows that look far along the ground have several lines."""
+    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
+    single = _footprints(camera, rows, columns, 1.0)
+    # Footprints of more than 2 m may hold more than one piece of a bend; at the horizon, ground
+    # and sky meet.
+    length = np.hypot(single[..., _BX], single[..., _BY]).max(axis=1)
+    at_horizon = np.abs(camera.rays_through(rows, columns)[..., 2]).min(axis=1)
+    number = np.clip(np.ceil(length / 2.0), 1, _MOST_SAMPLES)
+    number[(at_horizon < 2.0 / camera.focal_length) & (number == 1)] = 2
+    first = np.concatenate([[0], np.cumsum(number)]).astype(np.int64)
+    row = np.repeat(np.arange(camera.height), number.astype(np.int64))
+    part = (np.arange(first[-1]) - first[row] + 0.5) / number[row] - 0.5
+    lines = np.broadcast_to((row + part)[:, None], (len(row), camera.width))
+    samples = _footprints(
+        camera, lines, np.broadcast_to(columns[0], lines.shape), 1.0 / number[row][:, None]
+    )
+    return _Projection(first, samples.astype(np.float32))
 
 
 def _footprints(
     camera: Camera, rows: FloatArray, columns: FloatArray, height: FloatArray | float
 ) -> FloatArray:
     """Geometry of samples at these places, ``height`` rows high."""
-    out = np.zeros((len(rows), 8))
+    out = np.zeros((*rows.shape, 8))
     rays = camera.rays_through(rows, columns)
-    is_ground = rays[:, 2] < -camera.up / _FAR
-    sky = ~is_ground
-    flat = np.maximum(np.hypot(rays[:, 0], rays[:, 1]), 1e-9)
-    out[sky, _X], out[sky, _Y] = (rays[:, 0] / flat)[sky], (rays[:, 1] / flat)[sky]
-    out[sky, _AX] = np.maximum(np.arcsin(np.clip(rays[:, 2], -1.0, 1.0)), 0.0)[sky]
-    out[sky, _CLEAR] = -1.0
+    out[..., _X] = np.arctan2(rays[..., 1], rays[..., 0]) * (_SKY_COLUMNS / (2.0 * math.pi))
+    up = np.arcsin(np.clip(rays[..., 2], 0.0, 1.0)) / (0.5 * math.pi)
+    out[..., _Y] = np.minimum(np.sqrt(up) * _SKY_ROWS, _SKY_ROWS - 1.0)
+    out[..., _CLEAR] = -1.0
 
     def on_ground(rays: FloatArray) -> FloatArray:
-        down = np.maximum(-rays[:, 2], camera.up / (2.0 * _FAR))
-        return rays[:, :2] * (camera.up / down)[:, None]
+        down = np.maximum(-rays[..., 2:], camera.up / (2.0 * _FAR))
+        return rays[..., :2] * (camera.up / down)
 
     place = on_ground(rays)
-    half = 0.5 * np.broadcast_to(height, rows.shape)
+    half = 0.5 * np.asarray(height)
     across = on_ground(camera.rays_through(rows, columns + 0.5)) - on_ground(
         camera.rays_through(rows, columns - 0.5)
     )
     along = on_ground(camera.rays_through(rows + half, columns)) - on_ground(
         camera.rays_through(rows - half, columns)
     )
-    distance = np.hypot(place[:, 0], place[:, 1])
-    ground = np.column_stack(
-        [
-            place[:, 0] + camera.forward,
-            place[:, 1] + camera.left,
-            across,
-            along,
-            np.exp(-distance / _HAZE),
-            distance,
-        ]
+    size = np.maximum(
+        np.hypot(across[..., 0], across[..., 1]), np.hypot(along[..., 0], along[..., 1])
     )
+    clear = np.exp(-np.hypot(place[..., 0], place[..., 1]) / _HAZE)
+    place += np.array([camera.forward, camera.left])
+    ground = np.concatenate([place, across, along, size[..., None], clear[..., None]], axis=-1)
+    is_ground = rays[..., 2] < -camera.up / _FAR
     out[is_ground] = ground[is_ground]
     return out
 
@@ -151,17 +150,17 @@ def _road_rows(table: FloatArray, ds: float, before: int, rows: int) -> FloatArr
     return out
 
 
-@njit()
+@njit(error_model="numpy")
 def _slot(keys: npt.NDArray[np.int64], key: int) -> int:
     """Slot of a key in a hash table: where it is, or where it would be entered."""
     mask = len(keys) - 1
-    slot = ((key * 0x9E3779B97F4A7C1) >> 20) & mask
+    slot = ((key * 0x9E3779B97F4A7C1) >> 40) & mask
     while keys[slot] != _EMPTY and keys[slot] != key:
         slot = (slot + 1) & mask
     return slot
 
 
-@njit()
+@njit(error_model="numpy")
 def _key(ix: int, iy: int) -> int:
     return ix * 67108864 + iy
 
@@ -214,43 +213,63 @@ def _enter_rows(
 
 # Colours
 
+_LAND, _PATCH, _GRAVEL, _TAR, _PAINT, _HILLS = range(6)
+
 
 @dataclass(frozen=True, eq=False)
 class _Paint:
     """Colours and textures of a scene."""
 
     colours: FloatArray
-    """(8, 3) from 0 to 255: zenith, horizon, land, land in patches, hills, gravel, asphalt,
-    paint."""
-    numbers: FloatArray
-    """Cosine and sine of the sun's direction, its elevation in rad, its strength; how much grain
-    and patches the asphalt has, and the land."""
+    """Colours of land, of patches on it, gravel, asphalt, paint and hills, (6, 3) from 0 to 255."""
+    contrasts: FloatArray
+    """Contrast of the grain of land, gravel, asphalt and paint, and of the asphalt's patches."""
     fine: npt.NDArray[np.float32]
     """Grain, (256, 256) from -1 to 1."""
     coarse: npt.NDArray[np.float32]
     """Patches, likewise."""
+    sky: npt.NDArray[np.uint8]
+    """Panorama, (rows, columns, 3)."""
 
 
 @lru_cache(maxsize=16)
 def _paint(seed: int) -> _Paint:
+    """The colours of a scene: ordinary ones with seed 0, else drawn from wide ranges."""
     rng = np.random.default_rng(seed)
     fine = _noise(rng, (_SIZE, 128))
     coarse = _noise(rng, (64, 32, 16))
+    # land, patches on it
+    grass, dry, soil, sand, snow = (
+        ((88, 112, 58), (118, 128, 74)),
+        ((150, 142, 88), (126, 124, 76)),
+        ((112, 92, 70), (136, 112, 86)),
+        ((196, 176, 134), (180, 158, 116)),
+        ((214, 218, 224), (190, 194, 198)),
+    )
+    asphalt, tint, gravel = 93.0, 1.5, 132.0
+    paint, sun, sun_up, clouds = 234.0, 0.7, 0.6, 0.0
+    land = grass
+    contrasts = np.array([16.0, 22.0, 9.0, 6.0, 7.0])
+    if seed:
+        land = (grass, grass, dry, soil, sand, snow)[rng.integers(6)]
+        asphalt, tint = rng.uniform(50.0, 135.0), rng.uniform(-6.0, 6.0)
+        gravel = rng.uniform(90.0, 165.0)
+        paint = rng.uniform(max(190.0, asphalt + 80.0), 250.0)
+        sun, sun_up = rng.uniform(-math.pi, math.pi), rng.uniform(0.1, 1.2)
+        clouds = rng.uniform(0.0, 1.0)
+        contrasts = contrasts * rng.uniform(0.5, 2.0, 5)
     colours = np.array(
         [
-            [96, 148, 214],
-            [196, 212, 226],
-            [88, 112, 58],
-            [118, 128, 74],
-            [92, 112, 108],
-            [142, 134, 118],
-            [92, 93, 96],
-            [236, 236, 230],
+            *land,
+            (gravel + 10.0, gravel + 2.0, gravel - 14.0),
+            (asphalt - tint, asphalt, asphalt + 2.0 * tint),
+            (paint + 2.0, paint + 2.0, paint - 4.0),
+            (92.0, 112.0, 108.0),
         ],
         dtype=np.float64,
     )
-    numbers = np.array([math.cos(0.7), math.sin(0.7), 0.6, 1.0, 9.0, 7.0, 16.0])
-    return _Paint(colours, numbers, fine, coarse)
+    sky = _panorama(coarse, colours[_HILLS], sun, sun_up, clouds)
+    return _Paint(colours, contrasts, fine, coarse, sky)
 
 
 def _noise(rng: np.random.Generator, grids: tuple[int, ...]) -> npt.NDArray[np.float32]:
@@ -269,17 +288,48 @@ def _noise(rng: np.random.Generator, grids: tuple[int, ...]) -> npt.NDArray[np.f
     return noise
 
 
+def _panorama(
+    noise: npt.NDArray[np.float32], hills: FloatArray, sun: float, sun_up: float, clouds: float
+) -> npt.NDArray[np.uint8]:
+    """The sky all around, with a sun, clouds and a chain of hills, (rows, columns, 3).
+
+    Args:
+        noise: shape of hills and clouds.
+        hills: their colour.
+        sun: its direction, in rad counter-clockwise from +x.
+        sun_up: its elevation, in rad.
+        clouds: share of the sky that is grey, 0..1.
+    """
+    up = (((np.arange(_SKY_ROWS) + 0.5) / _SKY_ROWS) ** 2 * (0.5 * math.pi))[:, None]
+    around = (np.arange(_SKY_COLUMNS) + 0.5) * (2.0 * math.pi / _SKY_COLUMNS)
+    blue, pale, grey = np.array([[96, 148, 214], [196, 212, 226], [186, 190, 194]], dtype=float)
+    height = (1.0 - 1.0 / (1.0 + 3.0 * up))[..., None]
+    sky = pale + height * (blue - pale) + np.zeros((_SKY_ROWS, _SKY_COLUMNS, 3))
+    repeated = np.tile(noise, (1, _SKY_COLUMNS // _SIZE))
+    cover = np.clip(0.5 + 2.0 * (repeated[:_SKY_ROWS] + 2.0 * clouds - 1.2), 0.0, 1.0)[..., None]
+    sky += cover * (grey - sky)
+    cosine = np.cos(up) * math.cos(sun_up) * np.cos(around - sun) + np.sin(up) * math.sin(sun_up)
+    near = np.maximum(cosine, 0.0)
+    glow = (0.25 * near**8 + 0.75 * near**300)[..., None] * (1.0 - 0.8 * cover)
+    sky += glow * (np.array([255.0, 250.0, 235.0]) - sky)
+    skyline = np.interp(around, np.linspace(0.0, 2.0 * math.pi, 65), [*noise[7, :64], noise[7, 0]])
+    is_hill = up < 0.025 + 0.022 * skyline
+    sky = np.where(is_hill[..., None], hills, sky)
+    panorama: npt.NDArray[np.uint8] = np.rint(np.clip(sky, 0.0, 255.0)).astype(np.uint8)
+    return panorama
+
+
 # Drawing
 
 
-@njit()
+@njit(error_model="numpy")
 def _share(low: float, high: float, at: float, width: float) -> float:
     """Share of a footprint ``width`` wide around ``at`` that lies between two bounds."""
     inside = min(high, at + 0.5 * width) - max(low, at - 0.5 * width)
     return max(inside, 0.0) / width
 
 
-@njit()
+@njit(error_model="numpy")
 def _dashes(s: float) -> float:
     """Length of dashes from 0 to ``s``; the first begins at 0."""
     periods = math.floor(s / DASH_PERIOD)
@@ -287,10 +337,134 @@ def _dashes(s: float) -> float:
 
 
 @njit(error_model="numpy")
+def _paint_left(wear: float, rough: float, smooth: float, size: float) -> float:
+    """Share of a marking's paint that is left here; it wears off in flakes and in patches."""
+    left = 1.0 - wear
+    here = min(max(0.5 + 2.5 * (left - 0.5 - 0.35 * (rough + smooth)), 0.0), 1.0)
+    sharp = min(8.0 * _FINE / size, 1.0)
+    return sharp * here + (1.0 - sharp) * left
+
+
+# Place of a point on the road: offset to the left of the centre line (m), distance from the first
+# row (m), cosine and sine of the road's heading, metres of road per metre at this offset; the last
+# is 0 far from the road.
+_D, _S, _C, _N, _PER_METRE = range(5)
+
+
+@njit(error_model="numpy")
+def _locate(
+    wx: float,
+    wy: float,
+    rows: FloatArray,
+    per_metre: float,
+    keys: npt.NDArray[np.int64],
+    nearest: npt.NDArray[np.int64],
+) -> tuple[float, float, float, float, float]:
+    """Place of a point on the road."""
+    key = _key(math.floor(wx * per_metre), math.floor(wy * per_metre))
+    slot = _slot(keys, key)
+    if keys[slot] != key:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    i = nearest[slot]
+    dx, dy = wx - rows[i, _RX], wy - rows[i, _RY]
+    along = dx * rows[i, _RC] + dy * rows[i, _RN]
+    step = math.floor(along / _SPACING + 0.5)
+    if step != 0:
+        i = min(max(i + step, 0), len(rows) - 1)
+        dx, dy = wx - rows[i, _RX], wy - rows[i, _RY]
+        along = dx * rows[i, _RC] + dy * rows[i, _RN]
+    if abs(along) > 4.0 * _SPACING:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    left = dy * rows[i, _RC] - dx * rows[i, _RN]
+    kappa = rows[i, _RKAPPA]
+    unstretched = 1.0 / max(1.0 - kappa * left, 0.2)
+    d = left - 0.5 * kappa * along * along * unstretched
+    along *= unstretched
+    turned = kappa * along
+    cosine = rows[i, _RC] - turned * rows[i, _RN]
+    sine = rows[i, _RN] + turned * rows[i, _RC]
+    return d, i * _SPACING + along, cosine, sine, unstretched
+
+
+@njit(error_model="numpy")
+def _locate_line(
+    samples: npt.NDArray[np.float32],
+    line: int,
+    x: float,
+    y: float,
+    c: float,
+    n: float,
+    rows: FloatArray,
+    per_metre: float,
+    keys: npt.NDArray[np.int64],
+    nearest: npt.NDArray[np.int64],
+    places: FloatArray,
+) -> None:
+    """Locates the samples of a line on the road: writes their ``places``, (width, 5).
+
+    One in `_STRIDE` is looked up. Those between two of them are interpolated if both lie on the same
+    piece of road; on an arc this errs by less than an eighth of the spacing of the samples.
+    """
+    width = samples.shape[1]
+    high = 0
+    x0 = y0 = d0 = s0 = c0 = n0 = per0 = 0.0
+    was_ground = False
+    while high < width:
+        x1, y1 = samples[line, high, _X], samples[line, high, _Y]
+        is_ground = samples[line, high, _CLEAR] >= 0.0
+        d1 = s1 = c1 = n1 = per1 = 0.0
+        if is_ground:
+            d1, s1, c1, n1, per1 = _locate(
+                x + c * x1 - n * y1, y + n * x1 + c * y1, rows, per_metre, keys, nearest
+            )
+        places[high, _D], places[high, _S], places[high, _PER_METRE] = d1, s1, per1
+        places[high, _C], places[high, _N] = c1, n1
+        low = max(high - _STRIDE, 0) if high % _STRIDE == 0 else high - high % _STRIDE
+        apart = (x1 - x0) ** 2 + (y1 - y0) ** 2
+        if high == 0 or (not is_ground and not was_ground):
+            for u in range(low, high):
+                places[u, _PER_METRE] = 0.0
+        elif (
+            is_ground
+            and was_ground
+            and per0 > 0.0
+            and per1 > 0.0
+            and c0 * c1 + n0 * n1 > 0.97
+            and (s1 - s0) ** 2 < 4.0 * apart
+            and (d1 - d0) ** 2 < 1.1 * apart
+        ):
+            part = 1.0 / (high - low)
+            for u in range(low + 1, high):
+                t = part * (u - low)
+                places[u, _D] = d0 + t * (d1 - d0)
+                places[u, _S] = s0 + t * (s1 - s0)
+                # These only turn the footprint.
+                places[u, _C], places[u, _N], places[u, _PER_METRE] = c1, n1, per1
+        elif is_ground and was_ground and per0 == per1 == 0.0 and apart < 36.0:
+            for u in range(low + 1, high):
+                places[u, _PER_METRE] = 0.0
+        else:
+            for u in range(low + 1, high):
+                places[u, _PER_METRE] = 0.0
+                if samples[line, u, _CLEAR] >= 0.0:
+                    fx, fy = samples[line, u, _X], samples[line, u, _Y]
+                    d, s, cosine, sine, per = _locate(
+                        x + c * fx - n * fy, y + n * fx + c * fy, rows, per_metre, keys, nearest
+                    )
+                    places[u, _D], places[u, _S], places[u, _PER_METRE] = d, s, per
+                    places[u, _C], places[u, _N] = cosine, sine
+        x0, y0, d0, s0, c0, n0, per0 = x1, y1, d1, s1, c1, n1, per1
+        was_ground = is_ground
+        high = high + _STRIDE if high + _STRIDE < width or high == width - 1 else width - 1
+
+
+@njit(error_model="numpy")
 def _draw(
     first: npt.NDArray[np.int64],
-    samples: FloatArray,
-    place: FloatArray,
+    samples: npt.NDArray[np.float32],
+    x: float,
+    y: float,
+    heading: float,
     rows: FloatArray,
     before: int,
     lane_width: float,
@@ -298,169 +472,113 @@ def _draw(
     keys: npt.NDArray[np.int64],
     nearest: npt.NDArray[np.int64],
     colours: FloatArray,
-    numbers: FloatArray,
+    contrasts: FloatArray,
     fine: npt.NDArray[np.float32],
     coarse: npt.NDArray[np.float32],
+    sky: npt.NDArray[np.uint8],
     wear: float,
     layers: int,
     image: npt.NDArray[np.uint8],
 ) -> None:
-    """Writes the picture from a car at ``place`` (x, y, heading) into ``image``, (pixels, 3)."""
-    x, y = place[0], place[1]
-    c, n = math.cos(place[2]), math.sin(place[2])
-    sun_x, sun_y, sun_up, sun_power = numbers[0], numbers[1], numbers[2], numbers[3]
-    sun_c, sun_s = math.cos(sun_up), math.sin(sun_up)
-    grain, patches, land_patches = numbers[4], numbers[5], numbers[6]
+    """Writes the picture from a car at x, y and heading into ``image``, (height, width, 3)."""
+    c, n = math.cos(heading), math.sin(heading)
+    # Positive, so that cutting off a fraction rounds down.
+    turns = heading / (2.0 * math.pi)
+    turned = (turns - math.floor(turns) + 1.0) * _SKY_COLUMNS
     verge = lane_width + SHOULDER_WIDTH
-    edge = lane_width - EDGE_DISTANCE
-    last_row = len(rows) - 1
-    cell_key, row = _EMPTY, -1
-    for pixel in range(len(first) - 1):
-        red = green = blue = 0.0
-        for k in range(first[pixel], first[pixel + 1]):
-            fx, fy = samples[k, _X], samples[k, _Y]
-            wx, wy = c * fx - n * fy, n * fx + c * fy
-            clear = samples[k, _CLEAR]
-            if clear < 0.0:
-                elevation = samples[k, _AX]
-                t = 1.0 - 1.0 / (1.0 + 3.0 * elevation)
-                r = colours[1, 0] + t * (colours[0, 0] - colours[1, 0])
-                g = colours[1, 1] + t * (colours[0, 1] - colours[1, 1])
-                b = colours[1, 2] + t * (colours[0, 2] - colours[1, 2])
-                towards = wx * sun_x + wy * sun_y
-                if towards > 0.0:
-                    # Cosine of the angle to the sun, for small elevations.
-                    cosine = towards * sun_c * math.sqrt(max(1.0 - elevation * elevation, 0.0))
-                    cosine += elevation * sun_s
-                    if cosine > 0.0:
-                        glow = cosine * cosine
-                        glow *= glow
-                        glow *= glow
-                        glow = sun_power * (0.25 * glow + 0.75 * glow**8)
-                        r += glow * (255.0 - r)
-                        g += glow * (250.0 - g)
-                        b += glow * (235.0 - b)
-                # A chain of hills.
-                turn = 0.5 * _SIZE * (1.0 + math.atan2(wy, wx) / math.pi)
-                j = int(turn)
-                u = turn - j
-                height = (1.0 - u) * coarse[7, j % _SIZE] + u * coarse[7, (j + 1) % _SIZE]
-                if elevation < 0.025 + 0.022 * height:
-                    r, g, b = colours[4, 0], colours[4, 1], colours[4, 2]
-            else:
-                wx += x
-                wy += y
-                ax, ay = samples[k, _AX], samples[k, _AY]
-                bx, by = samples[k, _BX], samples[k, _BY]
-                size = max(math.hypot(ax, ay), math.hypot(bx, by))
+    outer = lane_width - EDGE_DISTANCE + 0.5 * MARKING_WIDTH
+    inner = outer - MARKING_WIDTH
+    mask = _SIZE - 1
+    width = image.shape[1]
+    places = np.zeros((width, 5))
+    per_metre = 1.0 / cell
+    sums = np.empty((width, 3))
+    for v in range(image.shape[0]):
+        sums[:] = 0.0
+        for line in range(first[v], first[v + 1]):
+            if layers >= SHOULDER:
+                _locate_line(samples, line, x, y, c, n, rows, per_metre, keys, nearest, places)
+            for u in range(width):
+                fx, fy = samples[line, u, _X], samples[line, u, _Y]
+                clear = samples[line, u, _CLEAR]
+                if clear < 0.0:
+                    j = int(fx + turned) & (_SKY_COLUMNS - 1)
+                    i = int(fy)
+                    sums[u, 0] += sky[i, j, 0]
+                    sums[u, 1] += sky[i, j, 1]
+                    sums[u, 2] += sky[i, j, 2]
+                    continue
+                wx, wy = x + c * fx - n * fy, y + n * fx + c * fy
                 # Texture, which fades where a pixel holds many texels.
                 rough = smooth = 0.0
+                size = samples[line, u, _FOOTPRINT]
                 if layers >= TEXTURE:
-                    if size < 32.0 * _FINE:
-                        i, j = math.floor(wx / _FINE), math.floor(wy / _FINE)
-                        rough = fine[i & (_SIZE - 1), j & (_SIZE - 1)] * min(
-                            2.0 * _FINE / size, 1.0
-                        )
-                    if size < 64.0 * _COARSE:
-                        tx, ty = wx / _COARSE, wy / _COARSE
+                    if size < 16.0 * _FINE:
+                        i, j = math.floor(wx * (1.0 / _FINE)), math.floor(wy * (1.0 / _FINE))
+                        rough = fine[i & mask, j & mask] * min(2.0 * _FINE / size, 1.0)
+                    if size < 32.0 * _COARSE:
+                        tx, ty = wx * (1.0 / _COARSE), wy * (1.0 / _COARSE)
                         i, j = math.floor(tx), math.floor(ty)
                         tx -= i
                         ty -= j
-                        i0, j0 = i & (_SIZE - 1), j & (_SIZE - 1)
-                        i1, j1 = (i + 1) & (_SIZE - 1), (j + 1) & (_SIZE - 1)
-                        smooth = (1.0 - tx) * (
-                            (1.0 - ty) * coarse[i0, j0] + ty * coarse[i0, j1]
-                        ) + tx * ((1.0 - ty) * coarse[i1, j0] + ty * coarse[i1, j1])
-                        smooth *= min(8.0 * _COARSE / size, 1.0)
-                mix = min(max(0.5 + 0.8 * smooth, 0.0), 1.0)
-                r = colours[2, 0] + mix * (colours[3, 0] - colours[2, 0]) + land_patches * rough
-                g = colours[2, 1] + mix * (colours[3, 1] - colours[2, 1]) + land_patches * rough
-                b = colours[2, 2] + mix * (colours[3, 2] - colours[2, 2]) + land_patches * rough
-                if layers >= SHOULDER:
-                    ix, iy = math.floor(wx / cell), math.floor(wy / cell)
-                    key = _key(ix, iy)
-                    if key != cell_key:
-                        cell_key = key
-                        slot = _slot(keys, key)
-                        row = nearest[slot] if keys[slot] == key else -1
-                    if row >= 0:
-                        i = row
-                        dx, dy = wx - rows[i, _RX], wy - rows[i, _RY]
-                        along = dx * rows[i, _RC] + dy * rows[i, _RN]
-                        step = math.floor(along / _SPACING + 0.5)
-                        if step != 0:
-                            i = min(max(i + step, 0), last_row)
-                            dx, dy = wx - rows[i, _RX], wy - rows[i, _RY]
-                            along = dx * rows[i, _RC] + dy * rows[i, _RN]
-                        left = dy * rows[i, _RC] - dx * rows[i, _RN]
-                        kappa = rows[i, _RKAPPA]
-                        stretch = max(1.0 - kappa * left, 0.2)
-                        if abs(along) < 4.0 * _SPACING:
-                            d = left - 0.5 * kappa * along * along / stretch
-                            # Footprint across and along the road.
-                            rc = rows[i, _RC] - kappa * along * rows[i, _RN]
-                            rn = rows[i, _RN] + kappa * along * rows[i, _RC]
-                            ux, uy = c * ax - n * ay, n * ax + c * ay
-                            vx, vy = c * bx - n * by, n * bx + c * by
-                            p, q = uy * rc - ux * rn, vy * rc - vx * rn
-                            across = math.sqrt(p * p + q * q) + 1e-6
-                            side = abs(d)
-                            share = _share(-verge, verge, side, across)
-                            if share > 0.0:
-                                r += share * (colours[5, 0] + 22.0 * rough - r)
-                                g += share * (colours[5, 1] + 22.0 * rough - g)
-                                b += share * (colours[5, 2] + 20.0 * rough - b)
-                            share = _share(-lane_width, lane_width, side, across)
-                            if layers >= ASPHALT and share > 0.0:
-                                shade = grain * rough + patches * smooth
-                                r += share * (colours[6, 0] + shade - r)
-                                g += share * (colours[6, 1] + shade - g)
-                                b += share * (colours[6, 2] + shade - b)
-                            if layers >= MARKINGS and share > 0.0:
-                                line = _share(
-                                    edge - 0.5 * MARKING_WIDTH,
-                                    edge + 0.5 * MARKING_WIDTH,
-                                    side,
-                                    across,
-                                )
-                                centre = _share(
-                                    -0.5 * MARKING_WIDTH, 0.5 * MARKING_WIDTH, d, across
-                                )
-                                if centre > 0.0:
-                                    p, q = ux * rc + uy * rn, vx * rc + vy * rn
-                                    length = (math.sqrt(p * p + q * q) + 1e-6) / stretch
-                                    s = (i - before) * _SPACING + along / stretch
-                                    line += (
-                                        centre
-                                        * (_dashes(s + 0.5 * length) - _dashes(s - 0.5 * length))
-                                        / length
-                                    )
-                                if line > 0.0:
-                                    if wear > 0.0:
-                                        line *= _paint_left(wear, rough, smooth, size)
-                                    r += line * (colours[7, 0] + 6.0 * rough - r)
-                                    g += line * (colours[7, 1] + 6.0 * rough - g)
-                                    b += line * (colours[7, 2] + 6.0 * rough - b)
-                haze = 1.0 - clear
-                r += haze * (colours[4, 0] - r)
-                g += haze * (colours[4, 1] - g)
-                b += haze * (colours[4, 2] - b)
-            red += r
-            green += g
-            blue += b
-        share = 1.0 / (first[pixel + 1] - first[pixel])
-        image[pixel, 0] = int(min(max(red * share + 0.5, 0.0), 255.0))
-        image[pixel, 1] = int(min(max(green * share + 0.5, 0.0), 255.0))
-        image[pixel, 2] = int(min(max(blue * share + 0.5, 0.0), 255.0))
-
-
-@njit()
-def _paint_left(wear: float, rough: float, smooth: float, size: float) -> float:
-    """Share of a marking's paint that is left here; it wears off in flakes and in patches."""
-    left = 1.0 - wear
-    here = min(max(0.5 + 2.5 * (left - 0.5 - 0.35 * (rough + smooth)), 0.0), 1.0)
-    sharp = min(8.0 * _FINE / size, 1.0)
-    return sharp * here + (1.0 - sharp) * left
+                        i0, j0, i1, j1 = i & mask, j & mask, (i + 1) & mask, (j + 1) & mask
+                        low = coarse[i0, j0] + ty * (coarse[i0, j1] - coarse[i0, j0])
+                        high = coarse[i1, j0] + ty * (coarse[i1, j1] - coarse[i1, j0])
+                        smooth = (low + tx * (high - low)) * min(8.0 * _COARSE / size, 1.0)
+                on_verge = on_road = line_share = 0.0
+                if places[u, _PER_METRE] > 0.0:
+                    # Footprint across the road.
+                    d, rc, rn = places[u, _D], places[u, _C], places[u, _N]
+                    side = abs(d)
+                    ahead, turn = c * rc + n * rn, c * rn - n * rc
+                    ax, ay = samples[line, u, _AX], samples[line, u, _AY]
+                    bx, by = samples[line, u, _BX], samples[line, u, _BY]
+                    p, q = ay * ahead - ax * turn, by * ahead - bx * turn
+                    across = math.sqrt(p * p + q * q) + 1e-6
+                    on_verge = _share(-verge, verge, side, across)
+                    if layers >= ASPHALT and on_verge > 0.0:
+                        on_road = _share(-lane_width, lane_width, side, across)
+                    if layers >= MARKINGS and on_road > 0.0:
+                        line_share = _share(inner, outer, side, across)
+                        centre = _share(-0.5 * MARKING_WIDTH, 0.5 * MARKING_WIDTH, d, across)
+                        if centre > 0.0:
+                            p, q = ax * ahead + ay * turn, bx * ahead + by * turn
+                            length = (math.sqrt(p * p + q * q) + 1e-6) * places[u, _PER_METRE]
+                            s = places[u, _S] - before * _SPACING
+                            ends = _dashes(s + 0.5 * length) - _dashes(s - 0.5 * length)
+                            line_share += centre * ends / length
+                        if wear > 0.0 and line_share > 0.0:
+                            line_share *= _paint_left(wear, rough, smooth, size)
+                r = g = b = 0.0
+                if on_verge < 1.0:
+                    mix = min(max(0.5 + 0.8 * smooth, 0.0), 1.0)
+                    grain = contrasts[0] * rough
+                    r = colours[_LAND, 0] + mix * (colours[_PATCH, 0] - colours[_LAND, 0]) + grain
+                    g = colours[_LAND, 1] + mix * (colours[_PATCH, 1] - colours[_LAND, 1]) + grain
+                    b = colours[_LAND, 2] + mix * (colours[_PATCH, 2] - colours[_LAND, 2]) + grain
+                if on_verge > 0.0:
+                    if on_road < 1.0:
+                        grain = contrasts[1] * rough
+                        r += on_verge * (colours[_GRAVEL, 0] + grain - r)
+                        g += on_verge * (colours[_GRAVEL, 1] + grain - g)
+                        b += on_verge * (colours[_GRAVEL, 2] + grain - b)
+                    if on_road > 0.0:
+                        shade = contrasts[2] * rough + contrasts[4] * smooth
+                        r += on_road * (colours[_TAR, 0] + shade - r)
+                        g += on_road * (colours[_TAR, 1] + shade - g)
+                        b += on_road * (colours[_TAR, 2] + shade - b)
+                    if line_share > 0.0:
+                        grain = contrasts[3] * rough
+                        r += line_share * (colours[_PAINT, 0] + grain - r)
+                        g += line_share * (colours[_PAINT, 1] + grain - g)
+                        b += line_share * (colours[_PAINT, 2] + grain - b)
+                sums[u, 0] += colours[_HILLS, 0] + clear * (r - colours[_HILLS, 0])
+                sums[u, 1] += colours[_HILLS, 1] + clear * (g - colours[_HILLS, 1])
+                sums[u, 2] += colours[_HILLS, 2] + clear * (b - colours[_HILLS, 2])
+        share = 1.0 / (first[v + 1] - first[v])
+        for u in range(width):
+            for k in range(3):
+                image[v, u, k] = int(min(max(sums[u, k] * share + 0.5, 0.0), 255.0))
 
 
 class Renderer:
@@ -510,7 +628,9 @@ class Renderer:
         _draw(
             projection.first,
             projection.samples,
-            np.array([x, y, heading], dtype=np.float64),
+            float(x),
+            float(y),
+            float(heading),
             self._rows,
             self._before,
             self._lane_width,
@@ -518,12 +638,13 @@ class Renderer:
             self._keys,
             self._nearest,
             paint.colours,
-            paint.numbers,
+            paint.contrasts,
             paint.fine,
             paint.coarse,
+            paint.sky,
             self._scene.wear,
             self._layers,
-            image.reshape(-1, 3),
+            image,
         )
         image.setflags(write=False)
         return image
