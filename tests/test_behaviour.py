@@ -19,8 +19,10 @@ import numpy as np
 import pytest
 
 from frenetic import oracle, road
-from frenetic.drivers import Planner
+from frenetic.drivers import Observation, Planner, appearance
+from frenetic.drivers.appearance import scene_of
 from frenetic.drivers.loading import LAYERS
+from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.fingerprint import fingerprint_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
@@ -28,6 +30,7 @@ from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
 from frenetic.road import Road
 from frenetic.search import Candidate, Strategy
 from frenetic.simulators import EmbeddedSimulator, Rules
+from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.simulator import Simulator
 from frenetic.testing import DummyDriver, DummySimulator, converse
 
@@ -87,6 +90,19 @@ def of_rules() -> list[float]:
     return numbers
 
 
+def of_picture(driver: Any) -> list[float]:
+    """Mean colours of parts of a picture that the driver's camera sees through its layer."""
+    seen: list[Any] = []
+    driver.driver.act = lambda observation: seen.append(observation.image)
+    one = roads()[0]
+    image = Renderer(one, driver.driver.camera, scene_of(driver)).draw(*one.pose)
+    driver.act(
+        Observation(1.0, 15.0, 0.2, 0.0, 0.0, 0.0, np.empty((0, 2)), np.empty(0), 0.0, image)
+    )
+    parts = np.asarray(seen[0], dtype=np.float64).reshape(4, 20, 4, 40, 3).mean(axis=(1, 3))
+    return [float(number) for number in parts.ravel()]
+
+
 def of_map() -> list[float]:
     rng = np.random.default_rng(5)
     numbers = []
@@ -110,9 +126,21 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
     for name in DRIVERS.built_in:
         driver = DRIVERS.make(name)
         where = "metadrive" if name.startswith("metadrive") else "embedded"
+        if name == "marking-follower":  # it draws, which takes its time
+            known[f"driver {name}"] = (
+                version(driver),
+                lambda d=driver: of_drives(EmbeddedSimulator(), d, roads()[:1]),  # type: ignore[misc]
+            )
+            continue
         known[f"driver {name}"] = version(driver), drives(where, driver)
     for layer in LAYERS:
         amount = 15.0 if math.isinf(layer.nothing) else 0.2
+        if layer.name in appearance.ALL:
+            seeing = layer.over(
+                MarkingFollower(), 5.0 if layer.name in ("scene", "rain") else amount
+            )
+            known[f"layer {layer.name}"] = version(seeing), lambda d=seeing: of_picture(d)  # type: ignore[misc]
+            continue
         driver = layer.over(Planner(), amount)
         known[f"layer {layer.name}"] = version(driver), drives("embedded", driver)
     for name in SIMULATORS.built_in:

@@ -360,5 +360,5 @@ def test_a_layer_is_known_everywhere_once_it_is_in_the_table(sleep: Layer) -> No
 
 
 def test_there_is_no_unknown_layer() -> None:
-    with pytest.raises(TypeError, match="there is no layer fog"):
-        load_driver("planner", fog=1.0)
+    with pytest.raises(TypeError, match="there is no layer smoke"):
+        load_driver("planner", smoke=1.0)

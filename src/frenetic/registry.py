@@ -443,6 +443,10 @@ DRIVERS: Final = Registry(
             "frenetic.drivers:BeamngAi",
             "a model of BeamNG.AI, fitted to recorded drives; in the simulator beamng, BeamNG.AI",
         ),
+        "marking-follower": (
+            "frenetic.drivers.marking_follower:MarkingFollower",
+            "follows the line at its lane's edge in a camera's picture; knows nothing else",
+        ),
         "metadrive-idm": (
             "frenetic.simulators.metadrive:MetaDriveIdm",
             "MetaDrive's rule-based driver; in the simulator metadrive only",

@@ -621,11 +621,13 @@ def listing_1_of_today(name: str, options: Mapping[str, Any]) -> tuple[str, dict
 def describe(part: object) -> dict[str, JSONValue]:
     """A part of a campaign for its record: class, options, fingerprint, and the part under it.
 
-    The options are the part's ``options`` if it has any, or the fields of a dataclass; of a part of
+    A driver's camera is there, too. The options are the part's ``options`` if it has any, or the
+    fields of a dataclass; of a part of
     your own also the other arguments of its constructor, as far as they can be found
     (`frenetic.registry.arguments_of`). See `frenetic.fingerprint` for the fingerprint.
     """
-    from frenetic.drivers.driver import inner_driver  # numpy takes its time
+    from frenetic.drivers.camera import Camera  # numpy takes its time
+    from frenetic.drivers.driver import inner_driver  # likewise
     from frenetic.simulators.capabilities import bare  # likewise
 
     part = bare(part)
@@ -635,6 +637,9 @@ def describe(part: object) -> dict[str, JSONValue]:
     if arguments:
         described["options"] = {name: _plain(value) for name, value in arguments.items()}
     described["fingerprint"] = fingerprint_of(part, arguments).to_json()
+    camera = getattr(part, "camera", None)
+    if isinstance(camera, Camera):
+        described["camera"] = asdict(camera)
     if inner is not None:
         described["driver"] = describe(inner)
     return described

@@ -28,7 +28,10 @@ if TYPE_CHECKING:
 
 VARY: Final = "--vary"
 # `frenetic.simulators.worlds.QUANTITIES`, whose import is too slow for help.
-QUANTITIES: Final = ("friction", "speed", "noise", "delay", "start", "heading")
+QUANTITIES: Final = (
+    *("friction", "speed", "noise", "delay", "start", "heading"),
+    *("scene", "wear", "fog", "rain", "blur", "light", "grain"),
+)
 
 
 def variation(asked: AskedRange, simulator: Simulator) -> Variation:
@@ -74,7 +77,8 @@ class VaryingCommand(GroupedCommand):
     type=Range("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives: friction, speed (km/h), noise (m), delay (s), start (m),"
-    " heading (rad), as in --vary friction=0.8:1.0 noise=0.2 speed; a name alone means its usual"
+    " heading (rad), as in --vary friction=0.8:1.0 noise=0.2 speed; for a driver with a camera also"
+    " scene, wear, fog (m), rain (mm/h), blur (s), light and grain; a name alone means its usual"
     " range. [default: nothing]",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")

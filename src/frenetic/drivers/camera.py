@@ -12,10 +12,12 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
     import numpy.typing as npt
 
-    Image = npt.NDArray[np.uint8]
-    """Picture of a camera: (height, width, 3) RGB, the first row on top."""
+Image: TypeAlias = "npt.NDArray[np.uint8]"
+"""Picture of a camera: (height, width, 3) RGB, the first row on top."""
 
 MOST_PIXELS: Final = 1 << 20
 """Pixels of the largest image."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic.drivers.appearance import CameraLayer
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
     AHEAD_POINTS,
@@ -262,7 +263,7 @@ class LimitedView:
 
 def under_layers(driver: Driver) -> Driver:
     """The driver itself, without what lies over it."""
-    while isinstance(driver, Noisy | Delayed | LimitedView):
+    while isinstance(driver, Noisy | Delayed | LimitedView | CameraLayer):
         driver = driver.driver
     return driver
 

@@ -40,7 +40,7 @@ class Layer:
     @property
     def another(self) -> str:
         """Help where the layer replaces a campaign's."""
-        what = "all" if math.isinf(self.nothing) else "none"
+        what = "all" if math.isinf(self.nothing) else "usual" if self.nothing else "none"
         return f"Another {self.name}, as in run; {self.nothing:g}: {what}."
 
     def over(self, driver: Driver, amount: float) -> Driver:
@@ -79,6 +79,55 @@ LAYERS: Final = [
         help="Let the driver see only this many m ahead.",
         is_needed=True,
     ),
+    Layer(
+        name="scene",
+        target="frenetic.drivers.appearance:Elsewhere",
+        unit="seed",
+        nothing=0.0,
+        help="Let a camera see another place: asphalt, land, sky and sun drawn from this seed.",
+    ),
+    Layer(
+        name="wear",
+        target="frenetic.drivers.appearance:Worn",
+        unit="share",
+        nothing=0.0,
+        help="Let this share of the markings' paint be gone, for a camera.",
+    ),
+    Layer(
+        name="fog",
+        target="frenetic.drivers.appearance:Foggy",
+        unit="m",
+        nothing=math.inf,
+        help="Let a camera see through fog, with a visibility of this many m.",
+    ),
+    Layer(
+        name="rain",
+        target="frenetic.drivers.appearance:Rainy",
+        unit="mm/h",
+        nothing=0.0,
+        help="Let a camera see streaks of rain, of this rate in mm/h.",
+    ),
+    Layer(
+        name="blur",
+        target="frenetic.drivers.appearance:Blurred",
+        unit="s",
+        nothing=0.0,
+        help="Let a camera expose for this many s, while the car moves.",
+    ),
+    Layer(
+        name="light",
+        target="frenetic.drivers.appearance:Lit",
+        unit="factor",
+        nothing=1.0,
+        help="Let a camera get this many times the light that it is set for.",
+    ),
+    Layer(
+        name="grain",
+        target="frenetic.drivers.appearance:Grainy",
+        unit="levels",
+        nothing=0.0,
+        help="Let a camera's sensor err, by this standard deviation of the values 0 to 255.",
+    ),
 ]
 """All layers, the outermost first."""
 
@@ -94,7 +143,8 @@ def load_driver(
         layers: name -> amount of a layer of `LAYERS` to be laid over it, None for no such layer:
             ``noise`` in m, standard deviation of the lateral error of a `Noisy` layer, whose
             heading error is a tenth of it in rad per m; ``delay`` in s, of a `Delayed` layer;
-            ``view`` in m, of a `LimitedView` layer.
+            ``view`` in m, of a `LimitedView` layer; the others change what a camera sees, see
+            `frenetic.drivers.appearance`.
 
     Raises:
         FreneticError: it cannot be loaded or made, or a layer's amount is out of range.

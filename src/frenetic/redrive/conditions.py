@@ -12,7 +12,7 @@ import numpy as np
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import QUANTITIES, USUAL, Conditions, check_can_vary
+from frenetic.simulators.worlds import QUANTITIES, SEEDED, USUAL, Conditions, check_can_vary
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,8 @@ class Variation:
         """The default range of a quantity.
 
         Friction is up to a fifth less than the simulator's, the speed limit a tenth less or more;
-        noise is up to 0.2 m, delay up to 0.1 s, the start within 0.3 m and 0.03 rad.
+        noise is up to 0.2 m, delay up to 0.1 s, the start within 0.3 m and 0.03 rad. What a camera
+        sees varies from any scene and little wear to thick fog and dusk, see ``_USUAL``.
 
         Raises:
             FreneticError: no such quantity, or the simulator has none.
@@ -91,6 +92,13 @@ _USUAL: Final[Mapping[str, tuple[float, float]]] = {
     "delay": (0.0, 0.1),
     "start": (-0.3, 0.3),
     "heading": (-0.03, 0.03),
+    "scene": (0.0, 1000.0),
+    "wear": (0.0, 0.8),
+    "fog": (30.0, 300.0),
+    "rain": (0.0, 20.0),
+    "blur": (0.0, 0.05),
+    "light": (0.4, 1.6),
+    "grain": (0.0, 20.0),
 }
 
 
@@ -120,7 +128,7 @@ def draw_conditions(
         values = variation.low + (variation.high - variation.low) * shares
         for i, value in enumerate(values.tolist()):
             changes: dict[str, Any] = {variation.quantity: value}
-            if variation.quantity == "noise":
+            if variation.quantity in SEEDED:
                 changes["noise_seed"] = int(rng.integers(2**31))
             drawn[i] = replace(drawn[i], **changes)
     return tuple(drawn)
@@ -182,6 +190,6 @@ def read_conditions(values: Any) -> Conditions:
 def conditions_document(conditions: Conditions) -> dict[str, JSONValue]:
     """The differing conditions as a JSON object."""
     values = {name: value for name, value in asdict(conditions).items() if value is not None}
-    if conditions.noise is None:
+    if not any(name in values for name in SEEDED):
         del values["noise_seed"]
     return values

@@ -16,7 +16,9 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
-from frenetic.drivers import Delayed, Driver, LimitedView, Noisy
+from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, appearance
+from frenetic.drivers.appearance import CameraLayer
+from frenetic.drivers.driver import inner_driver
 from frenetic.drivers.layers import HEADING_PER_OFFSET
 from frenetic.errors import FreneticError
 from frenetic.simulators.capabilities import bare, capabilities
@@ -107,6 +109,76 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
                 "a start turned to the left",
                 "start_heading",
             ),
+            Quantity(
+                "scene",
+                "seed of the asphalt, land, sky and sun that a camera sees",
+                "",
+                0.0,
+                1000000.0,
+                "a scene of a lower seed",
+                "a scene of a higher seed",
+                None,
+            ),
+            Quantity(
+                "wear",
+                "share of the markings' paint that is gone",
+                "",
+                0.0,
+                1.0,
+                "less wear",
+                "more wear",
+                None,
+            ),
+            Quantity(
+                "fog",
+                "visibility in the fog that a camera sees",
+                "m",
+                2.0,
+                100000.0,
+                "thicker fog",
+                "thinner fog",
+                None,
+            ),
+            Quantity(
+                "rain",
+                "rate of the rain that a camera sees",
+                "mm/h",
+                0.0,
+                200.0,
+                "less rain",
+                "more rain",
+                None,
+            ),
+            Quantity(
+                "blur",
+                "time of a camera's exposure",
+                "s",
+                0.0,
+                0.5,
+                "less blur",
+                "more blur",
+                None,
+            ),
+            Quantity(
+                "light",
+                "factor of the light, 1 is usual",
+                "",
+                0.01,
+                10.0,
+                "less light",
+                "more light",
+                None,
+            ),
+            Quantity(
+                "grain",
+                "standard deviation of a camera's noise, of the values 0 to 255",
+                "",
+                0.0,
+                128.0,
+                "less grain",
+                "more grain",
+                None,
+            ),
         )
     }
 )
@@ -124,13 +196,27 @@ class Conditions:
     noise: float | None = None
     """Offset of a `Noisy` layer in m, in place of the driver's own, if it has one."""
     noise_seed: int = 0
-    """Seed of that layer."""
+    """Seed of that layer, of rain and of grain."""
     delay: float | None = None
     """Delay of a `Delayed` layer in s, in place of the driver's own, if it has one."""
     start: float | None = None
     """Distance of the car's start to the left of the ego lane's centre, in m."""
     heading: float | None = None
     """Angle of the car's start to the left of the road's direction, in rad."""
+    scene: float | None = None
+    """Seed of the scene that a camera sees; this and all below in place of the driver's own."""
+    wear: float | None = None
+    """Share of the markings' paint that is gone."""
+    fog: float | None = None
+    """Visibility, in m."""
+    rain: float | None = None
+    """Rate of the rain, in mm/h."""
+    blur: float | None = None
+    """Time of exposure, in s."""
+    light: float | None = None
+    """Factor of the light."""
+    grain: float | None = None
+    """Standard deviation of the camera's noise, of the values 0 to 255."""
 
     def value(self, name: str) -> float | None:
         """Value of a quantity, None if it is as in the campaign."""
@@ -138,6 +224,8 @@ class Conditions:
         return value
 
 
+SEEDED: Final = ("noise", "rain", "grain")
+"""Quantities whose layers draw random numbers, from `Conditions.noise_seed`."""
 USUAL: Final = Conditions()
 """The campaign's own."""
 
@@ -201,16 +289,41 @@ def _layered(conditions: Conditions, driver: Driver) -> Driver:
         )
     if conditions.delay is not None:
         driver = Delayed(_without(Delayed, driver), seconds=conditions.delay)
+    for name, kind in appearance.ALL.items():
+        amount = conditions.value(name)
+        if amount is not None:
+            seed = {"seed": conditions.noise_seed} if name in SEEDED else {}
+            try:
+                driver = _seen_through(kind, _without(kind, driver), amount, seed)
+            except ValueError as error:
+                raise FreneticError(str(error)) from None
     return driver
 
 
-def _without(kind: type[Noisy] | type[Delayed], driver: Driver) -> Driver:
+def _without(kind: type[object], driver: Driver) -> Driver:
     """The driver without its layers of a kind."""
-    if not isinstance(driver, Noisy | Delayed | LimitedView):
+    if not isinstance(driver, Noisy | Delayed | LimitedView | CameraLayer):
         return driver
     inner = _without(kind, driver.driver)
-    if isinstance(driver, kind):
-        return inner
-    layer = copy.copy(driver)
-    layer.driver = inner
+    return inner if isinstance(driver, kind) else _over(driver, inner)
+
+
+def _seen_through(
+    kind: type[CameraLayer], driver: Driver, amount: float, seed: Mapping[str, int]
+) -> Driver:
+    """The driver under a layer that is in its place among those of one picture."""
+    is_outside = isinstance(driver, Noisy | Delayed | LimitedView) or (
+        isinstance(driver, CameraLayer) and driver.place < kind.place
+    )
+    if is_outside:
+        inner = inner_driver(driver)
+        assert inner is not None
+        return _over(driver, _seen_through(kind, inner, amount, seed))
+    return kind(driver, amount, **seed)
+
+
+def _over(layer: Driver, driver: Driver) -> Driver:
+    """The same layer over another driver."""
+    layer = copy.copy(layer)
+    layer.driver = driver  # type: ignore[attr-defined]
     return layer

@@ -402,8 +402,8 @@ def _locate_line(
 ) -> None:
     """Locates the samples of a line on the road: writes their ``places``, (width, 5).
 
-    One in `_STRIDE` is looked up. Those between two of them are interpolated if both lie on the same
-    piece of road; on an arc this errs by less than an eighth of the spacing of the samples.
+    One in `_STRIDE` is looked up. Those between two of them are interpolated if both lie on the
+    same piece of road; on an arc this errs by less than an eighth of the samples' spacing.
     """
     width = samples.shape[1]
     high = 0

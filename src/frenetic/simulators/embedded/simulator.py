@@ -17,6 +17,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drivers import Planner
+from frenetic.drivers.appearance import scene_of
 from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
@@ -245,6 +246,14 @@ class EmbeddedSimulator(StartingPlace):
         Returns (records, error, its traceback).
         """
         compile_kernels()  # not on the driver's time
+        try:
+            camera = camera_of(driver)
+        except DriverError as error:
+            return 0, str(error), traceback_of(error)
+        renderer = None
+        if camera is not None:
+            renderer = Renderer(road, camera, scene_of(driver))
+            renderer.draw(*road.pose)  # likewise
         written = 0
         state = kernels.start_state(
             road.table, road.lane_width, self.start_offset, self.start_heading
@@ -254,8 +263,6 @@ class EmbeddedSimulator(StartingPlace):
         def loop() -> None:
             nonlocal written, controls
             driver.reset(setup)
-            camera = camera_of(driver)
-            renderer = None if camera is None else Renderer(road, camera)
             observer = Observer(road, self.rules, self.car, room.shape[1])
             for i in range(room.shape[1]):
                 kernels.write_record(room, i, state, *controls)
