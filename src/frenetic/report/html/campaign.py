@@ -8,6 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,6 +29,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
 from frenetic.report.html.blocks import Section
+from frenetic.report.html.camera import PICTURES_SIZE, camera_data
 from frenetic.report.html.confirmed import confirmations_of, confirmed_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
 from frenetic.report.html.gallery import family_section, gallery_section, misses_section
@@ -244,7 +246,8 @@ class GrowingReport:
         """
         drives: dict[int, DriveData | None] = {}
         measured: dict[int, Measured | None] = {}
-        room, is_mapped, is_shown = DRIVES_SIZE, set(mapped), set(shown)
+        room, room_for_pictures = DRIVES_SIZE, PICTURES_SIZE
+        is_mapped, is_shown = set(mapped), set(shown)
         for test_id in dict.fromkeys([*shown, *mapped]):
             is_wanted = room > 0 and test_id in is_shown
             lacks_drive = is_wanted and test_id not in self._drives
@@ -261,8 +264,12 @@ class GrowingReport:
                 drive = self._drives.get(test_id)
                 if record is not None and segment is not None and lacks_drive:
                     drive = drive_data(record, segment)
+                    if room_for_pictures > 0:
+                        drive = replace(drive, camera=camera_data(record, store.config))
                 drives[test_id] = drive
                 room -= 0 if drive is None else drive.size
+                if drive is not None and drive.camera is not None:
+                    room_for_pictures -= drive.camera.size
         self._drives, self._measured = drives, measured
         return (
             [drive.with_files(store.folder) for drive in drives.values() if drive is not None],

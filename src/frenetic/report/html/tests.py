@@ -16,6 +16,7 @@ from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Departure, Side
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
+from frenetic.report.html.camera import CameraData
 from frenetic.report.minimised import MINIMISED
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road
@@ -182,6 +183,8 @@ class DriveData:
     departure: Departure | None
     columns: tuple[tuple[int, ...], ...]
     """See `drive_columns`."""
+    camera: CameraData | None
+    """What its driver's camera saw, if it has one and there is room."""
     road_file: str | None
     """The road's file in the campaign's folder, if any."""
     minimised: MinimisedData | None
@@ -231,6 +234,7 @@ def drive_data(record: TestRecord, segment: Segment) -> DriveData:
         speed_limit=drive.rules.speed_limit,
         departure=None if departure is None else _rounded_departure(departure),
         columns=drive_columns(drive.trajectory, segment.assessment),
+        camera=None,
         road_file=None,
         minimised=None,
     )

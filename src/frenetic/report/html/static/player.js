@@ -132,9 +132,38 @@ const player = (() => {
       // Where there is no room for it the unit comes on a line of its own.
       value.textContent = numbers.map((number, k) => fixed(number, digits, k === numbers.length - 1 ? unit : "")).join(", ").replace("\u00a0", " ");
     });
+    showPicture();
     shown.slider.value = String(shown.time);
     shown.slider.setAttribute("aria-valuetext", `${fixed(shown.time, 1)} s, at ${fixed(at.distance, 0)} m`);
     shown.clock.textContent = `${fixed(shown.time, 1)} / ${fixed(shown.end, 1)} s`;
+  }
+
+  /** Shows what the camera saw last. */
+  function showPicture() {
+    const { camera } = shown.drive;
+    if (camera === null) return;
+    const i = clamp(lastUpTo(camera.times, shown.time + 1e-6), 0, camera.times.length - 1);
+    const { columns, width, height } = camera;
+    shown.picture.setAttribute("viewBox", `${(i % columns) * width} ${Math.floor(i / columns) * height} ${width} ${height}`);
+  }
+
+  /** What the camera saw, and where the driver looked. */
+  function cameraPart(camera, state) {
+    if (camera === null) return null;
+    const { columns, width, height, times } = camera;
+    const rows = Math.ceil(times.length / columns);
+    const sheet = svg("image", { href: camera.pictures, width: columns * width, height: rows * height });
+    state.picture = svg("svg", { class: "picture", id: "picture", role: "img", "aria-label": "What the camera sees now", viewBox: `0 0 ${width} ${height}` }, sheet);
+    state.picture.style.aspectRatio = String(width / height);
+    const parts = [el("figure", {}, state.picture, el("figcaption", {}, "What the camera sees, drawn again"))];
+    if (camera.looked !== null) {
+      const image = svg("image", { href: camera.looked, width, height });
+      const looked = svg("svg", { class: "picture", role: "img", "aria-label": "Where the driver looked", viewBox: `0 0 ${width} ${height}` }, image);
+      looked.style.aspectRatio = String(width / height);
+      const jump = el("button", { type: "button", on: { click: () => { pause(); seek(camera.looked_time); } } }, `${fixed(camera.looked_time, 1)} s`);
+      parts.push(el("figure", {}, looked, el("figcaption", {}, "Where it looked (red) at ", jump)));
+    }
+    return el("div", { class: "camera" }, parts);
   }
 
   function moveCars(cars, at) {
@@ -219,6 +248,7 @@ const player = (() => {
         el("figure", { class: "stage-close" }, state.close, el("figcaption", {}, `${closeWide} m around the car`)),
       ),
       el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
+      ...[cameraPart(drive.camera, state)].filter((part) => part !== null),
       plots,
       el("div", { class: "details" }, factsOf(drive), actionsOf(drive)),
       familyPart(drive.id, order),

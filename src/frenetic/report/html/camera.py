@@ -1,0 +1,214 @@
+"""What a driver's camera saw, drawn again from the stored drive: nothing of it is stored."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from PIL import Image as Pictures
+
+from frenetic.campaign.record import TestRecord
+from frenetic.campaign.store import JSONValue
+from frenetic.drivers import appearance
+from frenetic.drivers.camera import Camera, Image
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, SalientDriver
+from frenetic.errors import FreneticError
+from frenetic.fingerprint import innermost, over_each_other
+from frenetic.registry import DRIVERS
+from frenetic.simulators.drive import Trajectory
+from frenetic.simulators.embedded import EmbeddedSimulator
+from frenetic.simulators.embedded.rendering import Renderer
+
+MOST_PICTURES: Final = 48
+"""Pictures of a drive, at most."""
+COLUMNS: Final = 8
+"""Pictures beside each other."""
+LARGEST: Final = 320
+"""Width of the widest picture; larger ones are shrunk."""
+PICTURES_SIZE: Final = 3_000_000
+"""Approximate bytes of all pictures of a page."""
+
+_QUALITY = 70  # of JPEG
+_HEAT = np.array([255.0, 40.0, 0.0])
+
+
+@dataclass(frozen=True)
+class CameraData:
+    """What the camera saw in a drive."""
+
+    pictures: str
+    """All pictures as one image, `COLUMNS` beside each other, as a data URL."""
+    columns: int
+    width: int
+    """Width of one of them."""
+    height: int
+    times: tuple[float, ...]
+    """Time of each since the drive's start, in s."""
+    looked: str | None
+    """The picture of the moment that matters, red where the driver looked, as a data URL."""
+    looked_time: float
+    """Its time, in s."""
+
+    @property
+    def size(self) -> int:
+        """Approximate bytes of its JSON."""
+        return len(self.pictures) + len(self.looked or "") + 8 * len(self.times)
+
+
+def camera_data(record: TestRecord, config: Mapping[str, JSONValue]) -> CameraData | None:
+    """What the driver's camera saw in a test of a campaign.
+
+    None for a driver without a camera, in another simulator than the embedded one, or if the
+    record does not say what camera it was.
+
+    Args:
+        record: of the test, with its trajectory.
+        config: of the campaign.
+    """
+    eye = _eye(config)
+    if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
+        return None
+    path, road = record.drive.trajectory, record.road
+    renderer = Renderer(road, eye.camera, appearance.scene_of(eye.layered))
+    critical = _critical(record, path)
+    taken = np.linspace(0, len(path) - 1, min(MOST_PICTURES, len(path))).round().astype(int)
+    taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
+    pictures = [eye.seen(renderer, path, int(i)) for i in taken]
+    small = [_shrunk(one) for one in pictures]
+    height, width, _ = small[0].shape
+    rows = math.ceil(len(small) / COLUMNS)
+    sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
+    for k, one in enumerate(small):
+        v, u = divmod(k, COLUMNS)
+        sheet[v * height : (v + 1) * height, u * width : (u + 1) * width] = one
+    looked = _looked(eye, path, critical, pictures[int(np.searchsorted(taken, critical))], config)
+    start = float(path.time[0])
+    return CameraData(
+        pictures=_data_url(sheet),
+        columns=COLUMNS,
+        width=width,
+        height=height,
+        times=tuple(round(float(path.time[i]) - start, 2) for i in taken),
+        looked=None if looked is None else _data_url(_shrunk(looked)),
+        looked_time=round(float(path.time[critical]) - start, 2),
+    )
+
+
+class _Eye:
+    """A driver that only looks, under the layers of another one."""
+
+    def __init__(self, camera: Camera) -> None:
+        self.camera = camera
+        self.layered: Driver = self
+        self.image: Image | None = None
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Nothing to forget."""
+
+    def act(self, observation: Observation) -> Controls:
+        """Keeps the picture."""
+        self.image = observation.image
+        return Controls(0.0)
+
+    def seen(self, renderer: Renderer, path: Trajectory, i: int) -> Image:
+        """The picture at a record of a drive."""
+        picture = renderer.draw(float(path.x[i]), float(path.y[i]), float(path.heading[i]))
+        self.layered.act(observation_at(path, i, picture))
+        assert self.image is not None
+        return self.image
+
+
+def observation_at(path: Trajectory, i: int, image: Image) -> Observation:
+    """The picture and the car's own motion at a record; the road is not looked at again."""
+    return Observation(
+        time=float(path.time[i]),
+        speed=float(path.speed[i]),
+        yaw_rate=float(path.yaw_rate[i]),
+        steering=float(path.steering[i]),
+        lateral_offset=0.0,
+        heading_error=0.0,
+        ahead=np.zeros((1, 2)),
+        curvature_ahead=np.zeros(1),
+        image=image,
+    )
+
+
+def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
+    """The camera and the layers of a campaign's record."""
+    simulator: Any = config.get("simulator")
+    embedded = f"{EmbeddedSimulator.__module__}:{EmbeddedSimulator.__qualname__}"
+    if not isinstance(simulator, Mapping) or simulator.get("class") != embedded:
+        return None
+    *layers, own = over_each_other(config.get("driver"))
+    camera: Any = own.get("camera")
+    if not isinstance(camera, Mapping):
+        return None
+    kinds = {f"{kind.__module__}:{kind.__qualname__}": kind for kind in appearance.ALL.values()}
+    try:
+        eye = _Eye(Camera(**camera))
+        for layer in reversed(layers):
+            kind = kinds.get(str(layer.get("class")))
+            if kind is not None:
+                options = dict(layer.get("options", {}))
+                amount = options.pop(kind.name)
+                eye.layered = kind(eye.layered, amount, **options)
+    except (LookupError, TypeError, ValueError):  # a damaged record
+        return None
+    return eye
+
+
+def _critical(record: TestRecord, path: Trajectory) -> int:
+    """Record of the moment that matters: of the departure, or of the worst place, or the last."""
+    if record.departure is not None:
+        return min(int(np.searchsorted(path.time, record.departure.time)), len(path) - 1)
+    if record.moobd_distance is not None:
+        along = record.road.track(np.column_stack([path.x, path.y]))[:, 0]
+        return int(np.argmin(np.abs(along - record.moobd_distance)))
+    return len(path) - 1
+
+
+def _looked(
+    eye: _Eye, path: Trajectory, i: int, image: Image, config: Mapping[str, JSONValue]
+) -> Image | None:
+    """The picture, red where the driver looked; None if it does not say.
+
+    A record names any class, so only drivers of ours are asked: a report runs no other code.
+    """
+    command: Any = config.get("command")
+    name = command.get("driver") if isinstance(command, Mapping) else None
+    options = command.get("driver_options") if isinstance(command, Mapping) else None
+    is_ours = str(innermost(config.get("driver")).get("class", "")).startswith("frenetic.")
+    is_known = isinstance(name, str) and (name in DRIVERS.built_in or name.endswith(".onnx"))
+    if not (is_ours and is_known and isinstance(options, Mapping)):
+        return None
+    try:
+        driver = DRIVERS.make(str(name), **options)
+        if not isinstance(driver, SalientDriver) or getattr(driver, "camera", None) != eye.camera:
+            return None
+        weights = np.asarray(driver.saliency(observation_at(path, i, image)), dtype=np.float64)
+    except (FreneticError, TypeError, ValueError):  # its model or its extra is not here
+        return None
+    if weights.shape != image.shape[:2] or not np.isfinite(weights).all():
+        return None
+    share = 0.65 * np.clip(weights, 0.0, 1.0)[..., None]
+    heated: Image = (image * (1.0 - share) + share * _HEAT).astype(np.uint8)
+    return heated
+
+
+def _shrunk(image: Image) -> Image:
+    height, width, _ = image.shape
+    if width <= LARGEST:
+        return image
+    size = (LARGEST, max(round(height * LARGEST / width), 1))
+    return np.asarray(Pictures.fromarray(image).resize(size, Pictures.Resampling.BOX))
+
+
+def _data_url(image: Image) -> str:
+    file = io.BytesIO()
+    Pictures.fromarray(image).save(file, "JPEG", quality=_QUALITY, optimize=True)
+    return "data:image/jpeg;base64," + base64.b64encode(file.getvalue()).decode()

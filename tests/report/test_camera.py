@@ -1,0 +1,109 @@
+"""What a driver's camera saw, in a campaign's report."""
+
+from __future__ import annotations
+
+import base64
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from frenetic import (
+    Budget,
+    Campaign,
+    CampaignStore,
+    Driver,
+    EmbeddedSimulator,
+    Planner,
+    RandomSearch,
+)
+from frenetic.campaign.store import JSONValue
+from frenetic.drivers import appearance
+from frenetic.drivers.loading import load_driver
+from frenetic.report.html import campaign_report
+from frenetic.report.html.camera import LARGEST, MOST_PICTURES, camera_data
+from frenetic.simulators.embedded.rendering import Renderer
+
+
+def run(folder: Path, driver: Driver, simulations: int) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=3),
+        simulator=EmbeddedSimulator(),
+        driver=driver,
+        budget=Budget(simulations=simulations),
+        folder=folder,
+    ).run()
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("seen") / "campaign"
+    driver = load_driver("marking-follower", fog=25.0, delay=0.1)
+    run(folder, driver, 2)
+    return folder
+
+
+def picture(url: str) -> np.ndarray:
+    kind, _, data = url.partition(",")
+    assert kind == "data:image/jpeg;base64"
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(data)))).astype(float)
+
+
+def test_a_report_shows_what_the_camera_saw_through_its_layers(searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        report = campaign_report(store)
+        record = store.test(report.drives[0].id)
+    camera = report.drives[0].camera
+    assert camera is not None
+    assert len(camera.times) <= MOST_PICTURES
+    assert camera.times[0] == 0.0
+    assert list(camera.times) == sorted(set(camera.times))
+    assert camera.looked_time in camera.times
+    assert camera.looked is None  # marking-follower does not say where it looks
+    sheet = picture(camera.pictures)
+    driver = load_driver("marking-follower", fog=25.0)
+    assert isinstance(driver, appearance.Foggy)
+    renderer = Renderer(record.road, driver.driver.camera)  # type: ignore[attr-defined]
+    assert record.drive is not None
+    path = record.drive.trajectory
+    for k in (0, 9):
+        i = int(np.argmin(np.abs(path.time - path.time[0] - camera.times[k])))
+        drawn = renderer.draw(path.x[i], path.y[i], path.heading[i])
+        v, u = divmod(k, camera.columns)
+        part = sheet[v * camera.height :, u * camera.width :][: camera.height, : camera.width]
+        seen = driver.seen(drawn, None).astype(float)  # type: ignore[arg-type]
+        assert np.abs(part - seen).mean() < 4.0
+        assert np.abs(part - drawn).mean() > 15.0  # the fog is there
+
+
+def test_only_what_can_be_drawn_again_is_in_a_report(searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        config, record = store.config, store.test(1)
+    assert camera_data(record, config) is not None
+    driver = config["driver"]
+    assert isinstance(driver, dict)
+    elsewhere = {"simulator": {"class": "mine:Simulator"}}
+    assert camera_data(record, {**config, **elsewhere}) is None
+    for damaged in ({"width": 1e9}, {"lens": 2}, None, {"pitch": "x"}):
+        bad = {"class": "mine:Driver", "camera": damaged}
+        assert camera_data(record, {**config, "driver": bad}) is None
+    fog = {**driver["driver"], "options": {"visibility": -3.0}}
+    assert camera_data(record, {**config, "driver": {**driver, "driver": fog}}) is None
+
+
+def test_large_pictures_are_shrunk(searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        config, record = store.config, store.test(1)
+    own: JSONValue = {"class": "mine:Driver", "camera": {"width": 400, "height": 100}}
+    camera = camera_data(record, {**config, "driver": own})
+    assert camera is not None
+    assert (camera.width, camera.height) == (LARGEST, 80)
+
+
+def test_a_driver_without_a_camera_has_no_pictures(tmp_path: Path) -> None:
+    folder = tmp_path / "campaign"
+    run(folder, Planner(), 1)
+    with CampaignStore.open(folder) as store:
+        assert [drive.camera for drive in campaign_report(store).drives] == [None]
