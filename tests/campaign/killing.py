@@ -54,7 +54,7 @@ def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | N
     """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
     if sys.platform == "linux":
         # Forked from this process, which has loaded everything: a server would take a second.
-        processes.process_context = lambda: multiprocessing.get_context("fork")  # type: ignore
+        processes.process_context = lambda _: multiprocessing.get_context("fork")  # type: ignore
     killer = _Killer(blow)
     sqlite3.connect = killer.connect  # type: ignore[assignment]
     one = campaign(folder, marks, workers=workers, ordered=ordered)

@@ -143,6 +143,25 @@ def execute(folder: Path, statement: str, *values: object) -> None:
 # Round trips
 
 
+def test_a_new_campaign_waits_for_the_disk_once_and_only_then_exists(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flushed = []
+
+    def flush(path: Path) -> None:
+        assert path.name != DATABASE
+        assert not path.with_name(DATABASE).exists()
+        database = sqlite3.connect(path)
+        (mode,) = database.execute("PRAGMA journal_mode").fetchone()
+        assert database.execute("SELECT count(*) FROM campaign").fetchone() == (2,)
+        database.close()
+        flushed.append(mode)
+
+    monkeypatch.setattr(store_module, "flush", flush)
+    CampaignStore.create(tmp_path / "c", CONFIG).close()
+    assert flushed == ["wal"], "it need not be changed again when it is opened to write"
+
+
 def test_records_come_back(store: CampaignStore) -> None:
     tell(store, *range(1, 11))
     for id in range(1, 11):  # noqa: A001

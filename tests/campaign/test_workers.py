@@ -496,7 +496,7 @@ def test_ctrl_c_is_not_for_workers(
 ) -> None:
     if method == "spawn":
         monkeypatch.setattr(
-            processes, "process_context", lambda: multiprocessing.get_context("spawn")
+            processes, "process_context", lambda _: multiprocessing.get_context("spawn")
         )
     with local(FaultySimulator(marks.folder), folder=tmp_path, count=2) as workers:
         for process in multiprocessing.active_children():

@@ -54,7 +54,7 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
     try:
         yield partial
         if durable:
-            _flush(partial)
+            flush(partial)
         partial.replace(path)
     except BaseException:
         with suppress(OSError):
@@ -62,8 +62,12 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
         raise
 
 
-def _flush(path: Path) -> None:
-    """Flushes a file from the system's memory to the disk."""
+def flush(path: Path) -> None:
+    """Flushes a file from the system's memory to the disk.
+
+    Raises:
+        OSError: the disk does not take it.
+    """
     file = os.open(path, os.O_RDWR)
     try:
         os.fsync(file)
