@@ -27,7 +27,7 @@ if sys.platform == "linux":
     import fcntl
 
 if TYPE_CHECKING:
-    from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
+    from multiprocessing.context import BaseContext
 
 LOST_PARENT: Final = 1
 """Exit code of a child whose parent is gone."""
@@ -44,7 +44,7 @@ PRELOADED: Final = "frenetic.simulators.embedded.preloading"
 # In the parent
 
 
-def process_context(preloaded: Sequence[str] = ()) -> ForkServerContext | SpawnContext:
+def process_context(preloaded: Sequence[str] = ()) -> BaseContext:
     """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
 
     Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
@@ -96,7 +96,7 @@ def start_process(
 @contextmanager
 def _without_ctrl_c() -> Iterator[None]:
     """Blocks Ctrl-C for a moment in this thread, and for good in processes started meanwhile."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

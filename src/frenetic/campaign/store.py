@@ -383,7 +383,7 @@ class CampaignStore:
             raise
 
     @classmethod
-    def open(cls, folder: Path, readonly: bool = True) -> Self:
+    def open(cls, folder: Path | str, readonly: bool = True) -> Self:
         """Return the campaign in `folder`; a schema of an older version is updated.
 
         Raises a `CampaignError` if there is none, if its database is damaged, from a newer version

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -37,13 +38,15 @@ def wall_limit(seconds: float) -> Iterator[None]:
     call. Elsewhere the interpreter raises it at the next Python instruction, so a call that blocks
     in compiled code is ended when it returns.
     """
-    if hasattr(signal, "setitimer") and threading.current_thread() is threading.main_thread():
+    if sys.platform != "win32" and threading.current_thread() is threading.main_thread():
         yield from _by_signal(seconds)
     else:
         yield from _by_thread(seconds)
 
 
 def _by_signal(seconds: float) -> Iterator[None]:
+    if sys.platform == "win32":
+        raise OSError("Windows has no such timer")
     armed = True
 
     def expire(_number: int, _frame: FrameType | None) -> None:
