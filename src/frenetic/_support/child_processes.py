@@ -27,7 +27,10 @@ if sys.platform == "linux":
     import fcntl
 
 if TYPE_CHECKING:
-    from multiprocessing.context import BaseContext
+    from multiprocessing.context import (  # type: ignore[attr-defined, unused-ignore]
+        ForkServerContext,  # not on Windows
+        SpawnContext,
+    )
 
 LOST_PARENT: Final = 1
 """Exit code of a child whose parent is gone."""
@@ -44,7 +47,7 @@ PRELOADED: Final = "frenetic.simulators.embedded.preloading"
 # In the parent
 
 
-def process_context(preloaded: Sequence[str] = ()) -> BaseContext:
+def process_context(preloaded: Sequence[str] = ()) -> ForkServerContext | SpawnContext:
     """The way to make processes: on Linux forked in milliseconds from a fully loaded server.
 
     Elsewhere forking is missing (Windows) or unsafe with the system's libraries (macOS).
