@@ -927,3 +927,29 @@ def test_sections_of_ones_own_are_drawn(
     expect(ours.locator(".bar-fill")).to_have_count(1)
     expect(ours.locator(".bar-value")).to_have_text(["1.00", "–"])
     expect(page.locator("nav a").last).to_have_text("The bench")
+
+
+# A replay within another page
+
+
+def test_a_replay_plays_within_a_page_that_lets_it_do_nothing_else(
+    show: Callable[..., Page], searched: Path, tmp_path: Path
+) -> None:
+    with CampaignStore.open(searched) as store:
+        (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
+    replay = failure.animate()
+    around = tmp_path / "notebook.html"
+    around.write_text(f"<!doctype html><meta charset='utf-8'>{replay.html}", encoding="utf-8")
+    page = show(around)
+    frame = page.frame_locator("iframe")
+    expect(frame.locator("#player-title")).to_contain_text(f"Test {failure.id}")
+    assert page.evaluate("document.activeElement.tagName") == "BODY"  # it took no focus
+    before = frame.locator("#car").get_attribute("transform")
+    frame.locator("#play").click()
+    expect(frame.locator("#car")).not_to_have_attribute("transform", before or "")
+    expect(frame.locator("#play")).to_have_text("Pause")
+    for left_out in (".bar", ".player-nav", "#foot"):
+        expect(frame.locator(left_out)).to_be_hidden()
+    alone = show(replay.write(tmp_path / "replay.html"))
+    alone.locator("#scrub").fill("1")
+    assert seconds(alone) == 1.0

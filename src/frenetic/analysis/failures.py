@@ -17,7 +17,7 @@ place where the car came nearest to its lane's edge.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
 
@@ -25,6 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.pictures import Shown
 from frenetic._support.words import counted
 from frenetic.analysis.segments import (
     PROFILE_SPACING,
@@ -83,6 +84,8 @@ class Failure:
     """Speeds, (13,) in m/s, likewise."""
     is_near_miss: bool = False
     """Whether the test passed; the place is then that of its MOOBD, the side that of the edge."""
+    lane_width: float = 4.0
+    """m."""
 
     @classmethod
     def of(
@@ -109,6 +112,7 @@ class Failure:
             road_around(road.table, road.sub_step, place),
             *states_before(Trace(seen.distance, seen.lateral_offset, speed), place),
             is_near_miss,
+            road.lane_width,
         )
 
     @classmethod
@@ -163,6 +167,8 @@ class Cluster:
     was_known: bool | None = None
     """Whether an earlier campaign, from which this one started, holds a failure like one of these;
     None if it started afresh."""
+    failure: Failure | None = field(default=None, repr=False, compare=False)
+    """The most severe failure, for its picture."""
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -171,8 +177,8 @@ class Cluster:
         return f"{self.description}: {counted(len(self), 'failure')}, worst {self.moobd:.2f} m"
 
 
-@dataclass(frozen=True)
-class Clusters:
+@dataclass(frozen=True, repr=False)
+class Clusters(Shown):
     """The distinct failures among many, the most severe first."""
 
     clusters: tuple[Cluster, ...]
@@ -181,6 +187,11 @@ class Clusters:
 
     def __len__(self) -> int:
         return len(self.clusters)
+
+    def __repr__(self) -> str:
+        """The clusters at a glance."""
+        found, among = counted(len(self), "distinct failure"), counted(self.failures, "failure")
+        return f"<Clusters: {found} among {among}>"
 
     def __iter__(self) -> Iterator[Cluster]:
         return iter(self.clusters)
@@ -362,6 +373,7 @@ def _cluster(members: list[Failure], vectors: FloatArray) -> Cluster:
         side=worst.side,
         spread=float(np.sqrt(squares.mean())),
         description=describe(worst),
+        failure=worst,
     )
 
 

@@ -12,9 +12,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
+from frenetic._support.pictures import data_frame
 from frenetic._support.words import counted
 from frenetic.campaign.changes import (
     CHANGES,
@@ -32,6 +33,7 @@ from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.replay import replay
 from frenetic.campaign.screening import ScreeningSummary, screened
+from frenetic.campaign.shown import ShownCampaign
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.twin import Twin
@@ -59,6 +61,9 @@ from frenetic.spec import (
     describe,
     describe_terms,
 )
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -90,7 +95,7 @@ def prepare(simulator: Simulator) -> None:
         raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
 
 
-class Campaign:
+class Campaign(ShownCampaign):
     """One search with its budget.
 
     Args:
@@ -674,6 +679,14 @@ class Campaign:
             return InProcessWorker(self.tester)
         return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
 
+    def tests(self) -> pd.DataFrame:
+        """The stored tests as a data frame in the order of telling, see `frenetic.data_frame`.
+
+        Raises:
+            FreneticError: pandas or pyarrow is not installed, or there is no campaign.
+        """
+        return data_frame(self.folder)
+
     @property
     def best_test(self) -> TestRecord | None:
         """The stored test that is worst for the driver, by the objective; None before a drive.
@@ -687,6 +700,14 @@ class Campaign:
                 return store.test(min(values, key=lambda test: turn * values[test]))
             lowest = next(store.tests(order_by="moobd", limit=1, with_trajectory=True), None)
             return None if lowest is None or lowest.moobd is None else lowest
+
+    def __repr__(self) -> str:
+        """The campaign at a glance."""
+        try:
+            with CampaignStore.open(self.folder) as store:
+                return f"<Campaign {store.at_a_glance()}>"
+        except CampaignError:
+            return f"<Campaign {self.folder}: nothing stored yet>"
 
 
 @dataclass(frozen=True)

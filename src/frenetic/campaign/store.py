@@ -64,6 +64,7 @@ from frenetic.campaign.record import (
     setting_faults,
     with_checksum,
 )
+from frenetic.campaign.shown import ShownCampaign
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -292,7 +293,7 @@ _CONFIG: Final = "config"
 _CREATED_AT: Final = "created_at"
 
 
-class CampaignStore:
+class CampaignStore(ShownCampaign):
     """The database of one campaign, open for one writer or for reading.
 
     Made by `create` or `open`; a context manager that closes it. One process writes at a time and
@@ -455,6 +456,18 @@ class CampaignStore:
         else:
             with suppress(CampaignError):  # the error under way says more
                 self.close()
+
+    def at_a_glance(self) -> str:
+        """The campaign's folder and results: ``campaigns/night: 70 PASS, 12 FAIL``."""
+        counts = [f"{number} {outcome}" for outcome, number in self.by_outcome().items() if number]
+        return f"{self._folder}: {', '.join(counts) or 'no results'}"
+
+    def __repr__(self) -> str:
+        """The campaign at a glance; of a closed one, its folder."""
+        try:
+            return f"<CampaignStore {self.at_a_glance()}>"
+        except CampaignError:
+            return f"<CampaignStore {self._folder}>"
 
     @property
     def folder(self) -> Path:

@@ -70,7 +70,7 @@ def _page(comparison: Comparison) -> Figure:
         color=INK,
     )
     main = axes(_LEFT, top, WIDTH - _LEFT - _RIGHT, _CURVES)
-    _draw_curves(main, comparison)
+    draw_curves(main, comparison)
     main.legend(
         loc="upper left",
         bbox_to_anchor=(0.0, -0.14),
@@ -90,7 +90,8 @@ def _page(comparison: Comparison) -> Figure:
     return figure
 
 
-def _draw_curves(axes: Any, comparison: Comparison) -> None:
+def draw_curves(axes: Any, comparison: Comparison) -> None:
+    """Draws the failures of each group over the simulations: median, and quartiles or curves."""
     longest = 0
     for (name, campaigns), colour in zip(comparison.groups.items(), cycle(_COLOURS)):
         found = curves(campaigns, "failures_after")

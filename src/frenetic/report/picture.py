@@ -75,6 +75,8 @@ MAX_SHEET: Final = 400
 # Sizes in inches.
 _GAP: Final = 0.14
 _LOWEST: Final = 2.4  # the road seen from above
+_BETWEEN: Final = 0.2  # pictures of a sheet
+_CAPTION: Final = 0.52  # of such a picture
 
 _LINE: Final = "#48678a"  # of curvature and speed
 _PROFILES: Final[Mapping[str, str]] = {
@@ -118,7 +120,7 @@ def draw_drive(
             title or f"Drive: {outcome}",
             seen.result.reason,
             COLOURS[outcome],
-            _facts(road, seen),
+            facts_of_drive(road, seen),
             map_size,
         )
         write_figure(figure, path, form)
@@ -148,7 +150,7 @@ def draw_road(
     with mpl.rc_context(STYLE):
         colour = INK if reason is None else COLOURS[Outcome.INVALID]
         figure = _page(
-            road, None, title or "Road", reason or "", colour, _road_facts(road), map_size
+            road, None, title or "Road", reason or "", colour, facts_of_road(road), map_size
         )
         write_figure(figure, path, form)
 
@@ -173,17 +175,18 @@ def draw_gallery(
         write_figure(_sheet(items, title), path, form)
 
 
-_Fact: TypeAlias = tuple[str, str, str]  # name, value, detail
+Fact: TypeAlias = tuple[str, str, str]  # name, value, detail
 
 
-def _facts(road: Road, seen: SeenDrive) -> list[_Fact]:
+def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
+    """The figures of a drive."""
     result = seen.result
     moobd, share, where = result.moobd, result.max_oob_share, result.moobd_distance
     left = result.departure
     return [
         (
             "MOOBD",
-            "–" if moobd is None else f"{_signed(moobd, 2)} m",
+            "–" if moobd is None else f"{signed(moobd, 2)} m",
             "" if where is None else f"at {where:.0f} m",
         ),
         ("Largest oob share", "–" if share is None else f"{share:.0%}".replace("%", " %"), ""),
@@ -202,7 +205,8 @@ def _facts(road: Road, seen: SeenDrive) -> list[_Fact]:
     ]
 
 
-def _road_facts(road: Road) -> list[_Fact]:
+def facts_of_road(road: Road) -> list[Fact]:
+    """The figures of a road."""
     sharpest = float(np.abs(road.curvatures).max())
     return [
         ("Road length", f"{road.length:.0f} m", ""),
@@ -212,7 +216,8 @@ def _road_facts(road: Road) -> list[_Fact]:
     ]
 
 
-def _signed(value: float, digits: int) -> str:
+def signed(value: float, digits: int) -> str:
+    """A number with a proper minus sign."""
     return f"{value:.{digits}f}".replace("-", "−")
 
 
@@ -225,7 +230,7 @@ def _page(
     title: str,
     reason: str,
     colour: str,
-    facts: Sequence[_Fact],
+    facts: Sequence[Fact],
     map_size: float | None,
 ) -> Figure:
     focus = None if seen is None else focus_of(seen)
@@ -247,7 +252,8 @@ def _page(
     heading = 0.3
     below = sum(heights[name] + heading for name in profiles) + 0.55
     height = top + tiles + main_height + strip + below
-    page = Paper(Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white"), WIDTH, height)
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
+    page = Paper(figure, WIDTH, height)
 
     # Headline.
     page.bar(MARGIN, 0.42, 0.07, 0.36 + 0.235 * len(lines), colour)
@@ -312,7 +318,7 @@ def _page(
         left + 0.5 * width, y + 0.335, "distance along the road (m)", size=8.5, color=QUIET,
         ha="center",
     )  # fmt: skip
-    return page.figure
+    return figure
 
 
 # --- Along the road --------------------------------------------------------------------------
@@ -352,7 +358,7 @@ def _draw_oob_distance(panel: Panel, road: Road, seen: SeenDrive) -> None:
         side, dx, dy = "center", 0.0, -13.0
         side = "left" if share < 0.06 else "right" if share > 0.94 else side
     panel.beside(
-        (where, value), (dx, dy), f"MOOBD {_signed(moobd, 2)} m",
+        (where, value), (dx, dy), f"MOOBD {signed(moobd, 2)} m",
         ha=side, va="center", size=8.5, weight="bold", zorder=6,
     )  # fmt: skip
 
@@ -389,32 +395,54 @@ def _draw_speed(panel: Panel, road: Road, seen: SeenDrive) -> None:
 def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figure:
     columns = int(np.clip(math.ceil(math.sqrt(1.2 * len(items))), 1, 8))
     columns = max(columns, min(len(items), 3))
-    rows = math.ceil(len(items) / columns)
-    width = (INNER - 0.2 * (columns - 1)) / columns
-    height = width / 1.5  # roads lie flat
-    top, caption = 1.1 if title else 0.65, 0.52
-    total = top + rows * (height + caption) + 0.25
-    page = Paper(Figure(figsize=(WIDTH, total), dpi=DPI, facecolor="white"), WIDTH, total)
+    top = 1.1 if title else 0.65
+    height = top + math.ceil(len(items) / columns) * sheet_row(INNER, columns) + 0.25
+    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
+    page = Paper(figure, WIDTH, height)
     if title:
         page.text(MARGIN, 0.68, one_line(title, 60), size=19, weight="bold")
     draw_colour_bar(page, WIDTH - MARGIN, top - 0.45, 0.5 * items[0][1].lane_width)
-    letters = int(width / 0.088)
+    draw_sheet(page, items, columns, left=MARGIN, top=top, width=INNER)
+    return figure
+
+
+def sheet_row(width: float, columns: int) -> float:
+    """Height in inches of a row of so many pictures, with their captions, on a sheet."""
+    return _sheet_picture(width, columns) / 1.5 + _CAPTION  # roads lie flat
+
+
+def _sheet_picture(width: float, columns: int) -> float:
+    return (width - _BETWEEN * (columns - 1)) / columns
+
+
+def draw_sheet(
+    page: Paper,
+    items: Sequence[tuple[str, Road, Drive]],
+    columns: int,
+    *,
+    left: float,
+    top: float,
+    width: float,
+) -> None:
+    """Drives from above, (caption, road, drive) in reading order, at so many inches of a page."""
+    picture = _sheet_picture(width, columns)
+    height = picture / 1.5
+    letters = int(picture / 0.088)
     for k, (text, road, drive) in enumerate(items):
         row, column = divmod(k, columns)
-        x = MARGIN + column * (width + 0.2)
-        y = top + row * (height + caption)
+        x = left + column * (picture + _BETWEEN)
+        y = top + row * sheet_row(width, columns)
         seen = look(road, drive)
         turn = turn_of(road)
-        view = View.showing(box_of(road, seen, turn), turn, width, height)
+        view = View.showing(box_of(road, seen, turn), turn, picture, height)
         frame = page.panel(x, y, view.width, view.height)
         draw_scene(frame, view, road, seen, focus_of(seen), None, labelled=False)
         page.text(x, y + height + 0.17, one_line(text, letters), size=9, weight="bold")
         page.text(x, y + height + 0.33, _sheet_line(road, seen), size=8, color=QUIET)
-    return page.figure
 
 
 def _sheet_line(road: Road, seen: SeenDrive) -> str:
     result = seen.result
     if result.moobd is None:
         return f"{result.outcome}, {road.length:.0f} m"
-    return f"{road.length:.0f} m, MOOBD {_signed(result.moobd, 2)} m"
+    return f"{road.length:.0f} m, MOOBD {signed(result.moobd, 2)} m"

@@ -259,7 +259,7 @@ def draw_scene(
 ) -> None:
     """The whole road from above with the drive on it, and a frame around what ``near`` shows."""
     _draw_map_edge(panel, view, map_size)
-    _draw_surface(panel, view, road)
+    draw_surface(panel, view, road)
     spacing = max(1.0, road.length / _MAX_POINTS)
     start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
     size, width = (7.0, 1.5) if labelled else (4.5, 1.1)
@@ -306,14 +306,15 @@ def draw_scene(
     labels.put(end, "end", INK)
 
 
-def _draw_surface(panel: Panel, view: View, road: Road) -> None:
+def draw_surface(panel: Panel, view: View, road: Road) -> None:
     """Both lanes. They are lines as wide as they are, which no bend and no crossing can upset."""
     lane, scale = road.lane_width, view.scale
     spacing = max(0.5, road.length / _MAX_POINTS)
 
     def strip(offset: float, width: float, colour: str, zorder: float, **how: Any) -> None:
-        panel.line(
-            *view.at(road.sample(spacing, offset)).T, color=colour, lw=width, zorder=zorder,
+        xs, ys = view.at(road.sample(spacing, offset)).T
+        panel.strip(
+            xs, ys, width, color=colour, zorder=zorder,
             solid_capstyle="butt", dash_capstyle="butt", solid_joinstyle="round", **how,
         )  # fmt: skip
 
@@ -438,7 +439,7 @@ def _map_edge(map_size: float) -> FloatArray:
 
 def draw_close_up(panel: Panel, view: View, road: Road, seen: SeenDrive, focus: Focus) -> None:
     """The place that the picture is about, large enough to see the car on the lane."""
-    _draw_surface(panel, view, road)
+    draw_surface(panel, view, road)
     _draw_path(panel, view, seen, 0.5 * road.lane_width, 4.0)
     # Boxes a little more than a car apart, back and forth from the one that matters.
     away = np.abs(seen.distance - seen.distance[focus.record])

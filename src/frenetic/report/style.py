@@ -12,11 +12,12 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.text import Text
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from matplotlib.transforms import Affine2D
@@ -90,6 +91,19 @@ def write_figure(figure: Figure, path: Path, form: str) -> None:
     Raises:
         FreneticError: the file cannot be written.
     """
+    path = Path(path)
+    drawn = encode_figure(figure, form)
+    try:
+        with replacing(path) as partial:
+            partial.write_bytes(drawn)
+    except OSError as error:
+        raise FreneticError(
+            f"cannot write the picture {path}: {error.strerror or error}"
+        ) from error
+
+
+def encode_figure(figure: Figure, form: str, *, colours: int | None = None) -> bytes:
+    """The bytes of a picture's file; a PNG of few colours is small."""
     canvas = FigureCanvasAgg(figure)
     drawn = BytesIO()
     with warnings.catch_warnings():
@@ -99,52 +113,58 @@ def write_figure(figure: Figure, path: Path, form: str) -> None:
             canvas.draw()
             # Nothing is transparent; without that a file is as small in half the time.
             pixels = Image.frombuffer("RGBA", canvas.get_width_height(), canvas.buffer_rgba())
-            pixels.convert("RGB").save(drawn, form, compress_level=3, dpi=(DPI, DPI))
+            image = pixels.convert("RGB")
+            if colours is not None:
+                image = image.quantize(colours, kmeans=3)  # so that small marks keep theirs
+            image.save(drawn, form, compress_level=3 if colours is None else 9, dpi=(DPI, DPI))
         else:
             undated: Any = {"Date" if form == "svg" else "CreationDate": None}
             figure.savefig(drawn, format=form, dpi=DPI, metadata=undated)
-    path = Path(path)
-    try:
-        with replacing(path) as partial:
-            partial.write_bytes(drawn.getvalue())
-    except OSError as error:
-        raise FreneticError(
-            f"cannot write the picture {path}: {error.strerror or error}"
-        ) from error
+    return drawn.getvalue()
 
 
 @dataclass(frozen=True)
 class Paper:
-    """A figure on which things are placed in inches from the upper left corner."""
+    """A figure, or axes in one, on which things are placed in inches from the upper left corner."""
 
-    figure: Figure
+    canvas: Figure | Axes
     width: float
     height: float
 
+    @classmethod
+    def on(cls, axes: Axes) -> Paper:
+        """Axes in their present size."""
+        box, dpi = axes.bbox, axes.figure.dpi
+        return cls(axes, box.width / dpi, box.height / dpi)
+
+    @property
+    def square(self) -> Any:
+        """Transform of the unit square to what it covers."""
+        canvas = self.canvas
+        return canvas.transFigure if isinstance(canvas, Figure) else canvas.transAxes
+
     def text(self, x: float, y: float, text: str, *, size: float, **how: Any) -> Any:
         """Writes a text."""
-        how.setdefault("va", "baseline")
-        return self.figure.text(
-            x / self.width, 1.0 - y / self.height, text, size=size, parse_math=False, **how
-        )
+        how = {"va": "baseline", "transform": self.square, "parse_math": False, **how}
+        return self.canvas.text(x / self.width, 1.0 - y / self.height, text, size=size, **how)
 
     def bar(self, x: float, y: float, width: float, height: float, colour: str) -> None:
         """A filled rectangle."""
-        self.figure.add_artist(
+        self.canvas.add_artist(
             Rectangle(
                 (x / self.width, 1.0 - (y + height) / self.height),
                 width / self.width,
                 height / self.height,
                 facecolor=colour,
                 edgecolor="none",
+                transform=self.square,
             )
         )
 
     def line(self, xs: Sequence[float], ys: Sequence[float], **how: Any) -> None:
         """A line through points."""
-        self.figure.add_artist(
-            Line2D([x / self.width for x in xs], [1.0 - y / self.height for y in ys], **how)
-        )
+        across, up = [x / self.width for x in xs], [1.0 - y / self.height for y in ys]
+        self.canvas.add_artist(Line2D(across, up, transform=self.square, **how))
 
     def panel(self, x: float, y: float, width: float, height: float) -> Panel:
         """A panel of so many points (1/72 inch), measured from its centre."""
@@ -161,21 +181,29 @@ class Paper:
         corner = x / self.width, 1.0 - (y + height) / self.height
         shown = np.array([across[1] - across[0], up[1] - up[0]])
         place = Affine2D().translate(-across[0], -up[0]).scale(*(size / shown)).translate(*corner)
-        edge = Rectangle(corner, *size, facecolor="none", edgecolor="none", zorder=0.0)
-        self.figure.add_artist(edge)
+        edge = Rectangle(
+            corner,
+            *size,
+            facecolor="none",
+            edgecolor="none",
+            zorder=0.0,
+            transform=self.square,
+        )
+        self.canvas.add_artist(edge)
         point = shown / (POINT * np.array([width, height]))
-        return Panel(self.figure, edge, place + self.figure.transFigure, across, up, point)
+        return Panel(self.canvas, edge, place + self.square, across, up, point)
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A part of a figure with coordinates of its own; what is drawn is cut off at its edge.
+    """A part of a picture with coordinates of its own; what is drawn is cut off at its edge.
 
-    Matplotlib's axes can do all this, too, but take ten times as long to make and draw.
+    Matplotlib's axes can do all this, too, but take ten times as long to make and draw. So files
+    and pages have panels, and a user's axes become one (`AxesPanel`): both are drawn on alike.
     """
 
-    figure: Figure
-    edge: Rectangle
+    canvas: Figure | Axes
+    edge: Patch
     place: Any
     """Transform of its coordinates to those of the display."""
     across: _Span
@@ -189,7 +217,7 @@ class Panel:
         """Draws an artist whose order is among those of this panel, and before what is no panel."""
         artist.set_transform(self.place)
         artist.set_zorder(artist.get_zorder() / 100.0)
-        self.figure.add_artist(artist)
+        self.canvas.add_artist(artist)
         if cut:
             artist.set_clip_path(self.edge)
         else:
@@ -198,6 +226,10 @@ class Panel:
     def line(self, xs: Any, ys: Any, *, cut: bool = True, **how: Any) -> None:
         """Draws a line through points."""
         self.add(Line2D(xs, ys, **how), cut=cut)
+
+    def strip(self, xs: Any, ys: Any, width: float, **how: Any) -> None:
+        """Draws a line that covers what is so many points wide."""
+        self.line(xs, ys, lw=width, **how)
 
     def mark(self, place: FloatArray | _Span, marker: str, *, cut: bool = True, **how: Any) -> None:
         """Draws a marker at a place, (2,)."""
@@ -234,6 +266,43 @@ class Panel:
             )
         for x, text in zip(across, _numbers(across, self.across), strict=True) if labelled else ():
             self.beside((x, self.up[0]), (0.0, -3.5), text, ha="center", va="top", **how)
+
+
+class _Strip(Line2D):
+    """A line that covers what it covered when it was made, however its axes are scaled since."""
+
+    def __init__(self, xs: Any, ys: Any, width: float, points: Any, **how: Any) -> None:
+        super().__init__(xs, ys, linewidth=width, **how)
+        self._width, self._points = width, points
+
+    def draw(self, renderer: Any) -> None:
+        """Draws it with the width that it has by now."""
+        self.set_linewidth(self._width * self._points())
+        super().draw(renderer)
+
+
+class AxesPanel(Panel):
+    """Matplotlib's axes as a panel; its coordinates are points on paper in their present size."""
+
+    @classmethod
+    def on(cls, axes: Axes, middle: _Span, scale: float) -> AxesPanel:
+        """The axes, with (0, 0) in the ``middle`` and ``scale`` points per unit of its data."""
+        paper = Paper.on(axes)
+        across, up = (
+            (-0.5 * POINT * length, 0.5 * POINT * length) for length in (paper.width, paper.height)
+        )
+        place = Affine2D().scale(1.0 / scale).translate(*middle) + axes.transData
+        return cls(axes, axes.patch, place, across, up, np.ones(2))
+
+    def strip(self, xs: Any, ys: Any, width: float, **how: Any) -> None:
+        """Draws a line as wide as now, also when the axes have got another size or limits."""
+        canvas: Any = self.canvas
+
+        def points() -> float:
+            (left, _), (right, _) = self.place.transform([(0.0, 0.0), (POINT, 0.0)])
+            return abs(float(right - left)) / float(canvas.figure.dpi)
+
+        self.add(_Strip(xs, ys, width, points, **how))
 
 
 def round_values(shown: _Span, most: int, steps: Sequence[float]) -> list[float]:

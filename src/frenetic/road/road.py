@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.pictures import Shown, draw
 from frenetic.errors import RoadError
 from frenetic.road import geometry
 from frenetic.road.fitting import MARGIN, fit_to_map
@@ -18,6 +19,8 @@ from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 if TYPE_CHECKING:
     import numpy.typing as npt
+
+    from frenetic._support.pictures import Axes
 
 BEHAVIOUR = 1
 """Raised when a road gets another shape, place or validity; campaigns record it."""
@@ -70,8 +73,8 @@ class Lane:
     """(n, 2) m."""
 
 
-@dataclass(frozen=True, eq=False, init=False)
-class Road:
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Road(Shown):
     """A planar centre line given by curvature samples, with one lane on each side.
 
     The curvature is linear between samples, so every piece is a clothoid. The car drives on the
@@ -304,6 +307,28 @@ class Road:
                 False, f"The road does not fit the map of {map_size:g} m in any direction"
             )
         return fitted, fitted.check_validity(map_size)
+
+    def plot(self, ax: Axes | None = None, *, map_size: float | None = None) -> Axes:
+        """Draws the road from above on Matplotlib's axes, in metres of the map.
+
+        What the axes show already stays in sight.
+
+        Args:
+            ax: axes to draw on; those of a new figure of pyplot's if None.
+            map_size: m, side of the map [0, map_size]^2, whose edge is drawn.
+
+        Returns:
+            The axes.
+        """
+        return draw("plot_road", self, ax, map_size=map_size)
+
+    def __repr__(self) -> str:
+        """The road at a glance."""
+        sharpest = float(np.abs(self.curvatures).max())
+        return (
+            f"<Road of {self.length:.0f} m: {len(self.curvatures)} curvatures, the sharpest"
+            f" {sharpest:.3g} 1/m>"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # What it was made of; everything else follows from it.

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.pictures import Shown, draw, replay
+
+if TYPE_CHECKING:
+    from frenetic._support.pictures import Axes, Replay
+    from frenetic.road import Road
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ class Rules:
         return self.timeout_base + road_length / self.timeout_speed
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
     """The records of a drive at a fixed rate: columns of equal length (n,), read-only float64."""
 
@@ -101,6 +106,10 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.time)
 
+    def __repr__(self) -> str:
+        """The trajectory at a glance."""
+        return f"<Trajectory of {len(self)} records, {self.time[-1] if len(self) else 0.0:.1f} s>"
+
     def __reduce__(self) -> tuple[Any, ...]:
         # Made anew, so that the columns are read-only again.
         return Trajectory, tuple(getattr(self, name) for name in self.names())
@@ -137,8 +146,8 @@ class Trajectory:
         return np.column_stack([getattr(self, name) for name in self.names()])
 
 
-@dataclass(frozen=True, eq=False)
-class Drive:
+@dataclass(frozen=True, eq=False, repr=False)
+class Drive(Shown):
     """One execution of a road test."""
 
     trajectory: Trajectory
@@ -148,3 +157,54 @@ class Drive:
     """Reason why the simulator or the driver broke, None if the drive ended by the rules."""
     traceback: str = ""
     """Traceback of the error for the campaign's log, see `frenetic.errors.traceback_of`."""
+    road: Road | None = None
+    """The road that was driven, for pictures; None if the simulator does not say."""
+
+    def plot(
+        self, ax: Axes | None = None, *, road: Road | None = None, map_size: float | None = None
+    ) -> Axes:
+        """Draws the drive from above on Matplotlib's axes, in metres of the map.
+
+        The path of the car is coloured by oob distance.
+
+        Args:
+            ax: axes to draw on; those of a new figure of pyplot's if None, with a key to the
+                colours.
+            road: that was driven, for a drive that does not know it.
+            map_size: m, side of the map [0, map_size]^2, whose edge is drawn.
+
+        Returns:
+            The axes.
+
+        Raises:
+            ValueError: the drive does not know its road.
+        """
+        return draw("plot_drive", self, ax, road=self._driven(road), map_size=map_size)
+
+    def animate(self, *, road: Road | None = None) -> Replay:
+        """The drive as a replay, one piece of HTML: a notebook shows it, `Replay.write` keeps it.
+
+        It is the report's replay: from above, close up, and along the road. It loads nothing and
+        needs no server.
+
+        Args:
+            road: as for `plot`.
+
+        Raises:
+            ValueError: the drive does not know its road, or has no records.
+        """
+        return replay(self._driven(road), self)
+
+    def _driven(self, road: Road | None) -> Road:
+        found = self.road if road is None else road
+        if found is None:
+            raise ValueError(
+                "the drive does not know its road: give it, as in drive.plot(road=road)"
+            )
+        return found
+
+    def __repr__(self) -> str:
+        """The drive at a glance."""
+        road = "" if self.road is None else f" on {self.road.length:.0f} m of road"
+        broken = "" if self.error is None else f", broken: {self.error}"
+        return f"<Drive{road}: {repr(self.trajectory)[15:-1]}{broken}>"

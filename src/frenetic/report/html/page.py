@@ -57,13 +57,18 @@ class Report:
     """The tests that blocks name by their ids."""
     drives: tuple[DriveData, ...] = ()
     """Those of them with a drive in the page."""
+    replay: int | None = None
+    """Id of the test whose replay is all of the page; None for a page of sections."""
 
 
-def render(report: Report, *, interval: float | None = None) -> str:
+def render(
+    report: Report, scripts: tuple[str, ...] = SCRIPTS, *, interval: float | None = None
+) -> str:
     """The page: self-contained HTML that may load nothing.
 
     Args:
-        report: the contents.
+        report: its contents.
+        scripts: files in ``static`` that draw it, in order.
         interval: s between two questions to the page's own server, for a page that grows; it may
             load from there.
 
@@ -78,7 +83,8 @@ def render(report: Report, *, interval: float | None = None) -> str:
                 " once"
             )
     is_live = interval is not None
-    script, style = _script(is_live), _text("report.css")
+    script = _script((*scripts, LIVE_SCRIPT) if is_live else scripts)
+    style = _text("report.css")
     parts = {
         "title": html.escape(report.title),
         "policy": _policy(script, style, is_live),
@@ -136,8 +142,8 @@ def _text(name: str) -> str:
 
 
 @cache
-def _script(is_live: bool) -> str:
-    parts = "\n".join(_text(name) for name in (*SCRIPTS, *([LIVE_SCRIPT] if is_live else [])))
+def _script(scripts: tuple[str, ...]) -> str:
+    parts = "\n".join(_text(name) for name in scripts)
     return _unbreakable(f'"use strict";\n(() => {{\n{parts}\n}})();\n')
 
 

@@ -13,7 +13,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment
 from frenetic.campaign.record import TestRecord
 from frenetic.errors import FreneticError
-from frenetic.oracle import Assessment, Departure, Side
+from frenetic.oracle import Assessment, Departure, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.html.camera import CameraData
@@ -213,18 +213,30 @@ def drive_data(record: TestRecord, segment: Segment) -> DriveData:
         record: of the test.
         segment: of its drive, any.
     """
-    drive, road = segment.drive, segment.road
-    departure = record.departure
+    return drive_data_of(
+        record.id, record, segment, generation=record.candidate.origin.generation
+    )
+
+
+def drive_data_of(
+    id: int,  # noqa: A002
+    result: Result | TestRecord,
+    segment: Segment,
+    *,
+    generation: int = 0,
+) -> DriveData:
+    """The data of a drive with its verdict; see `DriveData` for the arguments."""
+    drive, road, departure = segment.drive, segment.road, result.departure
     return DriveData(
-        id=record.candidate.id,
-        outcome=str(record.outcome),
-        reason=record.reason,
-        moobd=_rounded(record.moobd, 3),
-        moobd_distance=_rounded(record.moobd_distance, 2),
-        max_oob_share=_rounded(record.max_oob_share, 3),
-        duration=_rounded(record.duration, 2),
-        side=record.departure_side,
-        generation=record.candidate.origin.generation,
+        id=id,
+        outcome=str(result.outcome),
+        reason=result.reason,
+        moobd=_rounded(result.moobd, 3),
+        moobd_distance=_rounded(result.moobd_distance, 2),
+        max_oob_share=_rounded(result.max_oob_share, 3),
+        duration=_rounded(result.duration, 2),
+        side=None if departure is None else departure.side,
+        generation=generation,
         road=RoadData.of(road),
         car=(
             round(drive.car.length, 3),

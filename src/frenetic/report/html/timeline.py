@@ -68,9 +68,17 @@ class Timeline:
 
 def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Section:
     """Failures over time; a section without blocks if nothing was tested."""
+    timeline = timeline_of(tests, clusters)
+    if timeline is None:
+        return Section("time", "Failures over time", (), "Nothing was tested yet.")
+    return Section("time", "Failures over time", (timeline,))
+
+
+def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Timeline | None:
+    """Failures over the budget; None if nothing was tested."""
     tested = [test for test in tests if test.outcome.is_test]
     if not tested:
-        return Section("time", "Failures over time", (), "Nothing was tested yet.")
+        return None
     shown = evenly(len(tested), POINTS)
     failed = np.array([test.outcome is Outcome.FAIL for test in tested])
     driven = np.array([test.outcome is not Outcome.INVALID for test in tested])
@@ -98,7 +106,7 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
         seconds = np.maximum.accumulate(np.array(elapsed, dtype=np.float64))[shown]
         unit, length = next(one for one in _UNITS if seconds[-1] >= 3.0 * one[1] or one[1] == 1.0)
         axes.append(Axis("time", f"wall time ({unit})", _floats(seconds / length, 4), expected))
-    timeline = Timeline(
+    return Timeline(
         failures=tuple(np.cumsum(failed)[shown].tolist()),
         distinct=_distinct(tested, clusters, shown),
         latest=_latest(tested, shown),
@@ -106,7 +114,6 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
         caption=_caption(drawn_and_driven, bool(random.all()), clusters)
         + _compared(clusters, int(failed.sum())),
     )
-    return Section("time", "Failures over time", (timeline,))
 
 
 def _expectation(random: RandomRoads | None, counts: npt.NDArray[np.int64]) -> Expectation | None:

@@ -290,7 +290,7 @@ class BeamngSimulator:
                     f" {WIDEST_AI_LANE:g} m are needed"
                 )
         except DriverError as error:
-            return Drive(Trajectory.empty(), self.car, self.rules, str(error))
+            return Drive(Trajectory.empty(), self.car, self.rules, str(error), road=road)
         if self._is_worn:
             self._leave()
             self.connect()
@@ -318,7 +318,7 @@ class BeamngSimulator:
         except DriverError as error:
             error_text, trace = str(error), traceback_of(error)
         self._finish()
-        return Drive(recording.trajectory(), self.car, self.rules, error_text, trace)
+        return Drive(recording.trajectory(), self.car, self.rules, error_text, trace, road)
 
     def _finish(self) -> None:
         """Removes the road; the drive counts even if that fails."""

@@ -205,7 +205,7 @@ class EmbeddedSimulator(StartingPlace):
             n = self._drive_compiled(road, compiled, setup, rules, room)
         else:
             n, error, trace = self._drive_python(road, driver, setup, room)
-        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, error, trace)
+        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, error, trace, road)
 
     def _drive_compiled(
         self,

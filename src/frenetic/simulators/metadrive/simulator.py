@@ -201,7 +201,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         except DriverError as trouble:
             error, trace = str(trouble), traceback_of(trouble)
         columns = np.array(rows).reshape(-1, len(Trajectory.names()))
-        return Drive(Trajectory.from_rows(columns), self.car, self.rules, error, trace)
+        return Drive(Trajectory.from_rows(columns), self.car, self.rules, error, trace, road)
 
     def _follow_own(
         self, world: World, road: Road, driver: MetaDriveDriver, rows: list[list[float]]

@@ -1,6 +1,7 @@
 // Data, elements, numbers, colours: what all parts of the page share.
 
 const report = JSON.parse(document.getElementById("data").textContent);
+const isEmbedded = report.replay !== null; // the page is one replay
 
 const OUTCOMES = { P: "PASS", F: "FAIL", I: "INVALID", E: "ERROR", D: "DROPPED" };
 

@@ -27,9 +27,10 @@ const player = (() => {
     if (drive === undefined) return;
     pause();
     shown = build(drive, order);
-    if (!dialog.open) dialog.showModal();
+    if (isEmbedded) dialog.open = true; // and takes no focus from the page around it
+    else if (!dialog.open) dialog.showModal();
     dialog.scrollTop = 0;
-    shown.slider.focus();
+    if (!isEmbedded) shown.slider.focus();
     seek(0);
     setFragment(`#test-${id}`);
   }
@@ -212,7 +213,7 @@ const player = (() => {
     main.style.aspectRatio = String(aspect);
     state.close = scene(drive, line, records, view, state, false);
     const plots = profilePlots(drive, records, length, state);
-    const name = `Test ${drive.id}`;
+    const name = isEmbedded ? report.title : `Test ${drive.id}`;
     const at = order.indexOf(drive.id);
     state.play = el("button", { type: "button", class: "primary", id: "play", on: { click: toggle } }, "Play");
     state.slider = el("input", {
@@ -250,8 +251,7 @@ const player = (() => {
       el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
       ...[cameraPart(drive.camera, state)].filter((part) => part !== null),
       plots,
-      el("div", { class: "details" }, factsOf(drive), actionsOf(drive)),
-      familyPart(drive.id, order),
+      ...(isEmbedded ? [] : [el("div", { class: "details" }, factsOf(drive), actionsOf(drive)), familyPart(drive.id, order)]),
     );
     return state;
   }

@@ -1,0 +1,83 @@
+"""One drive as a replay within another page, such as a notebook: `replay_drive`."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from frenetic._support.files import write_file
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign.record import TestRecord
+from frenetic.report.html.page import Report, made_by, render
+from frenetic.report.html.tests import drive_data_of
+from frenetic.report.scene import look
+from frenetic.road import Road
+from frenetic.simulators.drive import Drive
+
+SCRIPTS: Final = ("base.js", "road.js", "confirmed.js", "player.js", "replay.js")
+"""Files in ``static`` that a replay needs, in this order."""
+_HEIGHT: Final = 900  # px
+
+
+@dataclass(frozen=True, repr=False)
+class Replay:
+    """A replay that a notebook shows; it is complete in itself and loads nothing."""
+
+    title: str
+    page: str
+    """The replay as an HTML page."""
+
+    @property
+    def html(self) -> str:
+        """The replay as one HTML element, for pages of your own."""
+        return (
+            f'<iframe title="{html.escape(self.title)}" sandbox="allow-scripts"'
+            f' style="width: 100%; height: {_HEIGHT}px; border: 0"'
+            f' srcdoc="{html.escape(self.page)}"></iframe>'
+        )
+
+    def write(self, path: Path | str) -> Path:
+        """Writes the page whole or not at all.
+
+        Raises:
+            FreneticError: it cannot be written.
+        """
+        path = Path(path)
+        write_file(path, self.page, remedy="choose another place for the replay")
+        return path
+
+    def _repr_html_(self) -> str:
+        return self.html
+
+    def __repr__(self) -> str:
+        """The replay at a glance."""
+        return f"<Replay of {self.title}: a notebook shows it, write('replay.html') keeps it>"
+
+
+def replay_drive(road: Road, drive: Drive, *, test: TestRecord | None = None) -> Replay:
+    """The replay of a drive.
+
+    Args:
+        road: that was driven.
+        drive: of it.
+        test: the test of a campaign to which it belongs, if any.
+
+    Raises:
+        ValueError: the drive has no records.
+    """
+    seen = look(road, drive)
+    result = seen.result if test is None else test
+    segment = segment_of(road, seen.drive, result.departure)
+    title = "Drive" if test is None else f"Test {test.id}"
+    data = drive_data_of(0 if test is None else test.id, result, segment)
+    report = Report(
+        title=title,
+        sections=(),
+        made_by=made_by(),
+        lane_width=road.lane_width,
+        drives=(data,),
+        replay=data.id,
+    )
+    return Replay(title, render(report, SCRIPTS))

@@ -1,0 +1,352 @@
+"""Pictures on Matplotlib's axes, for notebooks and figures of your own.
+
+They are the methods ``road.plot()``, ``drive.plot()``, ``campaign.plot_failures()`` and so on. Each
+draws on the given axes, or on those of a new figure, and returns them. What is seen from above is
+drawn by the same code as in the report's pictures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.ticker import MaxNLocator
+
+from frenetic._support.words import counted
+from frenetic.analysis.comparison import Comparison
+from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
+from frenetic.analysis.features import Feature, feature, features_of
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.store import CampaignStore
+from frenetic.outcome import Outcome
+from frenetic.report.comparison import draw_curves
+from frenetic.report.html.feature_map import choose_mapped
+from frenetic.report.html.tests import TestSummary
+from frenetic.report.html.timeline import timeline_of
+from frenetic.report.picture import draw_sheet, sheet_row, signed
+from frenetic.report.scene import (
+    ALARM,
+    Box,
+    SeenDrive,
+    View,
+    box_of,
+    draw_colour_bar,
+    draw_scene,
+    focus_of,
+    look,
+)
+from frenetic.report.style import FAINT, PANEL, QUIET, STYLE, AxesPanel, Paper
+from frenetic.road import Road
+from frenetic.simulators.drive import Drive
+
+SHEET: Final = 12
+"""Default number of failures that `plot_failures` draws."""
+
+# Sizes in inches.
+_WIDE: Final = 6.5  # new axes
+_TALL: Final = 5.5
+_LEFT, _RIGHT, _TOP, _BOTTOM, _KEY = 0.65, 0.2, 0.4, 0.55, 0.45  # around them
+
+_DISTINCT: Final = "#0b5fa5"
+_COVERED: Final = "#e9edf1"
+SEVERITY: Final = "#fde2b8", "#fbc98c", "#f6a866", "#e9834d", "#c34f33", "#ad3a38", "#7d1d30"
+"""Colours of a feature map's cells, the last for the worst; ``report.css`` has the same."""
+
+
+def plot_road(road: Road, ax: Axes | None = None, *, map_size: float | None = None) -> Axes:
+    """A road from above; see `Road.plot`."""
+    with mpl.rc_context(STYLE):
+        axes = _axes_above(road, None)[0] if ax is None else ax
+        _draw_above(axes, road, None, map_size)
+        axes.set_title(f"Road, {road.length:.0f} m", loc="left", fontsize=9.0)
+    return axes
+
+
+def plot_drive(
+    drive: Drive, ax: Axes | None = None, *, road: Road, map_size: float | None = None
+) -> Axes:
+    """A drive from above; see `Drive.plot`."""
+    with mpl.rc_context(STYLE):
+        seen = look(road, drive)
+        if ax is None:
+            axes, page = _axes_above(road, seen, key=_KEY)
+            right = page.width - _RIGHT
+            draw_colour_bar(page, right, page.height - _KEY + 0.1, 0.5 * road.lane_width)
+        else:
+            axes = ax
+        _draw_above(axes, road, seen, map_size)
+        result = seen.result
+        least = "" if result.moobd is None else f", MOOBD {signed(result.moobd, 2)} m"
+        axes.set_title(f"{result.outcome}{least}", loc="left", fontsize=9.0)
+    return axes
+
+
+def _axes_above(road: Road, seen: SeenDrive | None, key: float = 0.0) -> tuple[Axes, Paper]:
+    """Axes in a new figure as wide and tall as suits a road from above."""
+    box = box_of(road, seen, 0.0)
+    scale = min(_WIDE / box.width, _TALL / box.height)
+    return _new_axes(max(scale * box.width, 0.6 * _WIDE), max(scale * box.height, 2.0), key=key)
+
+
+def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, Paper]:
+    """Axes of so many inches in a new figure, with room for a key below; and the figure's page."""
+    import matplotlib.pyplot as plt  # which chooses a backend: only for who wants a new figure
+
+    wide, tall = _LEFT + width + _RIGHT, _TOP + height + _BOTTOM + key
+    figure = plt.figure(figsize=(wide, tall))
+    place = _LEFT / wide, (_BOTTOM + key) / tall, width / wide, height / tall
+    return figure.add_axes(place), Paper(figure, wide, tall)
+
+
+def _draw_above(axes: Axes, road: Road, seen: SeenDrive | None, map_size: float | None) -> None:
+    """A road and its drive where they lie on the map; what the axes show already stays in sight."""
+    box = box_of(road, seen, 0.0)
+    low = np.array([box.x - 0.5 * box.width, box.y - 0.5 * box.height])
+    high = np.array([box.x + 0.5 * box.width, box.y + 0.5 * box.height])
+    if axes.has_data():
+        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+        low, high = np.minimum(low, (left, bottom)), np.maximum(high, (right, top))
+    (x, y), (width, height) = 0.5 * (low + high), high - low
+    paper = Paper.on(axes)
+    shown = Box(float(x), float(y), float(width), float(height))
+    view = View.showing(shown, 0.0, paper.width, paper.height)
+    across, up = 0.5 * view.width / view.scale, 0.5 * view.height / view.scale
+    axes.set_xlim(x - across, x + across)
+    axes.set_ylim(y - up, y + up)
+    axes.set_aspect("equal")
+    axes.set_facecolor(PANEL)
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    focus = None if seen is None else focus_of(seen)
+    panel = AxesPanel.on(axes, (view.x, view.y), view.scale)
+    draw_scene(panel, view, road, seen, focus, map_size)
+
+
+# Campaigns
+
+
+@contextmanager
+def opened(campaign: Campaign | CampaignStore | Path | str) -> Iterator[CampaignStore]:
+    """The store of a campaign, for reading.
+
+    Raises:
+        CampaignError: there is no campaign, or it is damaged.
+    """
+    if isinstance(campaign, CampaignStore):
+        yield campaign
+        return
+    folder = campaign.folder if isinstance(campaign, Campaign) else Path(campaign)
+    with CampaignStore.open(folder) as store:
+        yield store
+
+
+def failures_to_show(
+    store: CampaignStore, number: int, limit: int | None = None
+) -> tuple[str, list[tuple[str, Road, Drive]]]:
+    """A title, and the most severe distinct failures with their captions; else near misses.
+
+    Args:
+        store: of the campaign.
+        number: most drives.
+        limit: most failures to compare; the usual number if None.
+    """
+    failed = store.by_outcome()[Outcome.FAIL]
+    found = distinct_failures(store) if limit is None else distinct_failures(store, limit)
+    title = _distinct_in_words(found, failed)
+    if len(found) > number:
+        title += f"; the {number} most severe"
+    if not failed:
+        found = nearest_misses(store, number)
+        title = "No failure; the nearest misses" if found else "No failure"
+    items = []
+    for cluster in found.clusters[:number]:
+        test = store.test(cluster.most_severe)
+        if test.drive is not None:
+            alike = f", {len(cluster)} alike" if len(cluster) > 1 else ""
+            items.append((f"Test {test.id}{alike}", test.road, test.drive))
+    return title, items
+
+
+def _distinct_in_words(found: Clusters, failed: int) -> str:
+    among = (
+        counted(failed, "failure")
+        if found.failures >= failed
+        else f"the {found.failures} most severe of {failed} failures"
+    )
+    return f"{counted(len(found), 'distinct failure')} among {among}"
+
+
+def plot_failures(
+    campaign: Campaign | CampaignStore | Path | str, ax: Axes | None = None, *, number: int = SHEET
+) -> Axes:
+    """The distinct failures from above; see `ShownCampaign.plot_failures`."""
+    with opened(campaign) as store, mpl.rc_context(STYLE):
+        title, items = failures_to_show(store, number)
+        axes = ax
+        if axes is None:
+            columns = min(max(len(items), 1), 4)
+            rows = max(math.ceil(len(items) / columns), 1)
+            axes, _ = _new_axes(2.2 * columns, rows * sheet_row(2.2 * columns, columns))
+        page = Paper.on(axes)
+        axes.set_axis_off()
+        axes.set_title(title, loc="left", fontsize=9.0)
+        draw_sheet(page, items, _columns(page, len(items)), left=0.0, top=0.0, width=page.width)
+    return axes
+
+
+def _columns(page: Paper, number: int) -> int:
+    """The fewest columns in which so many pictures of a sheet fit on a page."""
+    for columns in range(1, number):
+        if math.ceil(number / columns) * sheet_row(page.width, columns) <= 1.001 * page.height:
+            return columns
+    return max(number, 1)
+
+
+def plot_progress(campaign: Campaign | CampaignStore | Path | str, ax: Axes | None = None) -> Axes:
+    """The failures over the simulations; see `ShownCampaign.plot_progress`."""
+    with opened(campaign) as store:
+        timeline = timeline_of(_summaries(store), distinct_failures(store))
+    with mpl.rc_context(STYLE):
+        axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
+        curves = ("failures", ALARM), ("distinct failures", _DISTINCT)
+        if timeline is not None:
+            by_simulations = timeline.axes[0]
+            x, expected = by_simulations.x, by_simulations.expected
+            found = timeline.failures, timeline.distinct
+            for (name, colour), values in zip(curves, found, strict=True):
+                axes.step(
+                    (0.0, *x), (0, *values), where="post", color=colour, lw=1.8,
+                    label=f"{name}: {values[-1]}",
+                )  # fmt: skip
+            if expected is not None:
+                of = np.array(expected.of)
+                bands = (
+                    (expected.share * of, expected.low * of, expected.high * of),
+                    tuple(
+                        map(
+                            np.array,
+                            (expected.distinct, expected.distinct_low, expected.distinct_high),
+                        )
+                    ),
+                )
+                for (name, colour), (middle, low, high) in zip(curves, bands, strict=True):
+                    axes.fill_between(x, low, high, color=colour, alpha=0.1, lw=0.0)
+                    axes.plot(
+                        x, middle, color=colour, lw=1.0, ls=(0, (4, 3)),
+                        label=f"{name}, if all roads were random",
+                    )  # fmt: skip
+            axes.legend(loc="upper left", frameon=False, fontsize=8.5)
+        _frame(axes, "simulations", "found")
+    return axes
+
+
+def _frame(axes: Axes, across: str, up: str) -> None:
+    """Titles, a quiet grid and whole numbers from 0 on, as in every chart of counts."""
+    axes.set_xlabel(across)
+    axes.set_ylabel(up)
+    axes.set_xlim(left=0.0)
+    axes.set_ylim(bottom=0.0)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(steps=(1, 2, 5, 10), integer=True))
+    axes.grid(color=FAINT, linewidth=0.5, alpha=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def plot_feature_map(
+    campaign: Campaign | CampaignStore | Path | str,
+    ax: Axes | None = None,
+    *,
+    x: str = "max_curvature",
+    y: str = "mean_speed",
+    whole: bool = False,
+) -> Axes:
+    """A feature map of the failures; see `ShownCampaign.plot_feature_map`."""
+    across, up = feature(x), feature(y)
+    with opened(campaign) as store:
+        driven, failed, worst = _cells(store, across, up, whole=whole)
+    with mpl.rc_context(STYLE):
+        axes = _new_axes(5.2, 4.2)[0] if ax is None else ax
+        cover = np.ma.masked_where(driven == 0, np.zeros_like(worst))
+        axes.pcolormesh(
+            across.edges, up.edges, cover.T, cmap=ListedColormap([_COVERED]), ec="white", lw=1.0
+        )
+        if failed.any():
+            low, high = float(worst[failed > 0].min()), float(worst[failed > 0].max())
+            low, high = (low, high) if low < high else (low - 1e-3, high + 1e-3)
+            shades = axes.pcolormesh(
+                across.edges,
+                up.edges,
+                np.ma.masked_where(failed == 0, worst).T,
+                cmap=ListedColormap(SEVERITY[::-1]),
+                norm=BoundaryNorm(np.linspace(low, high, len(SEVERITY) + 1), len(SEVERITY)),
+                ec="white",
+                lw=1.0,
+            )
+            middles = [0.5 * (axis.edges[1:] + axis.edges[:-1]) for axis in (across, up)]
+            for i, k in np.argwhere(failed > 0):
+                dark = worst[i, k] < low + 3.0 * (high - low) / len(SEVERITY)
+                axes.text(
+                    middles[0][i], middles[1][k], str(failed[i, k]), ha="center", va="center",
+                    size=8.0, color="white" if dark else "black",
+                )  # fmt: skip
+            if ax is None:
+                bar = axes.figure.colorbar(shades, ax=axes, label="lowest MOOBD (m)", format="%.2f")
+                bar.outline.set_visible(False)
+        for axis, set_title, set_ticks in (
+            (across, axes.set_xlabel, axes.set_xticks),
+            (up, axes.set_ylabel, axes.set_yticks),
+        ):
+            set_title(f"{axis.description}{f' ({axis.unit})' if axis.unit else ''}")
+            set_ticks(axis.edges[::2], [f"{edge:.3g}" for edge in axis.edges[::2]])
+        axes.set_title(
+            f"Failures in {counted(int((failed > 0).sum()), 'cell')} of"
+            f" {int((driven > 0).sum())} that were reached",
+            loc="left",
+            fontsize=9.0,
+        )
+        axes.tick_params(length=0.0)
+        for spine in axes.spines.values():
+            spine.set_color(FAINT)
+        axes.xaxis.label.set_color(QUIET)
+    return axes
+
+
+def _summaries(store: CampaignStore) -> list[TestSummary]:
+    return [TestSummary.of(record) for record in store.tests()]
+
+
+def _cells(store: CampaignStore, x: Feature, y: Feature, *, whole: bool) -> tuple[Any, Any, Any]:
+    """Driven tests, failures, and the lowest MOOBD in m of these, (x.bins, y.bins) each."""
+    driven = np.zeros((x.bins, y.bins), dtype=np.int64)
+    failed, worst = np.zeros_like(driven), np.full(driven.shape, np.inf)
+    for test in choose_mapped(_summaries(store)):
+        record = store.test(test.id)
+        if record.drive is None or not len(record.drive.trajectory):
+            continue
+        segment = segment_of(record.road, record.drive, record.departure)
+        found = features_of(segment.whole() if whole else segment)
+        cell = x.bin_of(found), y.bin_of(found)
+        driven[cell] += 1
+        if record.outcome is Outcome.FAIL:
+            failed[cell] += 1
+            worst[cell] = min(worst[cell], record.moobd or 0.0)
+    return driven, failed, worst
+
+
+def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Axes:
+    """The failures of groups of campaigns over the simulations; see `Comparison.plot`."""
+    with mpl.rc_context(STYLE):
+        axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
+        draw_curves(axes, comparison)
+        axes.legend(loc="upper left", frameon=False, fontsize=8.5)
+    return axes
