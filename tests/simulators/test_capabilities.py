@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from frenetic.drivers import Delayed, Driver, Planner
+from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator
@@ -125,3 +126,10 @@ def test_the_driver_under_a_layer_is_asked_too() -> None:
     check_pair(EmbeddedSimulator(), driver)
     with pytest.raises(DriverError, match="elsewhere only"):
         check_pair(DummySimulator(rules=Rules()), driver)
+
+
+def test_a_driver_with_a_camera_needs_a_simulator_that_draws() -> None:
+    driver = load_driver("marking-follower", fog=50.0)
+    check_pair(EmbeddedSimulator(), driver)
+    with pytest.raises(DriverError, match=r"^DummySimulator draws nothing, and the driver has a"):
+        check_pair(DummySimulator(), driver)

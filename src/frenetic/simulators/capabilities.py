@@ -11,8 +11,8 @@ from dataclasses import dataclass, fields
 from numbers import Integral, Real
 from typing import Any, Final
 
-from frenetic.drivers.driver import Driver, SelectiveDriver, inner_driver
-from frenetic.errors import FreneticError
+from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, inner_driver
+from frenetic.errors import DriverError, FreneticError
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
 
@@ -57,6 +57,8 @@ class Capabilities(Usual):
     drives_compiled: Callable[[Driver], bool] = lambda _: False
     """Whether a driver's drives are compiled code of ours alone, which needs no process of its
     own."""
+    draws: bool = False
+    """Whether it gives a driver with a camera its picture."""
     variable: frozenset[str] = frozenset()
     """Those of `VARIABLE` that it has."""
 
@@ -97,8 +99,14 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
     ``check_driver``.
 
     Raises:
-        DriverError: one of them refuses.
+        DriverError: one of them refuses, or the driver has a camera and the simulator draws
+            nothing.
     """
+    if camera_of(driver) is not None and not capabilities(simulator).draws:
+        raise DriverError(
+            f"{type(bare(simulator)).__name__} draws nothing, and the driver has a camera: use the"
+            " embedded simulator, or a driver without a camera"
+        )
     asked: Driver | None = driver
     while asked is not None:
         if isinstance(asked, SelectiveDriver):
@@ -130,6 +138,10 @@ def _is_number_of_workers(value: object) -> bool:
     return not isinstance(value, bool) and isinstance(value, Integral) and int(value) > 0
 
 
+def _is_yes_or_no(value: object) -> bool:
+    return isinstance(value, bool)
+
+
 def _are_names(value: object) -> bool:
     return isinstance(value, tuple | list) and all(isinstance(name, str) for name in value)
 
@@ -142,6 +154,7 @@ _WANTED: Final[dict[str, tuple[Callable[[object], bool], str]]] = {
     "preloads": _NAMES,
     "usual_wall_limit": _TIME,
     "wall_limit": _TIME,
+    "draws": (_is_yes_or_no, "True or False"),
     "usual_workers": _WORKERS,
     "workers_at_most": _WORKERS,
 }

@@ -77,6 +77,7 @@ class EmbeddedSimulator(StartingPlace):
         ValueError: an option is out of range.
     """
 
+    draws: Final = True
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
 

@@ -1,0 +1,76 @@
+"""Cost of a camera's picture: each layer of the drawing, and each layer over the driver.
+
+Processor time in ms, the least of several rounds, since other programs disturb it; beside a drive
+of the default driver along the same road, without a camera.
+
+    python benchmarks/camera.py
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from frenetic import EmbeddedSimulator, Observation, Planner, Road
+from frenetic.drivers import appearance
+from frenetic.drivers.camera import Scene
+from frenetic.drivers.marking_follower import MarkingFollower
+from frenetic.simulators.embedded.rendering import LAYERS, Renderer
+
+ROAD = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0.05, 0.0, 0.0])
+PICTURES = 40
+ROUNDS = 8
+AMOUNTS = {"fog": 50.0, "rain": 10.0, "blur": 0.03, "light": 0.6, "grain": 10.0}
+
+
+def least(work: Callable[[], object], times: int) -> float:
+    """Processor time of one call in ms, in the fastest round."""
+    work()
+    taken = []
+    for _ in range(ROUNDS):
+        start = time.process_time()
+        for _ in range(times):
+            work()
+        taken.append((time.process_time() - start) / times)
+    return 1e3 * min(taken)
+
+
+def main() -> None:
+    """Prints the table."""
+    driver = MarkingFollower()
+    places = [ROAD.pose_at(s) for s in np.linspace(0.0, ROAD.length - 10.0, PICTURES)]
+
+    def drawing(renderer: Renderer) -> Callable[[], object]:
+        return lambda: [renderer.draw(*place) for place in places]
+
+    with EmbeddedSimulator() as simulator:
+        drive = least(lambda: simulator.drive(ROAD, Planner()), 5)
+    print(f"a drive of {ROAD.length:.0f} m without a camera  {drive:.3f} ms")
+    camera = driver.camera
+    print(f"\na picture of {camera.width} x {camera.height} pixels, drawn up to")
+    before = 0.0
+    for name in LAYERS:
+        cost = least(drawing(Renderer(ROAD, camera, layer=name)), 1) / PICTURES
+        print(f"  {name:<12} {cost:.3f} ms  (+{cost - before:.3f})")
+        before = cost
+    cost = least(drawing(Renderer(ROAD, camera, Scene(seed=3, wear=0.5))), 1) / PICTURES
+    print(f"  {'worn':<12} {cost:.3f} ms  (+{cost - before:.3f})")
+    print(f"\nthe road's table for one drive  {least(lambda: Renderer(ROAD, camera), 5):.3f} ms")
+    print("\na layer over the driver")
+    image = Renderer(ROAD, camera).draw(*places[5])
+    nothing = np.empty((0, 2))
+    moment = Observation(1.0, 15.0, 0.3, 0.0, 0.0, 0.0, nothing, np.empty(0), 0.0, image)
+    for name, amount in AMOUNTS.items():
+        layer = appearance.ALL[name](driver, amount)
+        cost = least(lambda one=layer: one.seen(image, moment), 10)  # type: ignore[misc]
+        print(f"  {name:<12} {cost:.3f} ms")
+    with EmbeddedSimulator() as simulator:
+        steps = len(simulator.drive(ROAD, driver).trajectory)
+        cost = least(lambda: simulator.drive(ROAD, driver), 1)
+    print(f"\na step of marking-follower with its picture  {cost / steps:.3f} ms")
+
+
+if __name__ == "__main__":
+    main()
