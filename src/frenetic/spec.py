@@ -415,7 +415,11 @@ class Spec:
             if part.name is not None:
                 command |= {kind: part.name, f"{kind}_options": dict(part.options)}
             if kind == "driver":
-                command |= {name: self.layers.get(name) for name in _layer_names()}
+                command |= {
+                    layer.name: self.layers.get(layer.name)
+                    for layer in LAYERS
+                    if layer.is_needed or layer.name in self.layers
+                }
         return command | {
             "speed_limit": self.rules.speed_limit,
             "oob_tolerance": self.rules.oob_tolerance,
