@@ -276,7 +276,7 @@ def main() -> None:
     parser.add_argument("--last-passes", type=float, default=5.0, help="Passes at the end.")
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--roads", type=int, default=200, help="Fresh roads of each measurement.")
-    parser.add_argument("--speeds", type=float, nargs="*", default=[35.0, 40.0, 45.0, 50.0])
+    parser.add_argument("--speeds", type=float, nargs="*", default=[50.0])
     given = parser.parse_args()
     torch.set_num_threads(given.threads)
     device = "cuda" if torch.cuda.is_available() else "cpu"

@@ -415,7 +415,7 @@ def test_without_the_extra_the_way_to_it_is_named(
 # The network that comes along
 
 
-DIGEST = "bf1f7c6723a0b2b29d26ffffae7d5c8312f0d82c608ae4d966cde19a48489ed1"
+DIGEST = "1ae3ead8ef0275bd19c469059535602f374cbb73b1d432283f11cd0217b734ba"
 
 
 class TestDave2(DriverContract):

@@ -278,7 +278,7 @@ class Dave2(Network):
 
     BEHAVIOUR: ClassVar[int] = 1
 
-    def __init__(self, *, max_speed: float = 45.0) -> None:
+    def __init__(self, *, max_speed: float = 50.0) -> None:
         super().__init__(str(DAVE2), max_speed=max_speed)
 
     @property
