@@ -213,9 +213,7 @@ def drive_data(record: TestRecord, segment: Segment) -> DriveData:
         record: of the test.
         segment: of its drive, any.
     """
-    return drive_data_of(
-        record.id, record, segment, generation=record.candidate.origin.generation
-    )
+    return drive_data_of(record.id, record, segment, generation=record.candidate.origin.generation)
 
 
 def drive_data_of(
