@@ -38,9 +38,10 @@ from typing import Any, Final, Self
 import msgpack
 import numpy as np
 
-from frenetic.drivers import DriveSetup, Planner
+from frenetic.drivers import Camera, DriveSetup, Planner
 from frenetic.road import Road
 from frenetic.simulators import Observer, Rules, Vehicle
+from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.rollout import STEP
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
@@ -117,6 +118,10 @@ class World:
     """Whether the vehicle runs Lua commands."""
     sign_shown: float = 1.0
     """Sign of `steering_input` in the electrics for a positive input; 0: none is shown."""
+    draws: bool = True
+    """Whether a camera gives pictures."""
+    camera: Message = field(default_factory=dict)
+    """The message that opened it."""
     clock_error: float = 0.0
     """Share by which the clock is too fast."""
     scenarios: dict[str, Scenario] = field(default_factory=dict)
@@ -206,11 +211,32 @@ class World:
         car.throttle, car.brake = controls.throttle, controls.brake
         self.ai_moves += 1
 
-    def _plan(self) -> tuple[Planner, Observer]:
+    def _road(self) -> Road:
         assert self.loaded is not None
         (road,) = (one for one in self.loaded.roads if one["drivability"] > 0)
         nodes = np.array(road["nodes"])
-        line = Road.from_points(nodes[:, :2], lane_width=0.5 * nodes[0, 3])
+        return Road.from_points(nodes[:, :2], lane_width=0.5 * nodes[0, 3])
+
+    def picture(self) -> bytes:
+        """RGBA, as the camera of the message that opened it sees our own world."""
+        asked, state = self.camera, self.car.state
+        width, height = asked["size"]
+        half = 0.5 * math.radians(asked["fovY"])
+        camera = Camera(
+            width=width,
+            height=height,
+            field_of_view=math.degrees(2.0 * math.atan(math.tan(half) * width / height)),
+            forward=NODE_AHEAD - asked["pos"][1],
+            left=NODE_LEFT + asked["pos"][0],
+            up=0.3 + asked["pos"][2],
+            pitch=math.degrees(math.asin(-asked["dir"][2])),
+        )
+        image = Renderer(self._road(), camera).draw(state[X], state[Y], state[HEADING])
+        opaque = np.full((height, width, 1), 255, np.uint8)
+        return np.concatenate([image, opaque], axis=2).tobytes()
+
+    def _plan(self) -> tuple[Planner, Observer]:
+        line = self._road()
         vehicle = self.vehicle
         driver = Planner(aggression=self.car.ai_aggression / 0.7)
         driver.reset(
@@ -471,6 +497,19 @@ class StandIn:
     def _ge_Step(self, request: Message) -> Message:  # noqa: N802
         self.world.step(request["count"])
         return {"type": "Stepped"}
+
+    def _ge_OpenCamera(self, request: Message) -> Message:  # noqa: N802
+        assert request["vid"] == self.world.car.vid
+        self.world.camera = request
+        return {"type": "OpenedCamera"}
+
+    def _ge_PollCamera(self, request: Message) -> Message:  # noqa: N802
+        assert request["name"] == self.world.camera["name"]
+        return {"data": {"colour": self.world.picture()} if self.world.draws else {}}
+
+    def _ge_CloseCamera(self, _: Message) -> Message:  # noqa: N802
+        self.world.camera = {}
+        return {"type": "ClosedCamera"}
 
     def _ge_GetBBoxCorners(self, _: Message) -> Message:  # noqa: N802
         return {"type": "BBoxCorners", "points": self.world.box()}

@@ -25,8 +25,11 @@ from beamngpy.connection.prefixed_length_socket import PrefixedLengthSocket
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.doctor import Health, examine
 from frenetic.drivers import BeamngAi, Controls, Delayed, Driver, DriveSetup, Observation, Stanley
+from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import AHEAD_POINTS
-from frenetic.errors import CampaignError
+from frenetic.drivers.loading import load_driver
+from frenetic.drivers.marking_follower import MarkingFollower
+from frenetic.errors import CampaignError, DriverError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
@@ -34,6 +37,8 @@ from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, Rules
 from frenetic.simulators.beamng import BeamngError, BeamngSimulator
 from frenetic.simulators.beamng.link import _end, _free_port, _is_taken
+from frenetic.simulators.beamng.scene import ego_start
+from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.testing import DummyDriver, SimulatorContract
 
 ROAD = Road([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, 0.0], pose=Pose(80.0, 50.0, 1.0))
@@ -173,6 +178,45 @@ def test_brake_at_rest_is_left_to_the_parking_brake(stand_in: StandIn) -> None:
         drive = simulator.drive(ROAD, DummyDriver(brake=1.0))
     assert not stand_in.world.was_reversing
     assert "moved less than" in judge(ROAD, drive).reason
+
+
+def test_driver_sees_through_a_camera_on_the_car(stand_in: StandIn) -> None:
+    seen: list[np.ndarray] = []
+
+    class Seeing(MarkingFollower):
+        def act(self, observation: Observation) -> Controls:
+            assert observation.image is not None
+            seen.append(observation.image)
+            return super().act(observation)
+
+    road = Road([0.0, 0.01, 0.02, 0.02, 0.0], pose=Pose(50.0, 50.0, 0.5))
+    with connected(stand_in) as simulator:
+        result = judge(road, simulator.drive(road, Seeing()))
+    assert result.outcome is Outcome.PASS, result.reason
+    # What the embedded simulator draws from the same place: the camera is where it should be.
+    own = Renderer(road, Camera()).draw(*(ego_start(road)))
+    assert seen[0].shape == own.shape
+    assert np.abs(seen[0].astype(float) - own).mean() < 1.0
+    told = stand_in.types()
+    last_stop = len(told) - 1 - told[::-1].index("StopScenario")
+    assert told.index("OpenCamera") < told.index("CloseCamera") < last_stop
+
+
+def test_camera_without_pictures_and_what_it_lacks_are_told(stand_in: StandIn) -> None:
+    driver = load_driver("marking-follower", wear=0.5)
+    with pytest.raises(DriverError, match="draws its own world: leave out --scene and --wear"):
+        BeamngSimulator(host="127.0.0.1", port=stand_in.port).check_driver(driver)
+    bent = MarkingFollower()
+    bent.camera = Camera(distortion=-0.05)
+    with pytest.raises(DriverError, match=r"no distortion: the driver's has -0\.05"):
+        BeamngSimulator(host="127.0.0.1", port=stand_in.port).check_driver(bent)
+    stand_in.world.draws = False
+    road = Road([0.0] * 4, pose=Pose(50.0, 50.0, 0.5))
+    with (
+        connected(stand_in) as simulator,
+        pytest.raises(BeamngError, match=r"the camera gives no picture: BeamNG\.tech draws"),
+    ):
+        simulator.drive(road, MarkingFollower())
 
 
 def test_next_road_needs_no_restart(stand_in: StandIn) -> None:

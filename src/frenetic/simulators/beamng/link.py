@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import logging
+import math
 import os
 import re
 import signal
@@ -29,6 +30,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import kill_tree
+from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import describe_error
 from frenetic.simulators.beamng.car import CarState
 from frenetic.simulators.beamng.errors import BeamngError
@@ -50,11 +52,14 @@ LOAD_LIMIT: Final = 300.0
 ROAD: Final = "frenetic_road"
 GOAL: Final = "frenetic_goal"
 EGO: Final = "ego"
+CAMERA: Final = "frenetic_camera"
 # Drawn with a centre line; known in every level.
 _SURFACE: Final = "track_editor_C_center"
 _LINE: Final = "m_line_white"
 _ALL_WAYS: Final = (0.0, 0.0, 0.0, 1.0)
 _DIRECT: Final = 2  # BeamNG.tech's number of the filter for steering wheels; a gamepad's is 1
+_PICTURE_PERIOD: Final = 0.05  # s between two pictures
+_SEEN: Final = (0.05, 2000.0)  # m, the nearest and the farthest that a camera sees
 _POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
 _CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
 _QUIT_LIMIT: Final = 10.0  # s to end when asked, and as much again when told
@@ -209,6 +214,7 @@ class Link:
         self._process: subprocess.Popen[bytes] | None = None
         self._scenario: Any = None
         self._ego: Any = None
+        self._camera: Any = None
         self.user_folder = ""
         """Folder for its files and licence, on its machine."""
         self.is_licensed = False
@@ -387,8 +393,11 @@ class Link:
     def unload(self) -> None:
         """Removes the scene, if there is one."""
         scenario, self._scenario, self._ego = self._scenario, None, None
+        camera, self._camera = self._camera, None
         if scenario is not None:
             with _asking("leaving the road"):
+                if camera is not None:
+                    camera.remove()
                 self._bng.scenario.stop()
                 scenario.delete(self._bng)
 
@@ -450,6 +459,49 @@ class Link:
                 brake=float(brake),
                 parkingbrake=float(parking),
             )
+
+    # Its camera
+
+    def open_camera(self, camera: Camera, ahead: float, left: float, up: float) -> None:
+        """Puts a camera on the car.
+
+        Args:
+            camera: the camera; its lens has no distortion here.
+            ahead, left, up: m from the car's position.
+        """
+        pitch = math.radians(camera.pitch)
+        c, s = math.cos(pitch), math.sin(pitch)
+        high = 2.0 * math.atan(0.5 * camera.height / camera.focal_length)
+        with _asking("putting a camera on the car"):
+            # In the car's own frame its nose points to -y and x to the left.
+            self._camera = _module("sensors").Camera(
+                CAMERA,
+                self._bng,
+                self._ego,
+                requested_update_time=_PICTURE_PERIOD,
+                pos=(float(left), -float(ahead), float(up)),
+                dir=(0.0, -c, -s),
+                up=(0.0, -s, c),
+                resolution=(camera.width, camera.height),
+                field_of_view_y=math.degrees(high),
+                near_far_planes=_SEEN,
+                is_render_annotations=False,
+                is_render_depth=False,
+            )
+
+    def picture(self) -> Image:
+        """What the camera sees now, (height, width, 3)."""
+        with _asking("asking for the camera's picture"):
+            found = self._camera.poll().get("colour")
+        if found is None:
+            raise BeamngError(
+                "the camera gives no picture",
+                "BeamNG.tech draws with a graphics card and its licence only, and not with low"
+                " graphics settings",
+            )
+        picture: Image = np.array(found, dtype=np.uint8)[..., :3]
+        picture.setflags(write=False)
+        return picture
 
     def let_ai_drive(self, speed: float, aggression: float) -> None:
         """Lets BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""

@@ -12,8 +12,9 @@ from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
-from frenetic.drivers import BeamngAi, Driver, DriveSetup
-from frenetic.drivers.driver import blaming_driver, checked_controls
+from frenetic.drivers import BeamngAi, Driver, DriveSetup, appearance
+from frenetic.drivers.camera import Scene
+from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls
 from frenetic.drivers.layers import under_layers
 from frenetic.errors import DriverError, traceback_of
 from frenetic.road import Road
@@ -110,6 +111,7 @@ class BeamngSimulator:
     usual_workers: Final = 1
     """One worker by default: a BeamNG.tech takes a whole graphics card."""
 
+    draws: Final = True
     BEHAVIOUR: ClassVar[int] = 2
     """Raised when its drives change; campaigns record it."""
 
@@ -303,6 +305,7 @@ class BeamngSimulator:
                     self.link.let_ai_drive(self.rules.speed_limit / 3.6, self.aggression)
                     recording.drive(None)
                 else:
+                    self._open_camera(driver)
                     recording.drive(driver)
         except WallLimitExceeded as limit:
             if not recording.driver_acts:
@@ -390,12 +393,39 @@ class BeamngSimulator:
             yield from drive_checks(self, driver, who=who)
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuses options that BeamNG.AI lacks.
+        """Refuses options that BeamNG.AI or BeamNG.tech's camera lacks.
 
         Raises:
             DriverError: there is such an option.
         """
         self._drives_itself(driver)
+        camera = camera_of(driver)
+        if camera is None:
+            return
+        if self.place.no_gpu:
+            raise DriverError(
+                "without a graphics card BeamNG.tech draws nothing, and the driver has a camera:"
+                " leave out --no-gpu"
+            )
+        if camera.distortion != 0.0:
+            raise DriverError(
+                f"BeamNG.tech's camera has no distortion: the driver's has {camera.distortion:g},"
+                " where 0 is needed"
+            )
+        if appearance.scene_of(driver) != Scene():
+            raise DriverError(
+                "BeamNG.tech draws its own world: leave out --scene and --wear, those of a"
+                " campaign with 0"
+            )
+
+    def _open_camera(self, driver: Driver) -> None:
+        """Puts the driver's camera on the car, which stands on its road."""
+        camera = camera_of(driver)
+        if camera is not None:
+            car, height = self.measured, float(self.link.state().position[2]) - self.ground
+            self.link.open_camera(
+                camera, car.ahead + camera.forward, car.left + camera.left, camera.up - height
+            )
 
     def _drives_itself(self, driver: Driver) -> bool:
         """Whether the driver is BeamNG.AI; raises a `DriverError` for options that it lacks."""
@@ -611,7 +641,8 @@ class _Recording:
     def _steer(self, driver: Driver) -> None:
         row = self._rows[self._written - 1]
         speed, yaw_rate, steering = row[4], row[6], row[7]
-        seen = self._observer.observation(speed, yaw_rate, steering)
+        image = None if camera_of(driver) is None else self._simulator.link.picture()
+        seen = self._observer.observation(speed, yaw_rate, steering, image)
         asked, throttle, brake = checked_controls(self._ask(driver.act, seen))
         row[8:] = asked, throttle, brake
         # The automatic gearbox takes the brake of a car at rest for the wish to drive backwards.
