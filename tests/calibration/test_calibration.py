@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, RandomSearch, Stanley
+from frenetic.analysis.statistics import ranks
 from frenetic.calibration import (
     Asked,
     Calibration,
@@ -33,6 +34,7 @@ from frenetic.calibration.driving import (
     SHARE,
     SPEED,
     TwinDriver,
+    drive_twin,
 )
 from frenetic.calibration.journal import Journal
 from frenetic.calibration.loss import Logistic, Loss, scores, with_ties
@@ -155,6 +157,19 @@ def test_figures_are_those_of_drives_that_a_fold_has_not_seen(
     assert validation.twin.offset_error is not None
     assert validation.twin.offset_error < 0.05
     assert set(validation.baselines) == set(calibration.rankings)
+
+
+def test_folds_are_compared_by_ranks_because_their_twins_scores_differ_in_scale(
+    calibration: Calibration, recordings: Recordings
+) -> None:
+    drives = recordings.drives
+    for k, values in enumerate(calibration.folds):
+        driver, simulator = calibration.model.make(values, drives[0].rules)
+        score = scores(np.array([drive_twin(one, driver, simulator) for one in drives]))
+        held_out = calibration.fold == k
+        assert (calibration.ranking[held_out] == ranks(score)[held_out]).all()
+    failed = np.array([drive.failed for drive in drives], dtype=np.float64)
+    assert calibration.validation.twin.auc == auc_of(calibration.ranking, failed)
 
 
 def test_the_profile_drives_as_the_fitted_twin(calibration: Calibration, tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import plain
+from frenetic.analysis.statistics import ranks
 from frenetic.calibration.determination import Interval, intervals, moved_alone
 from frenetic.calibration.driving import COLUMNS, MOOBD, SHARE, IntArray, TwinDriver
 from frenetic.calibration.fitting import Evaluator, Stopped, best, fit
@@ -87,6 +88,10 @@ class Calibration:
     """Name -> value of the parameters that each fold found."""
     rows: FloatArray
     """(drives, COLUMNS) of the twins that have not seen them."""
+    ranking: FloatArray
+    """(drives,) the twins' scores of roads that they have not seen: each the rank of its road among
+    all recorded ones, as the twin of its fold scores them. The folds' own scores are not
+    comparable: one twin may leave its lane on every road by more than another."""
     rankings: Mapping[str, FloatArray]
     """Name of a baseline -> its scores of the held-out roads, (drives,)."""
     auc_interval: tuple[float, float] | None
@@ -194,10 +199,11 @@ def calibrate(
     def loss_on(indices: IntArray) -> Loss:
         return Loss(drives, indices, settings.weights, shapes=settings.shapes)
 
-    held_out_loss = loss_on(everything)  # refuses drives that say nothing, before any is driven
+    loss_on(everything)  # refuses drives that say nothing, before any is driven
     digest = _digest(recordings, model, settings, evaluations, version)
     twins = TwinDriver(model, drives, shapes=settings.shapes, workers=workers)
     rows = np.empty((len(drives), COLUMNS))
+    ranking = np.empty(len(drives))
     rankings = {
         UNFITTED: np.empty(len(drives)),
         CURVATURE: np.array([np.abs(drive.road.curvatures).max() for drive in drives]),
@@ -231,9 +237,10 @@ def calibrate(
                     )
                 )
                 places.append(found.places)
-                rows[held_out] = evaluator.rows(f"{key} held out", found.places, held_out)
-                values = model.values(list(found.places))
-                _refuse_broken(rows[held_out], model, values, [drives[i] for i in held_out])
+                driven = evaluator.rows(f"{key} driven", found.places, everything)
+                _refuse_broken(driven, model, model.values(list(found.places)), drives)
+                rows[held_out] = driven[held_out]
+                ranking[held_out] = ranks(scores(driven))[held_out]
             chosen = _sampled(everything, drives, settings.sample, settings.seed + count)
             loss = loss_on(chosen)
             others = evaluator.evaluate("folds", np.stack(places), chosen, loss)
@@ -255,10 +262,9 @@ def calibrate(
         return None
     labels = cluster_labels([drives[i] for i in chosen])
     found_intervals = intervals(model.parameters, final, candidates, others, alone, labels)
-    score = scores(rows)
     baselines = {k: figures_of(v, drives) for k, v in rankings.items()}
-    twin = figures_of(score, drives, rows)
-    interval = auc_interval(score, drives, seed=settings.seed)
+    twin = figures_of(ranking, drives, rows)
+    interval = auc_interval(ranking, drives, seed=settings.seed)
     verdict, reason = verdict_of(twin, interval, baselines)
     failed = np.array([drive.failed for drive in drives], dtype=np.float64)
     link = None
@@ -297,9 +303,10 @@ def calibrate(
         fold,
         tuple(model.values(list(one)) for one in places),
         rows,
+        ranking,
         rankings,
         interval,
-        {name: float(values.mean()) for name, values in held_out_loss.terms(rows).items()},
+        _mean_terms(loss_on, fold, rows),
         tuple(one.loss for one in candidates),
     )
 
@@ -339,6 +346,22 @@ def _sampled(
     passing = generator.permutation(indices[~failed])
     wanted = min(len(failing), max(most // 2, most - len(passing)))
     return np.sort(np.concatenate((failing[:wanted], passing[: most - wanted])))
+
+
+def _mean_terms(
+    loss_on: Callable[[IntArray], Loss], fold: IntArray, rows: FloatArray
+) -> dict[str, float]:
+    """Name of a term of the loss -> its mean over the folds that have it, by their drives."""
+    found: dict[str, list[FloatArray]] = {}
+    for k in np.unique(fold):
+        held_out = np.flatnonzero(fold == k)
+        try:
+            loss = loss_on(held_out)
+        except FreneticError:  # nothing can be compared there
+            continue
+        for name, values in loss.terms(rows[held_out]).items():
+            found.setdefault(name, []).append(values)
+    return {name: float(np.concatenate(values).mean()) for name, values in found.items()}
 
 
 def _refuse_broken(

@@ -15,7 +15,6 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import capitalised, counted
 from frenetic.calibration import Calibration
 from frenetic.calibration.driving import FAILED, OFFSET_MEDIAN, SHARE
-from frenetic.calibration.loss import scores
 from frenetic.calibration.recordings import GRID
 from frenetic.calibration.validation import NEAR, found_by
 from frenetic.profile import Figures
@@ -147,7 +146,7 @@ def _headline(calibration: Calibration) -> Headline:
 
 
 def _rankings(calibration: Calibration) -> dict[str, FloatArray]:
-    return {TWIN: scores(calibration.rows), **calibration.rankings}
+    return {TWIN: calibration.ranking, **calibration.rankings}
 
 
 def _failed(calibration: Calibration) -> FloatArray:
