@@ -105,8 +105,8 @@ class BeamngSimulator:
     """
 
     needs: Final = ("beamngpy",)
-    preloads: Final = ("frenetic.simulators.beamng.preloading",)
     """Modules that the extra brings."""
+    preloads: Final = ("frenetic.simulators.beamng.preloading",)
     usual_wall_limit: Final = WALL_LIMIT
     usual_workers: Final = 1
     """One worker by default: a BeamNG.tech takes a whole graphics card."""

@@ -60,8 +60,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     """
 
     needs: Final = ("metadrive",)
-    preloads: Final = ("frenetic.simulators.metadrive.preloading",)
     """Modules that the extra brings."""
+    preloads: Final = ("frenetic.simulators.metadrive.preloading",)
 
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
