@@ -53,6 +53,7 @@ _COARSE = 0.5  # m, a texel of patches
 _FAR = 4000.0  # m, where the ground ends in the haze
 _HAZE = 900.0  # m in which the haze takes 63 % of a colour
 _STRIDE = 4  # samples of a line from one that is looked up to the next
+_LAND_ONLY, _BETWEEN, _EACH = range(3)  # how the samples of such a stretch are located
 _MOST_SAMPLES = 4  # of a pixel, one above the other
 _SKY_COLUMNS = 1024  # of the panorama, all around counter-clockwise from +x
 _SKY_ROWS = 128  # of the panorama; row i is (i / rows)^2 of the way from the horizon to the zenith
@@ -345,12 +346,6 @@ def _paint_left(wear: float, rough: float, smooth: float, size: float) -> float:
     return sharp * here + (1.0 - sharp) * left
 
 
-# Place of a point on the road: offset to the left of the centre line (m), distance from the first
-# row (m), cosine and sine of the road's heading, metres of road per metre at this offset; the last
-# is 0 far from the road.
-_D, _S, _C, _N, _PER_METRE = range(5)
-
-
 @njit(error_model="numpy")
 def _locate(
     wx: float,
@@ -360,7 +355,12 @@ def _locate(
     keys: npt.NDArray[np.int64],
     nearest: npt.NDArray[np.int64],
 ) -> tuple[float, float, float, float, float]:
-    """Place of a point on the road."""
+    """Place of a point on the road.
+
+    Returns:
+        Offset to the left of the centre line (m), distance from the first row (m), cosine and sine
+        of the road's heading, metres of road per metre at this offset: 0 far from the road.
+    """
     key = _key(math.floor(wx * per_metre), math.floor(wy * per_metre))
     slot = _slot(keys, key)
     if keys[slot] != key:
@@ -387,78 +387,6 @@ def _locate(
 
 
 @njit(error_model="numpy")
-def _locate_line(
-    samples: npt.NDArray[np.float32],
-    line: int,
-    x: float,
-    y: float,
-    c: float,
-    n: float,
-    rows: FloatArray,
-    per_metre: float,
-    keys: npt.NDArray[np.int64],
-    nearest: npt.NDArray[np.int64],
-    places: FloatArray,
-) -> None:
-    """Locates the samples of a line on the road: writes their ``places``, (width, 5).
-
-    One in `_STRIDE` is looked up. Those between two of them are interpolated if both lie on the
-    same piece of road; on an arc this errs by less than an eighth of the samples' spacing.
-    """
-    width = samples.shape[1]
-    high = 0
-    x0 = y0 = d0 = s0 = c0 = n0 = per0 = 0.0
-    was_ground = False
-    while high < width:
-        x1, y1 = samples[line, high, _X], samples[line, high, _Y]
-        is_ground = samples[line, high, _CLEAR] >= 0.0
-        d1 = s1 = c1 = n1 = per1 = 0.0
-        if is_ground:
-            d1, s1, c1, n1, per1 = _locate(
-                x + c * x1 - n * y1, y + n * x1 + c * y1, rows, per_metre, keys, nearest
-            )
-        places[high, _D], places[high, _S], places[high, _PER_METRE] = d1, s1, per1
-        places[high, _C], places[high, _N] = c1, n1
-        low = max(high - _STRIDE, 0) if high % _STRIDE == 0 else high - high % _STRIDE
-        apart = (x1 - x0) ** 2 + (y1 - y0) ** 2
-        if high == 0 or (not is_ground and not was_ground):
-            for u in range(low, high):
-                places[u, _PER_METRE] = 0.0
-        elif (
-            is_ground
-            and was_ground
-            and per0 > 0.0
-            and per1 > 0.0
-            and c0 * c1 + n0 * n1 > 0.97
-            and (s1 - s0) ** 2 < 4.0 * apart
-            and (d1 - d0) ** 2 < 1.1 * apart
-        ):
-            part = 1.0 / (high - low)
-            for u in range(low + 1, high):
-                t = part * (u - low)
-                places[u, _D] = d0 + t * (d1 - d0)
-                places[u, _S] = s0 + t * (s1 - s0)
-                # These only turn the footprint.
-                places[u, _C], places[u, _N], places[u, _PER_METRE] = c1, n1, per1
-        elif is_ground and was_ground and per0 == per1 == 0.0 and apart < 36.0:
-            for u in range(low + 1, high):
-                places[u, _PER_METRE] = 0.0
-        else:
-            for u in range(low + 1, high):
-                places[u, _PER_METRE] = 0.0
-                if samples[line, u, _CLEAR] >= 0.0:
-                    fx, fy = samples[line, u, _X], samples[line, u, _Y]
-                    d, s, cosine, sine, per = _locate(
-                        x + c * fx - n * fy, y + n * fx + c * fy, rows, per_metre, keys, nearest
-                    )
-                    places[u, _D], places[u, _S], places[u, _PER_METRE] = d, s, per
-                    places[u, _C], places[u, _N] = cosine, sine
-        x0, y0, d0, s0, c0, n0, per0 = x1, y1, d1, s1, c1, n1, per1
-        was_ground = is_ground
-        high = high + _STRIDE if high + _STRIDE < width or high == width - 1 else width - 1
-
-
-@njit(error_model="numpy")
 def _draw(
     first: npt.NDArray[np.int64],
     samples: npt.NDArray[np.float32],
@@ -480,7 +408,12 @@ def _draw(
     layers: int,
     image: npt.NDArray[np.uint8],
 ) -> None:
-    """Writes the picture from a car at x, y and heading into ``image``, (height, width, 3)."""
+    """Writes the picture from a car at x, y and heading into ``image``, (height, width, 3).
+
+    One in `_STRIDE` samples of a line is located on the road. Those between two of them are
+    interpolated if both lie on the same piece of road; on an arc this errs by less than an eighth
+    of the samples' spacing.
+    """
     c, n = math.cos(heading), math.sin(heading)
     # Positive, so that cutting off a fraction rounds down.
     turns = heading / (2.0 * math.pi)
@@ -490,17 +423,71 @@ def _draw(
     inner = outer - MARKING_WIDTH
     mask = _SIZE - 1
     width = image.shape[1]
-    places = np.zeros((width, 5))
     per_metre = 1.0 / cell
+    has_road = layers >= SHOULDER
     sums = np.empty((width, 3))
     for v in range(image.shape[0]):
         sums[:] = 0.0
         for line in range(first[v], first[v + 1]):
-            if layers >= SHOULDER:
-                _locate_line(samples, line, x, y, c, n, rows, per_metre, keys, nearest, places)
+            # The first knot, as if it were the end of a stretch before.
+            high, mode = 0, _LAND_ONLY
+            d1 = s1 = c1 = n1 = per1 = x1 = y1 = 0.0
+            is_ground = samples[line, 0, _CLEAR] >= 0.0
+            if has_road and is_ground:
+                x1, y1 = samples[line, 0, _X], samples[line, 0, _Y]
+                d1, s1, c1, n1, per1 = _locate(
+                    x + c * x1 - n * y1, y + n * x1 + c * y1, rows, per_metre, keys, nearest
+                )
+            d0, s0, part = d1, s1, 0.0
+            low = 0
             for u in range(width):
                 fx, fy = samples[line, u, _X], samples[line, u, _Y]
                 clear = samples[line, u, _CLEAR]
+                d, at, rc, rn, per = d1, s1, c1, n1, per1
+                if has_road:
+                    if u == high:
+                        if u < width - 1:  # the next stretch
+                            low, high = u, min(u + _STRIDE, width - 1)
+                            was_ground, x0, y0, d0, s0 = is_ground, x1, y1, d1, s1
+                            c0, n0, per0 = c1, n1, per1
+                            is_ground = samples[line, high, _CLEAR] >= 0.0
+                            x1, y1 = samples[line, high, _X], samples[line, high, _Y]
+                            d1 = s1 = c1 = n1 = per1 = 0.0
+                            if is_ground:
+                                d1, s1, c1, n1, per1 = _locate(
+                                    x + c * x1 - n * y1,
+                                    y + n * x1 + c * y1,
+                                    rows,
+                                    per_metre,
+                                    keys,
+                                    nearest,
+                                )
+                            part = 1.0 / (high - low)
+                            apart = (x1 - x0) ** 2 + (y1 - y0) ** 2
+                            mode = _EACH
+                            if not (is_ground or was_ground):
+                                mode = _LAND_ONLY
+                            elif is_ground and was_ground:
+                                if per0 == 0.0 and per1 == 0.0:
+                                    mode = _LAND_ONLY if apart < 36.0 else _EACH
+                                elif (
+                                    per0 > 0.0
+                                    and per1 > 0.0
+                                    and c0 * c1 + n0 * n1 > 0.97
+                                    and (s1 - s0) ** 2 < 4.0 * apart
+                                    and (d1 - d0) ** 2 < 1.1 * apart
+                                ):
+                                    mode = _BETWEEN
+                    elif mode == _BETWEEN:
+                        # The rest only turns the footprint.
+                        t = part * (u - low)
+                        d, at = d0 + t * (d1 - d0), s0 + t * (s1 - s0)
+                    elif mode == _LAND_ONLY:
+                        per = 0.0
+                    elif clear >= 0.0:
+                        d, at, rc, rn, per = _locate(
+                            x + c * fx - n * fy, y + n * fx + c * fy, rows, per_metre, keys, nearest
+                        )
                 if clear < 0.0:
                     j = int(fx + turned) & (_SKY_COLUMNS - 1)
                     i = int(fy)
@@ -522,14 +509,19 @@ def _draw(
                         tx -= i
                         ty -= j
                         i0, j0, i1, j1 = i & mask, j & mask, (i + 1) & mask, (j + 1) & mask
-                        low = coarse[i0, j0] + ty * (coarse[i0, j1] - coarse[i0, j0])
-                        high = coarse[i1, j0] + ty * (coarse[i1, j1] - coarse[i1, j0])
-                        smooth = (low + tx * (high - low)) * min(8.0 * _COARSE / size, 1.0)
+                        this = coarse[i0, j0] + ty * (coarse[i0, j1] - coarse[i0, j0])
+                        that = coarse[i1, j0] + ty * (coarse[i1, j1] - coarse[i1, j0])
+                        smooth = (this + tx * (that - this)) * min(8.0 * _COARSE / size, 1.0)
                 on_verge = on_road = line_share = 0.0
-                if places[u, _PER_METRE] > 0.0:
+                side = abs(d)
+                reach = 0.71 * size  # of a footprint to any side, at most
+                if per == 0.0 or side - reach > verge:
+                    pass
+                elif side + reach < inner and side - reach > 0.5 * MARKING_WIDTH:
+                    on_verge = 1.0
+                    on_road = 1.0 if layers >= ASPHALT else 0.0
+                else:
                     # Footprint across the road.
-                    d, rc, rn = places[u, _D], places[u, _C], places[u, _N]
-                    side = abs(d)
                     ahead, turn = c * rc + n * rn, c * rn - n * rc
                     ax, ay = samples[line, u, _AX], samples[line, u, _AY]
                     bx, by = samples[line, u, _BX], samples[line, u, _BY]
@@ -543,9 +535,9 @@ def _draw(
                         centre = _share(-0.5 * MARKING_WIDTH, 0.5 * MARKING_WIDTH, d, across)
                         if centre > 0.0:
                             p, q = ax * ahead + ay * turn, bx * ahead + by * turn
-                            length = (math.sqrt(p * p + q * q) + 1e-6) * places[u, _PER_METRE]
-                            s = places[u, _S] - before * _SPACING
-                            ends = _dashes(s + 0.5 * length) - _dashes(s - 0.5 * length)
+                            length = (math.sqrt(p * p + q * q) + 1e-6) * per
+                            at -= before * _SPACING
+                            ends = _dashes(at + 0.5 * length) - _dashes(at - 0.5 * length)
                             line_share += centre * ends / length
                         if wear > 0.0 and line_share > 0.0:
                             line_share *= _paint_left(wear, rough, smooth, size)
