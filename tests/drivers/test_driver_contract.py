@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner, Stanley
+from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.testing import DriverContract
 
 
@@ -12,6 +13,11 @@ class TestPlanner(DriverContract):
 class TestStanley(DriverContract):
     def make(self) -> Driver:
         return Stanley()
+
+
+class TestMarkingFollower(DriverContract):
+    def make(self) -> Driver:
+        return MarkingFollower()
 
 
 class TestLayers(DriverContract):

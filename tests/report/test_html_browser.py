@@ -20,9 +20,10 @@ from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
 from playwright.sync_api import Browser, Page, expect
 
 from frenetic.analysis.failures import Clusters, distinct_failures
-from frenetic.campaign import CampaignStore
+from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.cli import cli
 from frenetic.drivers import Planner
+from frenetic.drivers.loading import load_driver
 from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import confirm
 from frenetic.report.failures import road_document
@@ -39,7 +40,7 @@ from frenetic.report.html import (
     Table,
     write_report,
 )
-from frenetic.search import Origin
+from frenetic.search import Origin, RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
 pytest_plugins = ["browsing"]
@@ -953,3 +954,18 @@ def test_a_replay_plays_within_a_page_that_lets_it_do_nothing_else(
     alone = show(replay.write(tmp_path / "replay.html"))
     alone.locator("#scrub").fill("1")
     assert seconds(alone) == 1.0
+
+
+def test_player_plays_what_the_camera_saw(show: Callable[..., Page], tmp_path: Path) -> None:
+    Campaign(
+        strategy=RandomSearch(seed=3),
+        simulator=EmbeddedSimulator(),
+        driver=load_driver("marking-follower"),
+        budget=Budget(simulations=1),
+        folder=tmp_path / "seen",
+    ).run()
+    page = show(write_report(tmp_path / "seen"), fragment="#test-1")
+    picture = page.locator("#picture")
+    expect(picture).to_have_attribute("viewBox", "0 0 160 80")
+    page.locator("#player").press("End")
+    expect(picture).not_to_have_attribute("viewBox", "0 0 160 80")
