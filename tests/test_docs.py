@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from runpy import run_path
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["interpreters"]
 
 ROOT = Path(__file__).parent.parent
+NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
 PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?:)([^)#]+)")
@@ -117,3 +120,26 @@ def test_pages_find_a_block_to_run() -> None:
     kinds = [kind for page in PAGES for kind, _ in BLOCK.findall(page.read_text(encoding="utf-8"))]
     assert kinds.count("python") >= 8
     assert kinds.count("sh") >= 6
+
+
+# The tutorial notebook: its cells run here, by what writes their outputs into it
+
+
+def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str]]]:
+    """The kinds of output of each code cell, in order, by the cell's id."""
+    return [
+        (cell["id"], [kind for one in cell["outputs"] for kind in one.get("data", {"text": ""})])
+        for cell in notebook["cells"]
+        if cell["cell_type"] == "code"
+    ]
+
+
+def test_the_notebook_runs_and_holds_what_it_shows(tmp_path: Path) -> None:
+    text = NOTEBOOK.read_text(encoding="utf-8")
+    stored = json.loads(text)
+    run_notebook = run_path(str(ROOT / "docs" / "make_notebook.py"))["run_notebook"]
+    assert shown(run_notebook(stored, tmp_path)) == shown(stored)
+    assert len(text.encode()) < 300_000
+    assert str(ROOT) not in text
+    words = "".join(line for cell in stored["cells"] for line in cell["source"])
+    assert all((NOTEBOOK.parent / target).exists() for target in LINK.findall(words))

@@ -350,3 +350,12 @@ def test_ledger_returns_what_it_issued_not_what_it_is_told() -> None:
     rebuilt = Candidate(1, np.ones(3), 10.0, Origin("random"))
 
     assert ledger.settle(_evaluation(rebuilt)) is candidate
+
+
+def test_an_evaluation_takes_the_name_of_an_outcome_and_no_other_word() -> None:
+    strategy = RandomSearch(seed=1)
+    evaluation = Evaluation(strategy.ask(), "FAIL", -1.0, 0.1)  # type: ignore[arg-type]
+    assert evaluation.outcome is Outcome.FAIL
+    strategy.tell(evaluation)
+    with pytest.raises(ValueError, match="outcome is 'fail': one of PASS, FAIL, INVALID, ERROR, "):
+        Evaluation(strategy.ask(), "fail", -1.0, 0.1)  # type: ignore[arg-type]

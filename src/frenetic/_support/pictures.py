@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
+    from matplotlib.axes import Axes as Axes  # for the methods' signatures
 
-    from frenetic.report.html.replay import Replay
-
-    __all__ = ["Axes", "Replay", "Shown", "data_frame", "draw", "replay"]
+    from frenetic.report.html.replay import Replay as Replay
 
 
 class Shown:

@@ -378,7 +378,7 @@ class Campaign(ShownCampaign):
             return None
         if isinstance(simulations, bool) or simulations != int(simulations) or simulations < 1:
             raise ValueError(
-                f"simulations is {simulations}: a whole number of at least 1 is needed"
+                f"simulations is {simulations!r}: a whole number of at least 1 is needed"
             )
         before = self._search_so_far[0].simulations if self._search_so_far else 0
         limit = before + int(simulations)

@@ -1021,7 +1021,7 @@ def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
         raise CampaignError(
             f"{path.parent} already holds a campaign; choose another folder with --out, or "
-            "go on with that one: frenetic resume"
+            "go on with that one: frenetic resume (in Python: resume())"
         )
 
 

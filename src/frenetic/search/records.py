@@ -113,10 +113,14 @@ class Evaluation:
 
     Whoever tells may leave out what has a default. A campaign tells the same when it is resumed,
     bit for bit.
+
+    Raises:
+        ValueError: there is no such outcome.
     """
 
     candidate: Candidate
     outcome: Outcome
+    """An outcome, or its name."""
     moobd: float | None
     """Minimum oob distance in m, smaller is worse for the driver; None unless PASS or FAIL."""
     budget_spent: float
@@ -131,6 +135,14 @@ class Evaluation:
     """Value to be minimised, if the campaign has another objective than the MOOBD."""
     read_trace: Callable[[], Trace | None] = field(default=_no_trace, compare=False, repr=False)
     """Source of `trace`."""
+
+    def __post_init__(self) -> None:
+        try:
+            outcome = Outcome(self.outcome)
+        except ValueError:
+            known = ", ".join(Outcome)
+            raise ValueError(f"outcome is {self.outcome!r}: one of {known} is needed") from None
+        object.__setattr__(self, "outcome", outcome)
 
     @property
     def severity(self) -> float | None:
