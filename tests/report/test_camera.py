@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from PIL import Image
 
 from frenetic import (
@@ -20,6 +21,7 @@ from frenetic import (
     RandomSearch,
 )
 from frenetic.campaign.store import JSONValue
+from frenetic.cli import cli
 from frenetic.drivers import appearance
 from frenetic.drivers.loading import load_driver
 from frenetic.report.html import campaign_report
@@ -107,3 +109,23 @@ def test_a_driver_without_a_camera_has_no_pictures(tmp_path: Path) -> None:
     run(folder, Planner(), 1)
     with CampaignStore.open(folder) as store:
         assert [drive.camera for drive in campaign_report(store).drives] == [None]
+
+
+def test_a_network_says_where_it_looked_while_it_is_the_same(tmp_path: Path) -> None:
+    options = ["--driver", "dave2", "--simulations", "1", "--seed", "1", "--workers", "1"]
+    out = tmp_path / "network"
+    assert CliRunner().invoke(cli, ["run", *options, "--out", str(out)]).exit_code == 0
+    with CampaignStore.open(out) as store:
+        config, record = store.config, store.test(1)
+    camera = camera_data(record, config)
+    assert camera is not None
+    assert camera.looked is not None
+    looked = picture(camera.looked)
+    assert looked.shape == (camera.height, camera.width, 3)
+    assert (looked[..., 0] - looked[..., 2]).max() > 100.0  # red somewhere
+    driver = config["driver"]
+    assert isinstance(driver, dict)
+    changed: JSONValue = {**driver, "fingerprint": {"digest": "another"}}
+    unlike = camera_data(record, {**config, "driver": changed})
+    assert unlike is not None
+    assert unlike.looked is None

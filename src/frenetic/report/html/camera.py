@@ -23,6 +23,7 @@ from frenetic.registry import DRIVERS
 from frenetic.simulators.drive import Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.rendering import Renderer
+from frenetic.spec import describe
 
 MOST_PICTURES: Final = 48
 """Pictures of a drive, at most."""
@@ -177,7 +178,8 @@ def _looked(
 ) -> Image | None:
     """The picture, red where the driver looked; None if it does not say.
 
-    A record names any class, so only drivers of ours are asked: a report runs no other code.
+    A record names any class, so only drivers of ours are asked: a report runs no other code. One
+    that has changed since is not asked either.
     """
     command: Any = config.get("command")
     name = command.get("driver") if isinstance(command, Mapping) else None
@@ -188,7 +190,9 @@ def _looked(
         return None
     try:
         driver = DRIVERS.make(str(name), **options)
-        if not isinstance(driver, SalientDriver) or getattr(driver, "camera", None) != eye.camera:
+        recorded = innermost(config.get("driver")).get("fingerprint")
+        is_same = describe(driver)["fingerprint"] == recorded
+        if not (is_same and isinstance(driver, SalientDriver) and driver.camera == eye.camera):
             return None
         weights = np.asarray(driver.saliency(observation_at(path, i, image)), dtype=np.float64)
     except (FreneticError, TypeError, ValueError):  # its model or its extra is not here
