@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from contents import contents
+from scipy.stats import spearmanr
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
@@ -122,6 +123,11 @@ def test_the_summary_compares_the_twin_with_the_simulator_on_controls_alone() ->
     assert (summary.controls, summary.controls_failed) == (5, 2)
     assert summary.auc == 1.0
     assert summary.rank_correlation == pytest.approx(1.0)
+    doubtful = [*controls, driven("control", 1.0, -3.0), driven("control", 0.2, 0.5)]
+    mixed = ScreeningSummary.of(doubtful)
+    assert mixed.auc == pytest.approx(8.5 / 12)  # pairs in order, ties by half
+    twin, slow = zip(*[(one.moobd, moobd) for one, _, moobd in doubtful], strict=True)
+    assert mixed.rank_correlation == pytest.approx(spearmanr(twin, slow).statistic)
     assert not summary.stopped
     misled = ScreeningSummary.of([*controls[:4], (None, Outcome.FAIL, -2.0)])
     assert (misled.auc, misled.rank_correlation) == (None, None)

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from frenetic._support.json_value import JSONValue
+from frenetic._support.statistics import a12, rank_correlation
 from frenetic._support.words import counted
 from frenetic.campaign.objective import Objective
 from frenetic.campaign.twin import Twin
@@ -190,18 +191,9 @@ def _trust(pairs: list[tuple[float, float, bool]]) -> tuple[float | None, float 
     """AUC and rank correlation of (twin's MOOBD, MOOBD, failed); None where it says nothing."""
     if len(pairs) < _LEAST_RANKED:
         return None, None
-    from scipy.stats import rankdata  # takes its time
-
-    twin, slow = (rankdata([pair[k] for pair in pairs]) for k in (0, 1))
-    correlation = None
-    if twin.std() > 0.0 and slow.std() > 0.0:
-        correlation = float(np.corrcoef(twin, slow)[0, 1])
-    failed = np.array([pair[2] for pair in pairs])
-    failures, passes = int(failed.sum()), int((~failed).sum())
-    if not failures or not passes:
-        return None, correlation
-    above = float(twin[~failed].sum()) - passes * (passes + 1) / 2
-    return above / (failures * passes), correlation
+    correlation = rank_correlation([pair[0] for pair in pairs], [pair[1] for pair in pairs])
+    passed, failed = ([pair[0] for pair in pairs if pair[2] is one] for one in (False, True))
+    return a12(passed, failed) if passed and failed else None, correlation
 
 
 def screen_text(config: Mapping[str, Any]) -> str:
