@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.errors import FreneticError
-from frenetic.report.comparison import _draw_measure, draw_comparison
+from frenetic.report.comparison import _draw_measure, _page, draw_comparison, look_of
 
 
 def campaign(failures: int, simulations: int = 40, first: float | None = None) -> CampaignMeasures:
@@ -117,3 +117,10 @@ def test_the_same_comparison_gives_the_same_bytes(suffix: str, tmp_path: Path) -
 def test_another_suffix_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FreneticError, match="must end with"):
         draw_comparison(comparison_of(a=SIX, b=FIVE), tmp_path / "a.gif")
+
+
+def test_more_groups_than_colours_differ_in_their_lines_and_markers() -> None:
+    assert len({look_of(group) for group in range(28)}) == 28
+    curves = _page(comparison_of(**{f"group {i}": FIVE for i in range(9)})).axes[0].lines
+    shown = {(line.get_color(), line.get_linestyle()) for line in curves}
+    assert len(shown) == 9

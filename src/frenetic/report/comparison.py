@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import cycle
 from pathlib import Path
 from typing import Any, Final
 
@@ -19,8 +18,12 @@ from frenetic.analysis.metrics import curves
 from frenetic.analysis.statistics import LEAST_REPEATS
 from frenetic.report.style import DPI, FAINT, INK, QUIET, STYLE, WIDTH, form_of, write_figure
 
-# Told apart with any kind of colour vision, and in grey by their order.
+# Told apart with any kind of colour vision, and in grey by their order. When all are taken, they
+# come again with other lines and markers.
 _COLOURS: Final = ("#0b5fa5", "#e07b1a", "#1b8a6b", "#8a4fa0", "#b3262c", "#5c6670", "#c2a200")
+
+_DASHES: Final[tuple[Any, ...]] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.2, 1, 1.2)))
+_MARKERS: Final = ("o", "s", "^", "D")
 
 # Sizes in inches.
 _LEFT: Final = 0.75
@@ -78,7 +81,7 @@ def _page(comparison: Comparison) -> Figure:
         frameon=False,
         fontsize=9.0,
         borderaxespad=0.0,
-        handlelength=1.6,
+        handlelength=2.6,
         columnspacing=3.0,
     )
     width = (WIDTH - _LEFT - _RIGHT - (_COLUMNS - 1) * _GAP) / _COLUMNS
@@ -90,10 +93,17 @@ def _page(comparison: Comparison) -> Figure:
     return figure
 
 
+def look_of(group: int) -> tuple[str, Any, str]:
+    """(colour, dashes, marker) of a group, by its place."""
+    turn, colour = divmod(group, len(_COLOURS))
+    return _COLOURS[colour], _DASHES[turn % len(_DASHES)], _MARKERS[turn % len(_MARKERS)]
+
+
 def draw_curves(axes: Any, comparison: Comparison) -> None:
     """Draws the failures of each group over the simulations: median, and quartiles or curves."""
     longest = 0
-    for (name, campaigns), colour in zip(comparison.groups.items(), cycle(_COLOURS)):
+    for group, (name, campaigns) in enumerate(comparison.groups.items()):
+        colour, dashes, _ = look_of(group)
         found = curves(campaigns, "failures_after")
         simulations = np.arange(found.shape[1])
         longest = max(longest, found.shape[1] - 1)
@@ -104,7 +114,8 @@ def draw_curves(axes: Any, comparison: Comparison) -> None:
             for curve in found:
                 axes.plot(simulations, curve, color=colour, alpha=0.3, linewidth=0.8)
         label = f"{_short(name)}, {counted(len(campaigns), 'campaign')}"
-        axes.plot(simulations, median, color=colour, linewidth=2.0, label=label)
+        how: Any = {"color": colour, "linestyle": dashes, "linewidth": 2.0}
+        axes.plot(simulations, median, label=label, **how)
     axes.set_xlim(0, max(longest, 1))
     most = max(c.failures_after[-1] for campaigns in comparison.groups.values() for c in campaigns)
     axes.set_ylim(-0.02 * max(most, 1), 1.05 * max(most, 1))  # a curve at 0 can be seen
@@ -132,7 +143,8 @@ def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
     nowhere = edge + 3.0 * worse * room
     has_none = len(finite) < len(everything)
     groups = len(measured.values)
-    for row, ((name, values), colour) in enumerate(zip(measured.values.items(), cycle(_COLOURS))):
+    for row, (name, values) in enumerate(measured.values.items()):
+        colour, dashes, marker = look_of(row)
         y = groups - 1 - row
         places = [value if math.isfinite(value) else nowhere for value in values]
         if len(values) >= LEAST_REPEATS:
@@ -144,14 +156,15 @@ def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
                 (first, y - 0.3), third - first, 0.6, facecolor=colour, alpha=0.16, linewidth=0
             )
             axes.add_patch(box)
-            axes.plot([median, median], [y - 0.3, y + 0.3], color=colour, linewidth=2.0)
+            middle: Any = {"color": colour, "linestyle": dashes, "linewidth": 2.0}
+            axes.plot([median, median], [y - 0.3, y + 0.3], **middle)
         # Side by side where they would overlap.
         shifts = 0.2 * np.cos(np.pi * np.arange(len(places)))
         axes.plot(
             np.sort(places),
             y + (shifts if len(places) > 1 else np.zeros(1)),
             linestyle="none",
-            marker="o",
+            marker=marker,
             markersize=3.6,
             markerfacecolor=colour,
             markeredgecolor="white",
