@@ -13,6 +13,8 @@ from frenetic.errors import RoadError
 from frenetic.outcome import Outcome
 from frenetic.profile import Profile, Terms
 from frenetic.ranking import Prospect, find_roads, rank
+from frenetic.road import Road
+from frenetic.road.opendrive import to_opendrive
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -87,6 +89,17 @@ def test_folders_are_searched_and_what_holds_no_road_is_told(roads: Path, tmp_pa
     ]
     assert found.skipped == (roads / "settings.json",)
     assert found.faults == (f"there is no file {missing}",)
+    british = tmp_path / "british"
+    british.mkdir()
+    text = to_opendrive(Road(GENTLE))
+    text = text.replace('<lane id="-1" type="driving"', '<lane id="-1" type="parking"')
+    (british / "one-way.xodr").write_text(text, encoding="utf-8")
+    (missing_lane,) = find_roads([roads, british]).other_lanes
+    assert missing_lane.startswith(f"{british / 'one-way.xodr'} cannot be read as OpenDRIVE: ")
+    assert missing_lane.endswith("(driving lanes, to be chosen as 'lane': 1)")
+    with pytest.raises(RoadError, match="to be chosen as 'lane': 1"):
+        find_roads([british])
+    assert len(find_roads([british], lane=1).roads) == 1
     empty = tmp_path / "empty"
     empty.mkdir()
     with pytest.raises(RoadError, match="no road in"):

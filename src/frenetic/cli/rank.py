@@ -78,6 +78,10 @@ def rank(
             click.echo(f"Different problems: {len(ranked)} of the {top} asked for.")
     if found.skipped:
         log.print(f"{counted(len(found.skipped), 'other file')} without a road left out")
+    if found.other_lanes:
+        number = counted(len(found.other_lanes), "OpenDRIVE file")
+        first = found.other_lanes[0]
+        log.print(f"{number} left out that need another --lane, such as {first}", markup=False)
     if found.faults:
         for fault in found.faults:
             complain(fault)

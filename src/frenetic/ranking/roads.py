@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from frenetic.errors import RoadError
+from frenetic.errors import LaneError, RoadError
 from frenetic.road import Road
 from frenetic.road.files import read_road
 
@@ -30,13 +30,16 @@ class FoundRoads:
     """Files that were named and hold no road, each in one line."""
     skipped: tuple[Path, ...]
     """JSON and OpenDRIVE files within folders that hold no road."""
+    other_lanes: tuple[str, ...] = ()
+    """OpenDRIVE files within folders of which only other lanes can be driven, each in one line."""
 
 
 def find_roads(places: Sequence[Path], *, lane: int | None = None) -> FoundRoads:
     """The roads in files, see `frenetic.road.files.read_road`, and in folders.
 
     In a folder every file that ends in .json or .xodr is read, and in the folders below it. One
-    that holds no road is skipped there, since folders hold other files, too.
+    that holds no road is skipped there, since folders hold other files, too; one that lacks only
+    the lane is told.
 
     Args:
         places: files and folders.
@@ -48,6 +51,7 @@ def find_roads(places: Sequence[Path], *, lane: int | None = None) -> FoundRoads
     roads: list[NamedRoad] = []
     faults: list[str] = []
     skipped: list[Path] = []
+    other_lanes: list[str] = []
     for place in places:
         is_folder = place.is_dir()
         for path in _files_in(place) if is_folder else [place]:
@@ -55,19 +59,21 @@ def find_roads(places: Sequence[Path], *, lane: int | None = None) -> FoundRoads
                 chosen = lane if not is_folder or path.suffix.lower() == ".xodr" else None
                 roads.append(NamedRoad(str(path), read_road(path, lane=chosen).road()))
             except RoadError as error:
-                if is_folder:
+                if is_folder and isinstance(error, LaneError):
+                    other_lanes.append(str(error))
+                elif is_folder:
                     skipped.append(path)
                 else:
                     faults.append(str(error))
-    if not roads and faults:
-        raise RoadError(faults[0])
+    if not roads and (told := [*faults, *other_lanes]):
+        raise RoadError(told[0])
     if not roads:
         looked = ", ".join(map(str, places))
         raise RoadError(
             f"no road in {looked}: files with curvatures or road_points (.json) or OpenDRIVE"
             " (.xodr) are needed"
         )
-    return FoundRoads(tuple(roads), tuple(faults), tuple(skipped))
+    return FoundRoads(tuple(roads), tuple(faults), tuple(skipped), tuple(other_lanes))
 
 
 def _files_in(folder: Path) -> list[Path]:

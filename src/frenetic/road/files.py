@@ -130,7 +130,7 @@ def _read_opendrive(path: Path, data: bytes, lane: int) -> RoadFile:
     try:
         road = from_opendrive(data, lane=lane)
     except RoadError as error:
-        raise RoadError(f"{path} cannot be read as OpenDRIVE: {error}") from None
+        raise type(error)(f"{path} cannot be read as OpenDRIVE: {error}") from None
     return RoadFile(path, road.curvatures, road.step, road.pose, None, road.lane_width)
 
 

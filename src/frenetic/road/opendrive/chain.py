@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, TypeAlias
 from xml.etree.ElementTree import Element
 
-from frenetic.errors import RoadError
+from frenetic.errors import LaneError, RoadError
 
 _OTHER: Final = {"start": "end", "end": "start"}
 
@@ -153,7 +153,7 @@ def lane_of(section: Element, lane: int) -> Element:
     for element in section.findall(f"{side}/lane"):
         if element.get("id") == str(lane):
             return element
-    raise RoadError(f"its lane {lane}, {side} of the centre, is missing{_choice(section)}")
+    raise _unfit(f"its lane {lane}, {side} of the centre, is missing", section)
 
 
 def driving_lane(section: Element, lane: int) -> Element:
@@ -166,9 +166,10 @@ def driving_lane(section: Element, lane: int) -> Element:
     kind = element.get("type")
     if kind != "driving":
         side = "right" if lane < 0 else "left"
-        raise RoadError(
+        raise _unfit(
             f"its lane {lane}, {side} of the centre, is of type {kind!r:.40}: a driving lane is"
-            f" needed there{_choice(section)}"
+            " needed there",
+            section,
         )
     if element.get("direction", "standard") != "standard":
         raise RoadError(
@@ -178,7 +179,10 @@ def driving_lane(section: Element, lane: int) -> Element:
     return element
 
 
-def _choice(section: Element) -> str:
+def _unfit(what: str, section: Element) -> RoadError:
+    """The error of a lane, with the driving lanes that a section has."""
     lanes = [lane for side in ("right", "left") for lane in section.findall(f"{side}/lane")]
     ids = [lane.get("id", "")[:9] for lane in lanes if lane.get("type") == "driving"]
-    return f" (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})" if ids else ""
+    if not ids:
+        return RoadError(what)
+    return LaneError(f"{what} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
