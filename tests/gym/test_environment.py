@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env
 
 import frenetic.gym
 from frenetic import Budget, Campaign, EmbeddedSimulator, Planner, RandomSearch, Road, Rules, judge
-from frenetic.drivers import LimitedView, PolicyDriver
+from frenetic.drivers import Camera, LimitedView, PolicyDriver
 from frenetic.drivers.policy import STEERING_RANGE, VECTOR_SIZE
 from frenetic.errors import FreneticError
 from frenetic.gym import FAILURE, LaneKeepingEnv
@@ -30,6 +30,9 @@ ROADS = [
     Road([0.0, -0.03, 0.01, 0.04, -0.05, 0.0, 0.0, 0.02], lane_width=3.5),
     Road([0.0, 0.05, 0.07, 0.07, 0.07, -0.07, -0.07, 0.0]),
 ]
+
+
+CAMERA = Camera(width=12, height=6)
 
 
 def keeps_lane(speed: float) -> Callable[[Vector], Vector]:
@@ -58,8 +61,9 @@ def same(one: Drive, other: Drive) -> bool:
     return np.array_equal(one.trajectory.to_rows(), other.trajectory.to_rows())
 
 
-def test_gymnasium_accepts_it() -> None:
-    check_env(gymnasium.make("frenetic/LaneKeeping-v0").unwrapped)
+@pytest.mark.parametrize("camera", [None, CAMERA])
+def test_gymnasium_accepts_it(camera: Camera | None) -> None:
+    check_env(gymnasium.make("frenetic/LaneKeeping-v0", camera=camera).unwrapped)
 
 
 @pytest.mark.parametrize("road", ROADS)
@@ -125,6 +129,26 @@ def test_vector_stays_within_its_limits() -> None:
     while not ended:
         vector, _, ended, _, _ = env.step(np.array([1.0, 1.0], np.float32))
         assert vector in env.observation_space
+
+
+def test_image_is_what_a_driver_with_that_camera_sees() -> None:
+    seen: list[Any] = []
+
+    class WithCamera(PolicyDriver):
+        camera = CAMERA
+
+        def act(self, observation):  # type: ignore[no-untyped-def]
+            seen.append(observation.image)
+            return super().act(observation)
+
+    EmbeddedSimulator().drive(ROADS[0], WithCamera(keeps_lane(8.0)))
+    env = LaneKeepingEnv(roads=[ROADS[0]], camera=CAMERA)
+    observation, _ = env.reset(seed=0)
+    for image in seen[:30]:
+        assert isinstance(observation, dict)
+        assert observation in env.observation_space
+        assert np.array_equal(observation["image"], image)
+        observation, *_ = env.step(keeps_lane(8.0)(observation["vector"]))
 
 
 @pytest.mark.parametrize("bad", [[1.0], [0.0, float("nan")], [0.0, 0.0, 0.0]])
@@ -228,6 +252,7 @@ def test_failing_roads_of_a_campaign(tmp_path: Path) -> None:
         ({"roads": ["nowhere.json"]}, "there is no file nowhere.json"),
         ({"friction": -1.0}, "friction"),
         ({"map_size": -1.0}, "map_size"),
+        ({"camera": {"width": 20}}, "camera"),
     ],
 )
 def test_options_out_of_range(options: dict[str, Any], message: str) -> None:

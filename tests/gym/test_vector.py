@@ -8,6 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from frenetic import Road, Rules
+from frenetic.drivers import Camera
 from frenetic.gym import LaneKeepingEnv, LaneKeepingVectorEnv
 
 CARS = 3
@@ -15,9 +16,16 @@ QUICK = Rules(stuck_time=0.4)
 """Cars that begin slowly are stuck, so that episodes end early, and not all at once."""
 
 
-def pair(mode: AutoresetMode) -> tuple[LaneKeepingVectorEnv, SyncVectorEnv]:
-    ours = LaneKeepingVectorEnv(num_envs=CARS, autoreset_mode=mode, rules=QUICK)
-    theirs = SyncVectorEnv([lambda: LaneKeepingEnv(rules=QUICK)] * CARS, autoreset_mode=mode)
+CAMERA = Camera(width=6, height=4)
+
+
+def pair(
+    mode: AutoresetMode, camera: Camera | None
+) -> tuple[LaneKeepingVectorEnv, SyncVectorEnv[Any, Any]]:
+    ours = LaneKeepingVectorEnv(num_envs=CARS, autoreset_mode=mode, rules=QUICK, camera=camera)
+    theirs: SyncVectorEnv[Any, Any] = SyncVectorEnv(
+        [lambda: LaneKeepingEnv(rules=QUICK, camera=camera)] * CARS, autoreset_mode=mode
+    )
     return ours, theirs
 
 
@@ -32,9 +40,12 @@ def alike(one: Any, other: Any) -> bool:
     )
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_many_cars_drive_as_one_by_one(mode: AutoresetMode) -> None:
-    ours, theirs = pair(mode)
+@pytest.mark.parametrize(
+    ("mode", "camera"),
+    [*((mode, None) for mode in AutoresetMode), (AutoresetMode.SAME_STEP, CAMERA)],
+)
+def test_many_cars_drive_as_one_by_one(mode: AutoresetMode, camera: Camera | None) -> None:
+    ours, theirs = pair(mode, camera)
     assert ours.metadata["autoreset_mode"] is mode
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space

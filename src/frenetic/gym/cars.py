@@ -10,21 +10,24 @@ at most 1, less the share of the car that is outside its lane, less `FAILURE` if
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.spaces import Box
+from gymnasium.spaces import Box, Dict, Space
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic.drivers import Camera
 from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.laws import SPEED_LIMIT, setup_array
 from frenetic.drivers.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
+from frenetic.errors import FreneticError
 from frenetic.oracle import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
+from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.rollout import (
     PERIOD,
     advance_period,
@@ -39,6 +42,9 @@ from frenetic.simulators.embedded.vehicle import (
     YAW_RATE,
 )
 from frenetic.simulators.observing import assess_now, look_ahead
+
+Seen: TypeAlias = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]
+"""A vector, or with a camera a ``vector`` and an ``image``; or a batch of them."""
 
 FAILURE: Final = 10.0
 """Reward that a failing drive costs: about what half a second at the speed limit brings."""
@@ -165,12 +171,23 @@ class Cars:
     Args:
         count: number of cars.
         simulator: its rules, car, friction and starting place hold for all of them.
+        camera: of every car, if they have one.
     """
 
-    def __init__(self, count: int, simulator: EmbeddedSimulator) -> None:
+    def __init__(
+        self, count: int, simulator: EmbeddedSimulator, camera: Camera | None = None
+    ) -> None:
+        if camera is not None and not isinstance(camera, Camera):
+            raise FreneticError(f"camera is {camera!r}: a frenetic.drivers.Camera is needed")
         self.simulator = simulator
-        self.observation_space = Box(-1.0, 1.0, (VECTOR_SIZE,), np.float32)
+        self._camera = camera
+        self._renderers: list[Renderer | None] = [None] * count
+        vector = Box(-1.0, 1.0, (VECTOR_SIZE,), np.float32)
+        self.observation_space: Space[Any] = vector
         """Space of one car's observations."""
+        if camera is not None:
+            image = Box(0, 255, camera.shape, np.uint8)
+            self.observation_space = Dict({"vector": vector, "image": image})
         self.action_space = Box(-1.0, 1.0, (ACTION_SIZE,), np.float32)
         """Space of one car's actions."""
         self._car = simulator.car.to_array()
@@ -206,7 +223,29 @@ class Cars:
         self._roads[k] = road.sub_step, road.lane_width
         self._rules[k] = rules_array(self.simulator.rules, road.length)
         self._setups[k] = setup_array(self.simulator.setup(road))
-        self._on[k] = road
+        self._on[k], self._renderers[k] = road, None
+
+    def observation(self, k: int) -> Seen:
+        """What car ``k`` sees."""
+        vector = self.vectors[k].copy()
+        return vector if self._camera is None else {"vector": vector, "image": self._image(k)}
+
+    def observations(self) -> Seen:
+        """What all cars see."""
+        vectors = self.vectors.copy()
+        if self._camera is None:
+            return vectors
+        return {"vector": vectors, "image": np.stack([self._image(k) for k in range(len(vectors))])}
+
+    def _image(self, k: int) -> npt.NDArray[np.uint8]:
+        road = self._on[k]
+        assert road is not None
+        assert self._camera is not None
+        renderer = self._renderers[k]
+        if renderer is None:
+            renderer = self._renderers[k] = Renderer(road, self._camera)
+        x, y, heading = self._states[k, :3].tolist()
+        return renderer.draw(x, y, heading).copy()
 
     def step(self, tasks: npt.NDArray[np.int64], actions: FloatArray) -> None:
         """Starts cars or moves them on by one period.

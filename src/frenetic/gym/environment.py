@@ -10,8 +10,9 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
+from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
-from frenetic.gym.cars import START, STEP, Cars, checked_actions
+from frenetic.gym.cars import START, STEP, Cars, Seen, checked_actions
 from frenetic.gym.roads import RoadSource
 from frenetic.oracle import RUNNING
 from frenetic.road import MAP_SIZE, Road
@@ -20,7 +21,7 @@ from frenetic.simulators import Drive, EmbeddedSimulator
 Vector = npt.NDArray[np.float32]
 
 
-class LaneKeepingEnv(gymnasium.Env[Vector, Vector]):
+class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
     """One car that is to keep its lane, on another road in every episode.
 
     `frenetic.drivers.policy` describes the observation, (26,) float32 in -1..1, and the action,
@@ -35,6 +36,8 @@ class LaneKeepingEnv(gymnasium.Env[Vector, Vector]):
         roads: roads to draw from, see `frenetic.gym.roads.RoadSource`; random ones by default. The
             seed decides. ``reset(options={"road": road})`` takes this `Road` for one episode.
         map_size: m, side of the map of random roads.
+        camera: if given, an observation is a dictionary of the ``vector`` and the camera's
+            ``image``, (height, width, 3) uint8.
         render_mode: None; the environment draws nothing, see `drive`.
         simulator: further options are those of `EmbeddedSimulator`, such as ``friction``.
 
@@ -48,18 +51,19 @@ class LaneKeepingEnv(gymnasium.Env[Vector, Vector]):
         *,
         roads: Sequence[Road | Path | str] | None = None,
         map_size: float = MAP_SIZE,
+        camera: Camera | None = None,
         render_mode: None = None,
         **simulator: Any,
     ) -> None:
         self.render_mode = render_mode
         self._source = RoadSource(roads, map_size)
-        self._cars = Cars(1, EmbeddedSimulator(**simulator))
+        self._cars = Cars(1, EmbeddedSimulator(**simulator), camera)
         self.observation_space = self._cars.observation_space
         self.action_space = self._cars.action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Vector, dict[str, Any]]:
+    ) -> tuple[Seen, dict[str, Any]]:
         """Puts the car at rest on the lane of another road."""
         super().reset(seed=seed)
         road = (options or {}).get("road")
@@ -69,9 +73,9 @@ class LaneKeepingEnv(gymnasium.Env[Vector, Vector]):
             raise FreneticError(f"options['road'] is {road!r}: a frenetic.Road is needed")
         self._cars.place(0, road)
         self._cars.step(_START, _NO_ACTION)
-        return self._cars.vectors[0].copy(), {}
+        return self._cars.observation(0), {}
 
-    def step(self, action: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Vector) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Drives on for a control period.
 
         Raises:
@@ -84,7 +88,7 @@ class LaneKeepingEnv(gymnasium.Env[Vector, Vector]):
         cars.step(_STEP, checked_actions(np.expand_dims(action, 0), 1))
         is_over, truncated = bool(cars.ends[0] != RUNNING), bool(cars.timed_out[0])
         return (
-            cars.vectors[0].copy(),
+            cars.observation(0),
             float(cars.rewards[0]),
             is_over and not truncated,
             truncated,

@@ -13,7 +13,8 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from frenetic.gym.cars import START, STEP, WAIT, Cars, checked_actions
+from frenetic.drivers import Camera
+from frenetic.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions
 from frenetic.gym.roads import RoadSource
 from frenetic.oracle import RUNNING
 from frenetic.road import MAP_SIZE, Road
@@ -23,7 +24,7 @@ Vectors = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
 
 
-class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
+class LaneKeepingVectorEnv(VectorEnv[Seen, Vectors, npt.NDArray[Any]]):
     """Many cars, each on a road of its own: `LaneKeepingEnv`, stepped in one compiled call.
 
     With the same seed, its episodes are those of `gymnasium.vector.SyncVectorEnv` over as many
@@ -34,7 +35,7 @@ class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
         autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: ``NextStep``, ``SameStep`` or
             ``Disabled``.
         max_episode_steps: steps after which an episode is truncated; None for the rules' limit.
-        roads, map_size, render_mode, simulator: see `LaneKeepingEnv`.
+        roads, map_size, camera, render_mode, simulator: see `LaneKeepingEnv`.
 
     Raises:
         FreneticError: a file or folder of ``roads`` holds no road.
@@ -49,6 +50,7 @@ class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
         max_episode_steps: int | None = None,
         roads: Sequence[Road | Path | str] | None = None,
         map_size: float = MAP_SIZE,
+        camera: Camera | None = None,
         render_mode: None = None,
         **simulator: Any,
     ) -> None:
@@ -62,7 +64,7 @@ class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
         self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
         self._most = max_episode_steps
         self._source = RoadSource(roads, map_size)
-        self._cars = Cars(num_envs, EmbeddedSimulator(**simulator))
+        self._cars = Cars(num_envs, EmbeddedSimulator(**simulator), camera)
         self.single_observation_space = self._cars.observation_space
         self.single_action_space = self._cars.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -75,7 +77,7 @@ class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
         *,
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[Vectors, dict[str, Any]]:
+    ) -> tuple[Seen, dict[str, Any]]:
         """Puts the cars at rest on other roads.
 
         Args:
@@ -90,11 +92,11 @@ class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
             if own is not None and mask[k]:
                 self._generators[k], _ = seeding.np_random(own)
         self._start(mask)
-        return self._cars.vectors.copy(), {}
+        return self._cars.observations(), {}
 
     def step(
         self, actions: Vectors
-    ) -> tuple[Vectors, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]:
+    ) -> tuple[Seen, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]:
         """Drives on for a control period; cars whose episode has ended are reset as the mode says.
 
         Raises:
@@ -120,11 +122,11 @@ class LaneKeepingVectorEnv(VectorEnv[Vectors, Vectors, npt.NDArray[Any]]):
         for k in ended:
             info = cars.info(k)
             if is_same_step:
-                info = {"final_obs": cars.vectors[k].copy(), "final_info": info}
+                info = {"final_obs": cars.observation(k), "final_info": info}
             infos = self._add_info(infos, info, k)
         if is_same_step and ended:
             self._start(self._has_ended)
-        return cars.vectors.copy(), rewards, terminated, truncated, infos
+        return cars.observations(), rewards, terminated, truncated, infos
 
     def road(self, k: int) -> Road | None:
         """The road of car ``k``; None before the first one."""

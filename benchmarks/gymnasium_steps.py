@@ -1,0 +1,172 @@
+"""Steps per second of environments of Gymnasium: ours beside MetaDrive's and HighwayEnv's.
+
+    pip install -e ".[benchmarks,gym,metadrive]"
+    python benchmarks/gymnasium_steps.py [--steps 20000] [--rounds 3] [--cars 16 256]
+
+Each is what trains lane keeping without pictures or traffic there:
+
+frenetic     `frenetic/LaneKeeping-v0`: random roads of about 200 m, a vector of 26 numbers
+metadrive    `MetaDriveEnv` without traffic and lidar: 100 generated maps, a vector
+highway-env  `lane-keeping-v0`: a winding lane, state and reference as vectors, steering only
+
+All get the same actions: a little random steering and some throttle. Episodes that end are reset,
+and resets count. The steps differ in simulated time, so the table has, beside steps per second of
+CPU time, the simulated seconds per second of CPU time. ``cars`` is the number of cars that step
+together: ours in one compiled call (`gymnasium.make_vec`), HighwayEnv's one by one in Gymnasium's
+`SyncVectorEnv`. MetaDrive's engine exists once in a process, so that it has no such form; with
+`AsyncVectorEnv`, a car is a process, which costs at least the CPU time of a single one.
+
+Each measurement is a process of its own, and they take turns. The table shows the best round, and
+how many times as many steps ours take with as many cars.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any, Final, NamedTuple
+
+import gymnasium
+import numpy as np
+
+
+class Peer(NamedTuple):
+    """An environment."""
+
+    package: str
+    """Its distribution."""
+    step: float
+    """Simulated time of a step, in s."""
+    share: int
+    """One in so many of the asked steps is measured: it is slower."""
+    make: Callable[[], gymnasium.Env[Any, Any]]
+    make_vec: Callable[[int], gymnasium.vector.VectorEnv[Any, Any, Any]] | None
+
+
+def make_ours() -> gymnasium.Env[Any, Any]:
+    return gymnasium.make("frenetic.gym:frenetic/LaneKeeping-v0")
+
+
+def make_ours_together(cars: int) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+    return gymnasium.make_vec("frenetic.gym:frenetic/LaneKeeping-v0", num_envs=cars)
+
+
+def make_metadrive() -> gymnasium.Env[Any, Any]:
+    from metadrive import MetaDriveEnv  # another measurement needs it not
+    from metadrive.engine.base_engine import BaseEngine
+
+    # Without pictures it needs none of the assets that it would download.
+    BaseEngine.try_pull_asset = staticmethod(lambda: None)
+    made: gymnasium.Env[Any, Any] = MetaDriveEnv(
+        {
+            "use_render": False,
+            "traffic_density": 0.0,
+            "num_scenarios": 100,
+            "log_level": logging.ERROR,
+            "vehicle_config": {"lidar": {"num_lasers": 0, "distance": 0.0}},
+        }
+    )
+    return made
+
+
+def make_highway() -> gymnasium.Env[Any, Any]:
+    import highway_env  # another measurement needs it not
+
+    gymnasium.register_envs(highway_env)
+    return gymnasium.make("lane-keeping-v0")
+
+
+def make_highway_together(cars: int) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+    return gymnasium.vector.SyncVectorEnv([make_highway] * cars)
+
+
+PEERS: Final = {
+    "frenetic": Peer("frenetic-roads", 0.05, 1, make_ours, make_ours_together),
+    "metadrive": Peer("metadrive-simulator", 0.1, 20, make_metadrive, None),
+    "highway-env": Peer("highway-env", 0.1, 10, make_highway, make_highway_together),
+}
+
+
+def actions_of(shape: tuple[int, ...]) -> np.ndarray[Any, Any]:
+    """Actions for a thousand steps: steering a little, and some throttle if there is a pedal."""
+    rng = np.random.default_rng(1)
+    actions = rng.normal(0.0, 0.05, (1000, *shape)).astype(np.float32)
+    if shape[-1] == 2:
+        actions[..., 1] = 0.3
+    return actions
+
+
+def measure(name: str, cars: int, steps: int) -> float:
+    """Steps of all cars per s of CPU time."""
+    peer = PEERS[name]
+    if cars == 1:
+        env = peer.make()
+        actions = actions_of(env.action_space.shape or ())
+        env.reset(seed=1)
+        env.step(actions[0])  # what is compiled and loaded once
+        env.reset()
+        begin = time.process_time()
+        for i in range(steps):
+            _, _, terminated, truncated, _ = env.step(actions[i % len(actions)])
+            if terminated or truncated:
+                env.reset()
+        return steps / (time.process_time() - begin)
+    assert peer.make_vec is not None
+    envs = peer.make_vec(cars)
+    actions = actions_of(envs.action_space.shape or ())
+    envs.reset(seed=1)
+    envs.step(actions[0])
+    rounds = max(steps // cars, 1)
+    begin = time.process_time()
+    for i in range(rounds):
+        envs.step(actions[i % len(actions)])
+    return rounds * cars / (time.process_time() - begin)
+
+
+def measure_apart(name: str, cars: int, steps: int) -> float:
+    """`measure` in a process of its own."""
+    command = [sys.executable, __file__, "--measure", name, str(cars), str(steps)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{name} with {cars} cars: {done.stderr[-2000:]}")
+    return float(json.loads(done.stdout.splitlines()[-1]))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--cars", type=int, nargs="+", default=[16, 256])
+    parser.add_argument("--measure", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.measure:
+        name, cars, steps = options.measure
+        print(json.dumps(measure(name, int(cars), int(steps))))
+        return
+    kinds = [
+        (name, cars)
+        for cars in (1, *options.cars)
+        for name, peer in PEERS.items()
+        if cars == 1 or peer.make_vec is not None
+    ]
+    best = dict.fromkeys(kinds, 0.0)
+    for _ in range(options.rounds):
+        for name, cars in kinds:
+            steps = max(options.steps // PEERS[name].share, 100)
+            best[name, cars] = max(best[name, cars], measure_apart(name, cars, steps))
+    print(f"{'environment':<22}{'cars':>5}{'steps/s':>10}{'simulated s/s':>15}{'ours':>9}")
+    for (name, cars), rate in best.items():
+        label = f"{name} {version(PEERS[name].package)}"
+        simulated = rate * PEERS[name].step
+        ratio = "" if name == "frenetic" else f"{best['frenetic', cars] / rate:.1f} x"
+        print(f"{label:<22}{cars:>5}{rate:>10,.0f}{simulated:>15,.0f}{ratio:>9}")
+
+
+if __name__ == "__main__":
+    main()
