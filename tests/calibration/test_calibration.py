@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -60,6 +61,15 @@ class Broken:
     def act(self, observation):
         raise ValueError("no")
 """
+HANGS = BROKEN.replace('raise ValueError("no")', "import time; time.sleep(60)")
+
+
+def drive_record(time: float, speed: float = 5.0) -> list[Any]:
+    """A record of the competition's."""
+    vectors = [[5.0 * time, 0.0, 0.0], [1.0, 0.0, 0.0], [speed, 0.0, 0.0]]
+    return [time, *vectors, *[0.0] * 11, 1.5, 0.0]
+
+
 QUICK = Settings(seed=1, evaluations=26, folds=2)
 
 
@@ -458,6 +468,10 @@ def test_usual_bounds_end_where_no_car_can_be_made() -> None:
         (lambda line: line | {"trajectory": [[0, 1, 2], [1, 2]]}, "trajectory"),
         (lambda line: line | {"execution_data": [[1, 2]]}, "are no records of a drive"),
         (lambda line: line | {"trajectory": 3}, "its trajectory is"),
+        (
+            lambda line: line | {"execution_data": [drive_record(0), drive_record(1, math.nan)]},
+            r"vel of record 2 of its execution_data is \[nan, 0\.0, 0\.0\]: finite numbers",
+        ),
         (lambda line: line | {"outcome": ["PASS"]}, r"its outcome is \['PASS'\]: PASS or FAIL"),
         (lambda line: line | {"execution_data": 3}, "are no records of a drive"),
         (lambda line: [line], "an object is needed"),
@@ -510,8 +524,44 @@ def test_a_driver_that_breaks_is_named(
     (tmp_path / "mine.py").write_text(BROKEN, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     broken = Model.of("mine.py:Broken", [Asked("gain")])
-    with pytest.raises(FreneticError, match=r"with driver.gain 1 broke on 16 of 16 recorded roads"):
-        calibrate(recordings, broken, QUICK)
+    state = tmp_path / "twin.fit.jsonl"
+    with pytest.raises(FreneticError, match=r"gain 1 broke on 1 of 1 .* ValueError: no"):
+        calibrate(recordings, broken, QUICK, state=state)
+    assert not state.exists()  # going on would end here again
+
+
+def test_a_driver_that_hangs_is_broken_soon(
+    recordings: Recordings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "hangs.py").write_text(HANGS, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    hangs = Model.of("hangs.py:Broken", [Asked("gain")])
+    with pytest.raises(FreneticError, match=r"broke on 1 of 1 .* its drive took more than 0.5 s"):
+        calibrate(recordings, hangs, QUICK, drive_limit=0.5)
+
+
+def test_a_line_of_json_ends_with_a_line_feed_alone(tmp_path: Path) -> None:
+    row = {"curvatures": [0.0, 0.01], "outcome": "PASS", "run": "a\u2028b\x85c"}
+    table = tmp_path / "tests.jsonl"
+    table.write_text(json.dumps(row, ensure_ascii=False) + "\n", encoding="utf-8")
+    (drive,) = read_recordings([table]).drives
+    assert drive.run.endswith("a\u2028b\x85c")
+
+
+def test_the_digest_of_a_recording_is_that_of_its_content(
+    campaigns: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (moved := tmp_path / "elsewhere").mkdir()
+    for folder in campaigns:
+        shutil.copytree(folder, moved / folder.name)
+    monkeypatch.chdir(moved)
+    digests = [
+        *read_recordings([campaigns[0].parent]).digests.values(),
+        *read_recordings([moved]).digests.values(),
+        *read_recordings([Path()]).digests.values(),
+    ]
+    assert len(set(digests)) == 1
+    assert set(read_recordings(campaigns).digests.values()).isdisjoint(digests)
 
 
 def test_too_few_drives_are_refused(recordings: Recordings, model: Model) -> None:

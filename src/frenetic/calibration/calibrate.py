@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -21,7 +21,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import plain
 from frenetic.analysis.statistics import ranks
 from frenetic.calibration.determination import Interval, intervals, moved_alone
-from frenetic.calibration.driving import COLUMNS, MOOBD, SHARE, IntArray, TwinDriver
+from frenetic.calibration.driving import COLUMNS, MOOBD, SHARE, IntArray, TwinDriver, why_broken
 from frenetic.calibration.fitting import Evaluator, Stopped, best, fit
 from frenetic.calibration.journal import Journal
 from frenetic.calibration.loss import Logistic, Loss, check_weights, scores
@@ -139,6 +139,7 @@ def calibrate(
     *,
     name: str = "twin",
     workers: int = 1,
+    drive_limit: float | None = None,
     state: Path | None = None,
     on_progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
@@ -153,8 +154,10 @@ def calibrate(
         name: of the profile.
         workers: number of processes. With more than one, a script needs
             ``if __name__ == "__main__":``.
+        drive_limit: s after which a drive of a driver written in Python counts as hanging; by
+            default half as long again as the simulator's ``wall_limit``, and 10 s.
         state: a file that keeps what was driven, so that the same call goes on; it is removed at
-            the end.
+            the end, and where going on is of no use, since the driver breaks.
         on_progress: called with the number of candidates driven, and of all.
         should_stop: asked before each batch of candidates.
         version: of frenetic, for the profile.
@@ -187,7 +190,7 @@ def calibrate(
     fold = folds_of(drives, settings.folds, by_run=by_run, seed=settings.seed)
     count = int(fold.max()) + 1
     everything = np.arange(len(drives))
-    total = (count + 1) * evaluations + len(moved_alone(np.zeros(p))) + 2 * count + 1
+    total = (count + 1) * evaluations + len(moved_alone(np.zeros(p))) + 2 * count + 2
     done = 0
 
     def notify(number: int) -> None:
@@ -201,7 +204,9 @@ def calibrate(
 
     loss_on(everything)  # refuses drives that say nothing, before any is driven
     digest = _digest(recordings, model, settings, evaluations, version)
-    twins = TwinDriver(model, drives, shapes=settings.shapes, workers=workers)
+    twins = TwinDriver(
+        model, drives, shapes=settings.shapes, workers=workers, drive_limit=drive_limit
+    )
     rows = np.empty((len(drives), COLUMNS))
     ranking = np.empty(len(drives))
     rankings = {
@@ -215,8 +220,21 @@ def calibrate(
         with Journal(state, digest) as journal, twins, threadpool_limits(1):
             evaluator = Evaluator(model, twins, journal, notify, should_stop or (lambda: False))
             start = np.array([one.place(one.start) for one in model.parameters])
+
+            def refuse_broken(rows: FloatArray, places: FloatArray, driven: IntArray) -> None:
+                """Refuses a twin that broke on a drive."""
+                broken = np.flatnonzero(np.isnan(rows[:, SHARE]))
+                if len(broken):
+                    journal.remove()  # another driver has other results
+                    values = model.values(list(places))
+                    first = drives[driven[broken[0]]]
+                    raise _broken(model, values, first, (len(broken), len(driven)), drive_limit)
+
+            # One that hangs on its first road does not hang on all of them.
+            first = evaluator.rows("first", start, everything[:1])
+            refuse_broken(first, start, everything[:1])
             unfitted = evaluator.rows("unfitted", start, everything)
-            _refuse_broken(unfitted, model, model.values(list(start)), drives)
+            refuse_broken(unfitted, start, everything)
             rankings[UNFITTED] = scores(unfitted)
             places = []
             for k in range(count):
@@ -238,7 +256,7 @@ def calibrate(
                 )
                 places.append(found.places)
                 driven = evaluator.rows(f"{key} driven", found.places, everything)
-                _refuse_broken(driven, model, model.values(list(found.places)), drives)
+                refuse_broken(driven, found.places, everything)
                 rows[held_out] = driven[held_out]
                 ranking[held_out] = ranks(scores(driven))[held_out]
             chosen = _sampled(everything, drives, settings.sample, settings.seed + count)
@@ -364,19 +382,20 @@ def _mean_terms(
     return {name: float(np.concatenate(values).mean()) for name, values in found.items()}
 
 
-def _refuse_broken(
-    rows: FloatArray, model: Model, values: Mapping[str, float], drives: Sequence[RecordedDrive]
-) -> None:
-    """Refuses a twin that broke on one of the drives."""
-    broken = np.flatnonzero(np.isnan(rows[:, SHARE]))
-    if not len(broken):
-        return
-    recorded = drives[int(broken[0])]
-    driver, simulator = model.make(values, recorded.rules)
+def _broken(
+    model: Model,
+    values: Mapping[str, float],
+    first: RecordedDrive,
+    number: tuple[int, int],
+    drive_limit: float | None,
+) -> FreneticError:
+    """The error of a twin that broke on so many of so many drives."""
     told = ", ".join(f"{name} {value:.4g}" for name, value in values.items())
-    raise FreneticError(
-        f"the driver {model.driver!r} with {told} broke on {len(broken)} of {len(drives)} recorded"
-        f" roads, first on that of {recorded.name}: {simulator.drive(recorded.road, driver).error}"
+    broken, driven = number
+    return FreneticError(
+        f"the driver {model.driver!r} with {told} broke on {broken} of {driven} recorded roads"
+        f" that it drove, first on that of {first.name}:"
+        f" {why_broken(model, values, first, drive_limit)}"
     )
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Final, Self, TypeAlias
 
@@ -19,7 +20,9 @@ from frenetic.calibration.recordings import RecordedDrive, on_grid
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle import LEFT_LANE, REACHED, assess
-from frenetic.simulators.embedded import EmbeddedSimulator, compile_kernels
+from frenetic.simulators.embedded import compile_kernels
+from frenetic.simulators.isolated import BrokenDriveError, isolated
+from frenetic.simulators.simulator import Simulator
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
@@ -37,11 +40,11 @@ _CHUNK: Final = 25  # drives of a task
 def drive_twin(
     recorded: RecordedDrive,
     driver: Driver,
-    simulator: EmbeddedSimulator,
+    simulator: Simulator,
     *,
     shapes: bool = False,
 ) -> FloatArray:
-    """The twin's drive along a recorded road, (COLUMNS,); NaN if the driver broke.
+    """The twin's drive along a recorded road, (COLUMNS,); NaN if the driver broke or hung.
 
     Args:
         recorded: the recorded drive.
@@ -50,7 +53,10 @@ def drive_twin(
         shapes: whether only the shapes of the speeds are compared, each divided by its mean.
     """
     row = np.full(COLUMNS, math.nan)
-    drive = simulator.drive(recorded.road, driver)
+    try:
+        drive = simulator.drive(recorded.road, driver)
+    except BrokenDriveError:
+        return row
     if drive.error is not None:
         return row
     seen = assess(recorded.road, drive)
@@ -77,38 +83,55 @@ def drive_twin(
     return row
 
 
-def _rows(
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """What candidates are driven on."""
+
+    model: Model
+    drives: Sequence[RecordedDrive]
+    shapes: bool
+    drive_limit: float | None
+
+    def rows(self, values: Mapping[str, float], indices: Sequence[int]) -> FloatArray:
+        rows = np.full((len(indices), COLUMNS), math.nan)
+        try:
+            driver, simulator = self.model.make(values, self.drives[0].rules)
+        except (FreneticError, ValueError):
+            return rows  # together, values within their bounds may be no car
+        with isolated(simulator, driver, self.drive_limit) as own:
+            for i, index in enumerate(indices):
+                rows[i] = drive_twin(self.drives[index], driver, own, shapes=self.shapes)
+        return rows
+
+
+def why_broken(
     model: Model,
-    drives: Sequence[RecordedDrive],
     values: Mapping[str, float],
-    indices: Sequence[int],
-    shapes: bool,
-) -> FloatArray:
-    rows = np.full((len(indices), COLUMNS), math.nan)
+    recorded: RecordedDrive,
+    drive_limit: float | None = None,
+) -> str:
+    """Why a twin with these values breaks on a recorded road; for arguments see `TwinDriver`."""
+    driver, simulator = model.make(values, recorded.rules)
     try:
-        driver, simulator = model.make(values, drives[0].rules)
-    except (FreneticError, ValueError):
-        return rows  # together, values within their bounds may be no car
-    for i, index in enumerate(indices):
-        rows[i] = drive_twin(drives[index], driver, simulator, shapes=shapes)
-    return rows
+        with isolated(simulator, driver, drive_limit) as own:
+            return own.drive(recorded.road, driver).error or "not any more, when driven again"
+    except BrokenDriveError as error:
+        return str(error)
 
 
-# In a worker
-_shared: tuple[Model, Sequence[RecordedDrive], bool] | None = None
+_shared: _Work | None = None  # of a worker
 
 
-def _begin(model: Model, drives: Sequence[RecordedDrive], shapes: bool) -> None:
+def _begin(work: _Work) -> None:
     global _shared  # a worker's own
     stand_alone()
     compile_kernels()
-    _shared = model, drives, shapes
+    _shared = work
 
 
 def _work(values: Mapping[str, float], indices: Sequence[int]) -> FloatArray:
     assert _shared is not None
-    model, drives, shapes = _shared
-    return _rows(model, drives, values, indices, shapes)
+    return _shared.rows(values, indices)
 
 
 class TwinDriver:
@@ -120,13 +143,21 @@ class TwinDriver:
         model: of the twin.
         drives: the recorded ones.
         shapes: as for `drive_twin`.
-        workers: number of processes; with 1, this one drives.
+        workers: number of processes; with 1, this one drives. A driver that is not compiled drives
+            in a process of its own beside each.
+        drive_limit: s after which a drive counts as hanging, as for `IsolatedSimulator`.
     """
 
     def __init__(
-        self, model: Model, drives: Sequence[RecordedDrive], *, shapes: bool, workers: int = 1
+        self,
+        model: Model,
+        drives: Sequence[RecordedDrive],
+        *,
+        shapes: bool,
+        workers: int = 1,
+        drive_limit: float | None = None,
     ) -> None:
-        self._model, self._drives, self._shapes = model, drives, shapes
+        self._work = _Work(model, drives, shapes, drive_limit)
         self._pool: ProcessPoolExecutor | None = None
         self._workers = workers
 
@@ -138,7 +169,7 @@ class TwinDriver:
                 self._workers,
                 mp_context=process_context(),
                 initializer=_begin,
-                initargs=(self._model, self._drives, self._shapes),
+                initargs=(self._work,),
             )
         return self
 
@@ -164,11 +195,7 @@ class TwinDriver:
         """
         wanted = indices.tolist()
         if self._pool is None:
-            found = [
-                _rows(self._model, self._drives, values, wanted, self._shapes)
-                for values in candidates
-            ]
-            return np.stack(found)
+            return np.stack([self._work.rows(values, wanted) for values in candidates])
         chunks = [wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)]
         try:
             tasks = [

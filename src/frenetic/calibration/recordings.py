@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -110,7 +111,7 @@ class Recordings:
     drives: tuple[RecordedDrive, ...]
     terms: Terms
     digests: Mapping[str, str]
-    """Path of a recording -> SHA-256 of what was read from it."""
+    """Path of a recording -> SHA-256 of what was read from it, wherever it lies."""
     skipped: int
     """Number of tests that were not driven or broke."""
 
@@ -139,6 +140,7 @@ def read_recordings(places: Sequence[Path], given: Terms | None = None) -> Recor
         if str(place) in digests:
             raise FreneticError(f"{place} is given twice: once is enough")
         digest = hashlib.sha256()
+        runs: dict[str, int] = {}  # numbered, since their names depend on the place
         before = len(drives)
         with threadpool_limits(1):  # threads would wait for each other on small matrices
             for source in _sources(place):
@@ -149,7 +151,7 @@ def read_recordings(places: Sequence[Path], given: Terms | None = None) -> Recor
                         skipped += 1
                         continue
                     drives.append(drive)
-                    _feed(digest, drive)
+                    _feed(digest, drive, runs.setdefault(drive.run, len(runs)))
         if len(drives) == before:
             raise FreneticError(f"{place} holds no drive that passed or failed")
         digests[str(place)] = digest.hexdigest()
@@ -165,10 +167,10 @@ def read_recordings(places: Sequence[Path], given: Terms | None = None) -> Recor
     return Recordings(tuple(drives), next(iter(found)), digests, skipped)
 
 
-def _feed(digest: Any, drive: RecordedDrive) -> None:
+def _feed(digest: Any, drive: RecordedDrive, run: int) -> None:
     values = [drive.failed, drive.max_oob_share, drive.mean_oob_distance, drive.std_steering]
     road = [drive.road.step, *drive.road.pose]
-    digest.update(json.dumps([drive.run, *values, drive.departure, *road]).encode())
+    digest.update(json.dumps([run, *values, drive.departure, *road]).encode())
     for array in (drive.road.curvatures, drive.offset, drive.speed):
         digest.update(np.asarray(array, dtype="<f8").tobytes())
 
@@ -299,14 +301,14 @@ def _rows(table: Path) -> Iterator[Mapping[str, Any]]:
             raise FreneticError(f"{table} is no table in Parquet: {error}") from None
     elif suffix == ".csv":
         csv.field_size_limit(2**26)
-        reader = csv.DictReader(_read(table).splitlines())
+        reader = csv.DictReader(io.StringIO(_read(table)))
         try:
             for row in reader:
                 yield {k: _cell(v) for k, v in row.items() if k is not None and v not in (None, "")}
         except csv.Error as error:
             raise FreneticError(f"{table}, line {reader.line_num}: {error}") from None
     else:
-        for i, line in enumerate(_read(table).splitlines(), start=1):
+        for i, line in enumerate(_read(table).split("\n"), start=1):
             if line.strip():
                 yield _json(line, f"{table}, line {i}")
 
@@ -480,10 +482,17 @@ def _competition_records(
         places, _ = _trajectory(
             {"time": timer, "x": [p[0] for p in path], "y": [p[1] for p in path]}, where
         )
-        along = [[v[:2] for v in vectors] for vectors in (vel, ahead)]
-        speed = np.prod(np.array(along, dtype=np.float64), axis=0).sum(axis=1)
+        along = [[v[:2] for v in one] for one in (vel, ahead)]
+        vectors = np.array(along, dtype=np.float64)
+        speed = np.prod(vectors, axis=0).sum(axis=1)
     except (TypeError, ValueError, IndexError, KeyError):
         raise FreneticError(f"{where}: its execution_data are no records of a drive") from None
+    for name, values in zip(("vel", "dir"), vectors, strict=True):
+        if len(odd := np.flatnonzero(~np.isfinite(values).all(axis=1))):
+            raise FreneticError(
+                f"{where}: {name} of record {odd[0] + 1} of its execution_data is"
+                f" {shown(column(_RECORD[name], name)[odd[0]])}: finite numbers are needed"
+            )
     measures = {
         "max_oob_share": float(arrays[2].max()),
         "mean_oob_distance": float(arrays[1].mean()),
