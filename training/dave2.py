@@ -9,7 +9,7 @@ says what would have been right, round after round (DAgger: S. Ross et al., AIST
 learns to recover from its own errors. All roads are random ones. The same seed gives the same
 network on the same machine with the same versions.
 
-It uses a graphics card if there is one, and takes about ten minutes on two cores without.
+It uses a graphics card if there is one; without, it takes five minutes of one core's time.
 """
 
 from __future__ import annotations
