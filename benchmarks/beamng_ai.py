@@ -42,6 +42,8 @@ START: Final = 20.0
 """Distance within which a failure is a faulty start, in m."""
 NEAR: Final = 20.0
 """Largest distance of two places of departure that count as the same, in m."""
+SHORT: Final = 50.0
+"""Length of a drive up to which its speed has no shape, in m."""
 STEP: Final = 10.0
 SERVICE: Final = Planner(
     lateral_acceleration=6.44,
@@ -139,6 +141,26 @@ def boosting(seen: list[dict[str, Any]], kappa: FloatArray) -> FloatArray | None
     return forecast
 
 
+def speed_shapes(
+    ours: tuple[FloatArray, FloatArray], theirs: tuple[FloatArray, FloatArray], end: float
+) -> tuple[float, float]:
+    """Correlation and median difference of two speeds, each over its mean, every 10 m.
+
+    Args:
+        ours: (n,) places in m and (n,) times in s.
+        theirs: likewise.
+        end: of what is compared, in m.
+    """
+    at = np.arange(STEP, end, STEP)
+    both = []
+    for place, time in (ours, theirs):
+        furthest = np.maximum.accumulate(place)
+        passed = np.interp(at, furthest, time)
+        speed = STEP / np.maximum(np.diff(passed), 1e-3)
+        both.append(speed / speed.mean())
+    return float(np.corrcoef(*both)[0, 1]), float(np.median(np.abs(both[0] - both[1])))
+
+
 def trajectories(folder: Path, most: int | None) -> None:
     """Prints how far the model is off the recorded trajectories."""
     simulator = EmbeddedSimulator(
@@ -147,7 +169,7 @@ def trajectories(folder: Path, most: int | None) -> None:
     driver = BeamngAi(aggression=1.5)
     planner = EmbeddedSimulator(rules=Rules(speed_limit=120.0, oob_tolerance=0.999))
     errors, scores, failures, gaps, used = [], [], [], [], 0
-    moobds, lengths = [], []
+    moobds, lengths, shapes = [], [], []
     for file in sorted(folder.glob("*.json"))[:most]:
         data = json.loads(file.read_text(encoding="utf-8"))
         road = Road.from_points(data["road_points"], lane_width=5.0)
@@ -157,7 +179,8 @@ def trajectories(folder: Path, most: int | None) -> None:
         if failed and place[-1] < START:
             continue
         used += 1
-        seen = assess(road, simulator.drive(road, driver))
+        drive = simulator.drive(road, driver)
+        seen = assess(road, drive)
         out = np.flatnonzero(np.abs(offset) > 2.5)
         end = min(place.max(), seen.distance.max(), place[out[0]] if len(out) else np.inf)
         at = np.arange(3.0, end)
@@ -166,6 +189,14 @@ def trajectories(folder: Path, most: int | None) -> None:
             for s, d in ((seen.distance, seen.lateral_offset - RECORDED_POINT), (place, offset))
         )
         errors.append(float(np.median(np.abs(ours - theirs))))
+        if end > SHORT:
+            shapes.append(
+                speed_shapes(
+                    (seen.distance, drive.trajectory.time[: len(seen.distance)]),
+                    (place, np.array(data["trajectory"], dtype=np.float64)[:, 0]),
+                    end,
+                )
+            )
         scores.append(float(seen.oob_share.max()))
         failures.append(failed)
         moobds.append(judge(road, planner.drive(road, SERVICE)).moobd or 0.0)
@@ -178,6 +209,11 @@ def trajectories(folder: Path, most: int | None) -> None:
         f"\n{used} trajectories: median over drives of the median lateral error"
         f" {np.median(errors):.2f} m; {len(gaps)} common failures, {near} within {NEAR:g} m;"
         f" AUC {auc(np.array(scores), np.array(failures)):.3f}"
+    )
+    alike, apart = np.median(shapes, axis=0)
+    print(
+        f"shape of the speed: correlation {alike:.2f}, difference {apart:.0%} of the mean speed,"
+        " medians over drives"
     )
     print(
         f"AUC of the planner of rank-service, which was tuned on these drives:"
