@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from agreements import FOLDER, Agreements
 
 # As the command line does, before numpy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -146,6 +147,12 @@ def _whoever_calls() -> Iterator[None]:
 def endurance(request: pytest.FixtureRequest) -> bool:
     """Whether a test is to run in full: `pytest -m endurance`; else in a short form."""
     return "endurance" in str(request.config.getoption("markexpr"))
+
+
+@pytest.fixture
+def agreements(request: pytest.FixtureRequest, endurance: bool) -> Agreements:
+    """The agreements of the test's file."""
+    return Agreements(FOLDER / f"{request.path.stem}.txt", anew=endurance)
 
 
 @pytest.fixture(scope="module")

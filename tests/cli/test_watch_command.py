@@ -22,10 +22,10 @@ from rich.console import Console
 
 from frenetic.campaign.log import LOG, CampaignLog, Event, WorkerState
 from frenetic.campaign.progress import Progress
-from frenetic.campaign.state_text import doubt
 from frenetic.campaign.watch import SILENT_AFTER, CampaignState, CampaignWatcher
 from frenetic.cli import main
 from frenetic.cli.watch import live_view, sparkline
+from frenetic.report.state_text import doubt
 
 LIMIT = 120.0  # s after which a test that waits for another process fails
 

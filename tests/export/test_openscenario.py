@@ -26,8 +26,6 @@ from frenetic.simulators import Rules
 if TYPE_CHECKING:
     from agreements import Agreements
 
-pytest_plugins = ["agreements"]
-
 ESMINI = os.environ.get("FRENETIC_ESMINI")
 WINDING = [0.0, 0.02, 0.05, -0.03, 0.0, 0.01, 0.0]
 ROADS = {

@@ -18,8 +18,6 @@ from frenetic.road.opendrive import from_opendrive, to_opendrive
 if TYPE_CHECKING:
     from agreements import Agreements
 
-pytest_plugins = ["agreements"]
-
 ROADS = readers.varied_roads()
 SHOULDERS = {name: 2.5 * (i % 2) for i, name in enumerate(ROADS)}  # m
 HERE = Path(__file__).parent

@@ -31,8 +31,6 @@ from frenetic.road.validity import (
 if TYPE_CHECKING:
     from agreements import Agreements
 
-pytest_plugins = ["agreements"]
-
 FloatArray = npt.NDArray[np.float64]
 
 LIMIT_RADIUS = 47 / 3.280839895  # [m]

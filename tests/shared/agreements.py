@@ -11,8 +11,6 @@ from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 
-import pytest
-
 FOLDER = Path(__file__).parents[1] / "agreements"
 """Holds a file for each test file, with a digest and a name in each line."""
 
@@ -43,9 +41,3 @@ class Agreements:
             return {}
         lines = self._file.read_text(encoding="utf-8").splitlines()
         return {name: digest for digest, name in (line.split(" ", 1) for line in lines)}
-
-
-@pytest.fixture
-def agreements(request: pytest.FixtureRequest, endurance: bool) -> Agreements:
-    """The agreements of the test's file."""
-    return Agreements(FOLDER / f"{request.path.stem}.txt", anew=endurance)

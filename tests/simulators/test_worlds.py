@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner
+from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner, appearance
 from frenetic.drivers.layers import compiled_form
+from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.errors import FreneticError
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
@@ -140,4 +141,5 @@ def test_the_table_of_quantities_is_true() -> None:
             values: dict[str, float] = {name: value}
             world = Conditions(**values)  # type: ignore[arg-type]
             assert world.value(name) == value
-            assert np.isfinite(in_that(world, EmbeddedSimulator(), Planner())).all()
+            driver = MarkingFollower() if name in appearance.ALL else Planner()
+            assert np.isfinite(in_that(world, EmbeddedSimulator(), driver)).all()

@@ -20,7 +20,10 @@ from rich.table import Table
 from rich.text import Text
 
 from frenetic._support.durations import format_duration
-from frenetic.campaign.state_text import (
+from frenetic.cli.console import Results, print_facts
+from frenetic.cli.options import CampaignFolder, Duration, json_option
+from frenetic.errors import CampaignError
+from frenetic.report.state_text import (
     census,
     clock_time,
     doubt,
@@ -30,9 +33,6 @@ from frenetic.campaign.state_text import (
     status_name,
     times,
 )
-from frenetic.cli.console import Results, print_facts
-from frenetic.cli.options import CampaignFolder, Duration, json_option
-from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
     from frenetic.campaign.log import WorkerState

@@ -21,7 +21,6 @@ from urllib.parse import urlsplit
 
 from frenetic.campaign.lock import find_holder
 from frenetic.campaign.log import LOG
-from frenetic.campaign.state_text import census, doubt, message_line, progress_line, status_name
 from frenetic.campaign.store import DATABASE, LOCK, CampaignStore
 from frenetic.campaign.watch import CampaignState, CampaignWatcher, Status
 from frenetic.errors import CampaignError, FreneticError
@@ -31,6 +30,7 @@ from frenetic.report.html.campaign import GrowingReport
 from frenetic.report.html.page import Report, made_by, render
 from frenetic.report.html.tests import DriveData
 from frenetic.report.minimised import MINIMISED
+from frenetic.report.state_text import census, doubt, message_line, progress_line, status_name
 
 HOST: Final = "127.0.0.1"
 """The only address that is listened on: that of this computer for itself."""
