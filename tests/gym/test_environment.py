@@ -275,6 +275,12 @@ def test_steps_that_cannot_be_taken() -> None:
         env.step(np.zeros(2, np.float32))
 
 
+def test_a_map_without_room_for_a_road_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("frenetic.gym.roads._MOST_DRAWN", 3)
+    with pytest.raises(ValueError, match="map_size is 10 m: none of 3 random roads"):
+        LaneKeepingEnv(map_size=10.0).reset(seed=1)
+
+
 def test_without_gymnasium_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     monkeypatch.delitem(sys.modules, "frenetic.gym")

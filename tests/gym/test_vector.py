@@ -132,6 +132,8 @@ def test_seeds_for_each_car() -> None:
     before = one.road(1)
     one.reset(seed=[9, 9], options={"reset_mask": np.array([True, False])})
     assert one.road(1) is before
+    one.reset(options={"reset_mask": [True, False]})
+    assert one.road(1) is before
 
 
 def test_what_it_refuses() -> None:

@@ -23,7 +23,9 @@ from frenetic import (
 from frenetic.campaign.store import JSONValue
 from frenetic.cli import cli
 from frenetic.drivers import appearance
+from frenetic.drivers.appearance import Foggy
 from frenetic.drivers.loading import load_driver
+from frenetic.drivers.neural.network import DAVE2, Network
 from frenetic.report.html import campaign_report
 from frenetic.report.html.camera import LARGEST, MOST_PICTURES, camera_data
 from frenetic.simulators.embedded.rendering import Renderer
@@ -93,6 +95,10 @@ def test_only_what_can_be_drawn_again_is_in_a_report(searched: Path) -> None:
         assert camera_data(record, {**config, "driver": bad}) is None
     fog = {**driver["driver"], "options": {"visibility": -3.0}}
     assert camera_data(record, {**config, "driver": {**driver, "driver": fog}}) is None
+    for seed in ("x", -1, 1.5):
+        options: JSONValue = {"rate": 5.0, "seed": seed}
+        rain = {**driver, "class": "frenetic.drivers.appearance:Rainy", "options": options}
+        assert camera_data(record, {**config, "driver": rain}) is None
 
 
 def test_large_pictures_are_shrunk(searched: Path) -> None:
@@ -125,7 +131,27 @@ def test_a_network_says_where_it_looked_while_it_is_the_same(tmp_path: Path) -> 
     assert (looked[..., 0] - looked[..., 2]).max() > 100.0  # red somewhere
     driver = config["driver"]
     assert isinstance(driver, dict)
+    foreign: JSONValue = {**driver, "class": "frenetic.drivers.neural.network:read_model"}
+    unasked = camera_data(record, {**config, "driver": foreign})
+    assert unasked is not None
+    assert unasked.looked is None
     changed: JSONValue = {**driver, "fingerprint": {"digest": "another"}}
     unlike = camera_data(record, {**config, "driver": changed})
     assert unlike is not None
     assert unlike.looked is None
+
+
+@pytest.mark.parametrize("name", ["model.onnx", "MODEL.ONNX"])
+def test_a_network_of_your_own_says_where_it_looked(tmp_path: Path, name: str) -> None:
+    model = tmp_path / name
+    model.write_bytes(DAVE2.read_bytes())
+    folder = tmp_path / "own"
+    run(folder, Foggy(Network(str(model), max_speed=40.0, crop=(0, 0)), 80.0), 1)
+    with CampaignStore.open(folder) as store:
+        camera = camera_data(store.test(1), store.config)
+        assert camera is not None
+        assert camera.looked is not None
+        model.write_bytes(b"another")
+        camera = camera_data(store.test(1), store.config)
+        assert camera is not None
+        assert camera.looked is None

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import lru_cache
+from numbers import Integral
 from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
@@ -177,14 +178,14 @@ class Rainy(CameraLayer):
     Args:
         driver: the driver underneath.
         amount: rate of the rain, in mm/h.
-        seed: of the streaks.
+        seed: of the streaks, from 0.
     """
 
     option, name, unit, low, high, place = "rain", "rate", "mm/h", 0.0, 200.0, 3
 
     def __init__(self, driver: Driver, amount: float, *, seed: int = 0) -> None:
         super().__init__(driver, amount)
-        self.seed = seed
+        self.seed = _checked_seed(seed)
 
     @property
     def options(self) -> dict[str, float]:
@@ -257,14 +258,14 @@ class Grainy(CameraLayer):
     Args:
         driver: the driver underneath.
         amount: standard deviation of the noise, of the values 0 to 255.
-        seed: of the noise.
+        seed: of the noise, from 0.
     """
 
     option, name, unit, low, high, place = "grain", "deviation", "", 0.0, 128.0, 6
 
     def __init__(self, driver: Driver, amount: float, *, seed: int = 0) -> None:
         super().__init__(driver, amount)
-        self.seed = seed
+        self.seed = _checked_seed(seed)
 
     @property
     def options(self) -> dict[str, float]:
@@ -276,6 +277,17 @@ class Grainy(CameraLayer):
         start = int(_of_moment(self.seed, observation).integers(_BANK))
         grain = _grain(self.seed, _BANK + image.size)[start : start + image.size]
         return _picture(image + self.amount * grain.reshape(image.shape))
+
+
+def _checked_seed(seed: object) -> int:
+    """A seed.
+
+    Raises:
+        ValueError: it is no whole number from 0.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
+        raise ValueError(f"the seed is {repr(seed)[:40]}: a whole number from 0 is needed")
+    return int(seed)
 
 
 def _picture(values: FloatArray | npt.NDArray[np.float32]) -> Image:

@@ -14,6 +14,8 @@ from frenetic.ranking.roads import find_roads
 from frenetic.road import MAP_SIZE, Road
 from frenetic.search.random_search import RandomRoads
 
+_MOST_DRAWN = 1000  # random roads for a drive
+
 
 class RoadSource:
     """Gives a road for every drive.
@@ -26,7 +28,7 @@ class RoadSource:
 
     Raises:
         FreneticError: a file or folder holds no road, or the list is empty.
-        ValueError: no road fits the map.
+        ValueError: `map_size` is out of range.
     """
 
     def __init__(
@@ -38,13 +40,20 @@ class RoadSource:
         self._random = RandomRoads(map_size=map_size, max_redraws=0)
 
     def draw(self, rng: np.random.Generator) -> Road:
-        """A road."""
+        """A road.
+
+        Raises:
+            ValueError: no road fits the map.
+        """
         if self._roads is not None:
             return self._roads[int(rng.integers(len(self._roads)))]
-        while True:
+        for _ in range(_MOST_DRAWN):
             road, verdict = Road(self._random.draw(rng), self._random.step).placed(self._map_size)
             if road is not None and verdict:
                 return road
+        raise ValueError(
+            f"map_size is {self._map_size:g} m: none of {_MOST_DRAWN} random roads fits into it"
+        )
 
 
 def given_roads(given: Sequence[Road | Path | str]) -> list[Road]:

@@ -85,8 +85,8 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vectors, npt.NDArray[Any]]):
             options: ``reset_mask``, (num_envs,) bool, says which cars; all by default.
         """
         super().reset(seed=seed if isinstance(seed, int) else None)
-        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
-        if np.shape(mask) != (self.num_envs,) or np.asarray(mask).dtype != np.bool_:
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)))
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             raise ValueError(f"reset_mask is {mask!r}: ({self.num_envs},) bool are needed")
         for k, own in enumerate(self._seeds(seed)):
             if own is not None and mask[k]:

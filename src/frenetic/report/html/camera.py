@@ -17,9 +17,9 @@ from frenetic.campaign.store import JSONValue
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, SalientDriver
+from frenetic.drivers.neural.network import Dave2, Network
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import innermost, over_each_other
-from frenetic.registry import DRIVERS
 from frenetic.simulators.drive import Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.rendering import Renderer
@@ -35,6 +35,10 @@ PICTURES_SIZE: Final = 3_000_000
 """Approximate bytes of all pictures of a page."""
 
 _QUALITY = 70  # of JPEG
+_SALIENT: Final[Mapping[str, type[Network]]] = {
+    f"{kind.__module__}:{kind.__qualname__}": kind for kind in (Dave2, Network)
+}
+"""Class in a record -> driver that says where it looked."""
 _HEAT = np.array([255.0, 40.0, 0.0])
 
 
@@ -178,20 +182,16 @@ def _looked(
 ) -> Image | None:
     """The picture, red where the driver looked; None if it does not say.
 
-    A record names any class, so only drivers of ours are asked: a report runs no other code. One
-    that has changed since is not asked either.
+    A record names any class, so only those of `_SALIENT` are asked: a report runs no other code.
+    One that has changed since is not asked either.
     """
-    command: Any = config.get("command")
-    name = command.get("driver") if isinstance(command, Mapping) else None
-    options = command.get("driver_options") if isinstance(command, Mapping) else None
-    is_ours = str(innermost(config.get("driver")).get("class", "")).startswith("frenetic.")
-    is_known = isinstance(name, str) and (name in DRIVERS.built_in or name.endswith(".onnx"))
-    if not (is_ours and is_known and isinstance(options, Mapping)):
+    recorded = innermost(config.get("driver"))
+    kind = _SALIENT.get(str(recorded.get("class")))
+    if kind is None:
         return None
     try:
-        driver = DRIVERS.make(str(name), **options)
-        recorded = innermost(config.get("driver")).get("fingerprint")
-        is_same = describe(driver)["fingerprint"] == recorded
+        driver = kind(**recorded.get("options", {}))
+        is_same = describe(driver)["fingerprint"] == recorded.get("fingerprint")
         if not (is_same and isinstance(driver, SalientDriver) and driver.camera == eye.camera):
             return None
         weights = np.asarray(driver.saliency(observation_at(path, i, image)), dtype=np.float64)
