@@ -26,6 +26,7 @@ from frenetic.drivers.driver import (
     camera_of,
     inner_driver,
 )
+from frenetic.errors import DriverError
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -121,6 +122,30 @@ def scene_of(driver: Driver) -> Scene:
             scene = asked.in_scene(scene)
         asked = inner_driver(asked)
     return scene
+
+
+def check_other_world(driver: Driver, world: str) -> None:
+    """Refuses what a simulator lacks that draws a world of its own, with a lens of its own.
+
+    Args:
+        driver: the driver; one without a camera is accepted.
+        world: the simulator's name.
+
+    Raises:
+        DriverError: the camera's lens is distorted, or a layer changes the scene.
+    """
+    camera = camera_of(driver)
+    if camera is None:
+        return
+    if camera.distortion != 0.0:
+        raise DriverError(
+            f"{world}'s camera has no distortion: the driver's has {camera.distortion:g}, where 0"
+            " is needed"
+        )
+    if scene_of(driver) != Scene():
+        raise DriverError(
+            f"{world} draws its own world: leave out --scene and --wear, those of a campaign with 0"
+        )
 
 
 class Elsewhere(CameraLayer):

@@ -13,7 +13,6 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from frenetic.drivers import BeamngAi, Driver, DriveSetup, appearance
-from frenetic.drivers.camera import Scene
 from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls
 from frenetic.drivers.layers import under_layers
 from frenetic.errors import DriverError, traceback_of
@@ -399,24 +398,12 @@ class BeamngSimulator:
             DriverError: there is such an option.
         """
         self._drives_itself(driver)
-        camera = camera_of(driver)
-        if camera is None:
-            return
-        if self.place.no_gpu:
+        if camera_of(driver) is not None and self.place.no_gpu:
             raise DriverError(
                 "without a graphics card BeamNG.tech draws nothing, and the driver has a camera:"
                 " leave out --no-gpu"
             )
-        if camera.distortion != 0.0:
-            raise DriverError(
-                f"BeamNG.tech's camera has no distortion: the driver's has {camera.distortion:g},"
-                " where 0 is needed"
-            )
-        if appearance.scene_of(driver) != Scene():
-            raise DriverError(
-                "BeamNG.tech draws its own world: leave out --scene and --wear, those of a"
-                " campaign with 0"
-            )
+        appearance.check_other_world(driver, "BeamNG.tech")
 
     def _open_camera(self, driver: Driver) -> None:
         """Puts the driver's camera on the car, which stands on its road."""

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
-from frenetic.drivers.driver import Driver, blaming_driver, checked_controls
+from frenetic.drivers import appearance
+from frenetic.drivers.camera import Camera, Image
+from frenetic.drivers.driver import Driver, blaming_driver, camera_of, checked_controls
 from frenetic.errors import DriverError, FreneticError, describe_error, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks
@@ -23,6 +25,7 @@ from frenetic.simulators.metadrive.car import (
     Decision,
     drive_setup,
 )
+from frenetic.simulators.metadrive.drawing import check_drawing, drawn_region
 from frenetic.simulators.metadrive.drivers import MetaDriveDriver, PolicySimulator, metadrive_driver
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.starting import StartingPlace
@@ -42,7 +45,8 @@ last decision, the very same object, holds it."""
 class MetaDriveSimulator(StartingPlace, PolicySimulator):
     """MetaDrive: Bullet physics of a four-wheeled car, headless; needs the extra ``metadrive``.
 
-    Its engine exists once in a process, from entering to leaving the simulator.
+    Its engine exists once in a process, from entering to leaving the simulator. It draws for
+    drivers with a camera only: it starts anew where one comes or goes.
 
     Args:
         rules: speed limit, oob tolerance and when a drive ends.
@@ -63,6 +67,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     """Modules that the extra brings."""
     preloads: Final = ("frenetic.simulators.metadrive.preloading",)
 
+    draws: Final = True
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its drives change; campaigns record it."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("metadrive-simulator",)
@@ -158,23 +163,26 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             self.__exit__(None, None, None)
 
     def check_driver(self, driver: Driver) -> None:
-        """Refuses MetaDrive's own drivers under layers.
+        """Refuses MetaDrive's own drivers under layers, and cameras where it cannot draw.
 
         Raises:
-            DriverError: it is such a one.
+            DriverError: it is such a one; or it has a camera, and MetaDrive cannot draw here or
+                not what its lens and layers ask for.
         """
         metadrive_driver(driver)
+        appearance.check_other_world(driver, "MetaDrive")
+        if camera_of(driver) is not None:
+            check_drawing()
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road.
 
         Raises:
-            FreneticError: the simulator has not been entered.
+            FreneticError: the simulator has not been entered, or the road is too long to be drawn.
             ArithmeticError: MetaDrive's physics broke.
         """
-        world = self._world
-        if world is None:
-            raise FreneticError("MetaDrive is not running: drive roads in a with statement")
+        camera = camera_of(driver)
+        world = self._world_for(road, camera)
         rows: list[list[float]] = []
         error, trace = None, ""
         try:
@@ -189,7 +197,8 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
                 if own is None:
                     with blaming_driver():
                         driver.reset(drive_setup(self.rules, road))
-                    self._follow(world, road, _asking(driver), rows)
+                    look = None if camera is None else world.picture
+                    self._follow(world, road, _asking(driver, look), rows)
                 else:
                     self._follow_own(world, road, own, rows)
         except WallLimitExceeded as limit:
@@ -202,6 +211,19 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             error, trace = str(trouble), traceback_of(trouble)
         columns = np.array(rows).reshape(-1, len(Trajectory.names()))
         return Drive(Trajectory.from_rows(columns), self.car, self.rules, error, trace, road)
+
+    def _world_for(self, road: Road, camera: Camera | None) -> World:
+        """The world with this camera, None for none; started anew if it is another one's."""
+        world = self._world
+        if world is None:
+            raise FreneticError("MetaDrive is not running: drive roads in a with statement")
+        region = 0 if camera is None else drawn_region(road)
+        if camera != world.camera or region > world.region:
+            # While there is none, leaving the simulator has nothing to end.
+            kind, self._world = type(world), None
+            world.close()
+            world = self._world = kind(camera, region)
+        return world
 
     def _follow_own(
         self, world: World, road: Road, driver: MetaDriveDriver, rows: list[list[float]]
@@ -246,11 +268,12 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             world.advance(STEPS_PER_PERIOD)
 
 
-def _asking(driver: Driver) -> Decide:
-    """Decides as the driver does for its observation."""
+def _asking(driver: Driver, look: Callable[[], Image] | None) -> Decide:
+    """Decides as the driver does for its observation, with a picture if there is one to look at."""
 
     def decide(observer: Observer, motion: Motion, wheels: float) -> Decision:
-        observation = observer.observation(motion.speed, motion.yaw_rate, wheels)
+        image = None if look is None else look()
+        observation = observer.observation(motion.speed, motion.yaw_rate, wheels, image)
         with blaming_driver():
             return Decision(*checked_controls(driver.act(observation)))
 

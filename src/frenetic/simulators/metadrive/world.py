@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from metadrive.component.map.scenario_map import ScenarioMap
+from metadrive.component.sensors.rgb_camera import RGBCamera
 from metadrive.constants import DEFAULT_AGENT
 from metadrive.engine.base_engine import BaseEngine
 from metadrive.engine.engine_utils import close_engine, engine_initialized
@@ -21,6 +22,7 @@ from metadrive.obs.observation_base import DummyObservation
 from metadrive.type import MetaDriveType
 from panda3d.core import Vec3
 
+from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError
 from frenetic.road import Road
 from frenetic.simulators.metadrive.car import (
@@ -38,6 +40,8 @@ POINT_SPACING: Final = 1.25
 apart, and on the inner lane of the sharpest valid curve they are a seventh closer."""
 SETTLING_STEPS: Final = 60
 """Steps of the physics that the car stands before a drive: MetaDrive drops it onto its wheels."""
+CAMERA: Final = "frenetic_camera"
+_NEAREST: Final = 0.1  # m, of what a camera sees
 
 
 class Motion(NamedTuple):
@@ -139,12 +143,19 @@ class _RoadEnv(BaseEnv):  # type: ignore[misc]
 class World:
     """MetaDrive's engine with a car, and a road once one is loaded.
 
+    Args:
+        camera: the camera on the car; None draws nothing.
+        region: size of the square around the road's start that is drawn, in m; see
+            `drawn_region`. Without a camera it is of no use.
+
     Raises:
         FreneticError: this process already has a MetaDrive engine, or MetaDrive's car is not the
             known one.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, camera: Camera | None = None, region: int = 0) -> None:
+        self.camera = camera
+        self.region = region
         if engine_initialized():
             raise FreneticError(
                 "a MetaDrive engine is running in this process, which can have only one: close"
@@ -169,13 +180,20 @@ class World:
                 # A used car remembers its last drive in the last bits of its motion.
                 "force_destroy": True,
                 "log_level": logging.ERROR,
+                **({} if camera is None else _drawing(camera, region)),
             }
         )
         self._origin = (0.0, 0.0)
+        self._height = 0.0  # of the car's origin above the ground, at rest
         self.vehicle: Any = None  # MetaDrive's car
         try:
             self._reset()
             self._check_car()
+            if camera is not None:
+                lens = self.engine.get_sensor(CAMERA).lens
+                high = 2.0 * math.atan(0.5 * camera.height / camera.focal_length)
+                lens.setFov(camera.field_of_view, math.degrees(high))
+                lens.setNear(_NEAREST)
         except BaseException:
             self.close()
             raise
@@ -241,6 +259,22 @@ class World:
         self.advance(SETTLING_STEPS)
         vehicle.body.setLinearVelocity(Vec3(0.0))
         vehicle.body.setAngularVelocity(Vec3(0.0))
+        self._height = float(vehicle.origin.getZ())
+
+    def picture(self) -> Image:
+        """What the camera sees now, (height, width, 3)."""
+        assert self.camera is not None
+        sensor, camera = self.engine.get_sensor(CAMERA), self.camera
+        # On the car x points to the right and y ahead; its position is above the ground.
+        found = sensor.perceive(
+            to_float=False,
+            new_parent_node=self.vehicle.origin,
+            position=(-camera.left, camera.forward, camera.up - self._height),
+            hpr=(0.0, -camera.pitch, 0.0),
+        )
+        picture: Image = np.array(found[..., 2::-1], dtype=np.uint8)
+        picture.setflags(write=False)
+        return picture
 
     def steer(self, steering: float, throttle_brake: float) -> None:
         """Sets what MetaDrive calls an action, each in -1..1: steering left, throttle or brake."""
@@ -274,6 +308,19 @@ class World:
             c * velocity[1] - s * velocity[0],
             vehicle.body.getAngularVelocity()[2],
         )
+
+
+def _drawing(camera: Camera, region: int) -> dict[str, Any]:
+    """Configuration of an engine that draws, for a camera alone and with no window."""
+    return {
+        "image_observation": True,
+        "sensors": {CAMERA: (RGBCamera, camera.width, camera.height)},
+        "multi_thread_render": False,  # it shows the world as it was a picture ago
+        "map_region_size": region,
+        "show_fps": False,
+        "show_interface": False,
+        "preload_models": False,
+    }
 
 
 def map_data(road: Road) -> dict[str, dict[str, Any]]:
