@@ -2,6 +2,7 @@
 
 The cells run here, one after the other, in a folder of their own. What Jupyter would show is kept:
 what a cell prints, its last value, and its figures. So neither a kernel nor a server is needed.
+The figures are written to docs/images, too, for the pages that show them.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import matplotlib.pyplot as plt
 from frenetic.report.style import encode_figure
 
 NOTEBOOK = Path(__file__).parent / "notebook.ipynb"
+IMAGES = Path(__file__).parent / "images"
 COLOURS = 64  # of a picture, which keeps it small
 
 
@@ -78,6 +80,17 @@ def run_cell(source: str, names: dict[str, Any], number: int) -> list[dict[str, 
     return outputs
 
 
+def figures(notebook: dict[str, Any]) -> dict[str, bytes]:
+    """The figures of an executed notebook, PNG, by the names of their files."""
+    found = [
+        base64.b64decode(output["data"]["image/png"])
+        for cell in notebook["cells"]
+        for output in cell.get("outputs", ())
+        if "image/png" in output.get("data", ())
+    ]
+    return {f"notebook-{number}.png": png for number, png in enumerate(found, 1)}
+
+
 def lines(text: str) -> list[str]:
     """A text as notebooks keep it."""
     return text.splitlines(keepends=True)
@@ -90,6 +103,8 @@ def main() -> None:
         done = run_notebook(notebook, Path(folder))
     text = json.dumps(done, indent=1, ensure_ascii=False) + "\n"
     NOTEBOOK.write_text(text, encoding="utf-8", newline="\n")
+    for name, png in figures(done).items():
+        (IMAGES / name).write_bytes(png)
     sys.stdout.write(f"{NOTEBOOK}: {len(text.encode()) / 1000:.0f} kB\n")
 
 

@@ -137,8 +137,13 @@ def shown(notebook: dict[str, Any]) -> list[tuple[str, list[str]]]:
 def test_the_notebook_runs_and_holds_what_it_shows(tmp_path: Path) -> None:
     text = NOTEBOOK.read_text(encoding="utf-8")
     stored = json.loads(text)
-    run_notebook = run_path(str(ROOT / "docs" / "make_notebook.py"))["run_notebook"]
-    assert shown(run_notebook(stored, tmp_path)) == shown(stored)
+    made = run_path(str(ROOT / "docs" / "make_notebook.py"))
+    assert shown(made["run_notebook"](stored, tmp_path)) == shown(stored)
+    figures = made["figures"](stored)
+    images = (ROOT / "docs" / "images").glob("notebook-*.png")
+    assert figures == {image.name: image.read_bytes() for image in images}
+    page = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")
+    assert [name for name in figures if f"(images/{name})" not in page] == []
     assert len(text.encode()) < 300_000
     assert str(ROOT) not in text
     words = "".join(line for cell in stored["cells"] for line in cell["source"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,12 @@ from test_campaign import BENT, LOOP, STRAIGHT, Scripted, fails_when_bent
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary, TestRecord
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.record import Attempt
+from frenetic.campaign.tester import Placement
+from frenetic.campaign.workers.in_process import InProcessWorker
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.search import Frenetic
+from frenetic.search import Candidate, Frenetic
 from frenetic.testing import DummyDriver, DummySimulator
 
 ROADS = STRAIGHT, LOOP, BENT
@@ -117,6 +121,44 @@ def test_an_error_in_a_callback_is_raised_and_loses_nothing(tmp_path: Path, call
     assert search.run().simulations == 4
     campaign(tmp_path / "whole", Budget(simulations=4)).run()
     assert contents(tmp_path) == contents(tmp_path / "whole")
+
+
+class TwoAtOnce(InProcessWorker):
+    """Returns two attempts together, as several workers may."""
+
+    @property
+    def free(self) -> int:
+        return 2 - len(self.__dict__.setdefault("candidates", []))
+
+    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+        self.__dict__["candidates"].append((candidate, placement))
+
+    def wait(self, timeout: float) -> Sequence[Attempt]:
+        attempts: list[Attempt] = []
+        for candidate in self.__dict__.pop("candidates"):
+            super().submit(*candidate)
+            attempts += super().wait(timeout)
+        return attempts
+
+
+def test_what_was_stored_with_the_test_at_an_error_is_reported_by_the_next_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.campaign.campaign.InProcessWorker", TwoAtOnce)
+    search = campaign(tmp_path, Budget(simulations=4))
+    seen: list[int | None] = []
+
+    def fail(test: TestRecord) -> None:
+        seen.append(test.told)
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError):
+        search.run(on_test=fail)
+    with CampaignStore.open(tmp_path) as store:
+        assert store.stored() == 2
+    end = search.run(on_test=lambda test: seen.append(test.told))
+    assert end.simulations == 4
+    assert seen == list(range(1, end.tests + 1))
 
 
 def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:

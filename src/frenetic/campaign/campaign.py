@@ -7,6 +7,7 @@ import logging
 import os
 import platform
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -204,6 +205,8 @@ class Campaign(ShownCampaign):
         """Names of its parts; None if they came from Python."""
         self._search_so_far: tuple[Tally, dict[int, Candidate]] | None = None
         """Results told and candidates outstanding, while the strategy knows exactly these."""
+        self._unreported: deque[tuple[int, Progress]] = deque()
+        """Stored tests of which no callback knows as yet, since one has raised."""
         self._interrupt: Interrupt | None = None  # while it runs
 
     @classmethod
@@ -320,7 +323,7 @@ class Campaign(ShownCampaign):
             on_progress: called after every test; it may come first, in place of a number.
             on_test: called with every test as it is stored, in the order of telling. It may `stop`
                 the campaign. What it raises ends the run and is raised; all results are stored, and
-                `run` goes on with the next.
+                the next `run` begins with the tests that were stored together with that one.
             on_start: called when the folder is made and the simulator has started; the budget's
                 time begins here.
             on_interrupt: called at the first Ctrl-C.
@@ -611,6 +614,7 @@ class Campaign(ShownCampaign):
                         interrupt=interrupt,
                         tally=tally,
                         outstanding=outstanding,
+                        unreported=self._unreported,
                     )
                     for candidate_id, progress in dispatcher.tests():
                         try:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -89,6 +89,7 @@ class Dispatcher:
         interrupt: Interrupt,
         tally: Tally,
         outstanding: dict[int, Candidate],
+        unreported: deque[tuple[int, Progress]],
     ) -> None:
         self._strategy = strategy
         self._selective = strategy if isinstance(strategy, SelectiveStrategy) else None
@@ -108,7 +109,8 @@ class Dispatcher:
         self._tries: Counter[int] = Counter()
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
         # Told, perhaps not written, with the tracebacks of errors.
-        self._unreported: list[tuple[TestRecord, str, Progress]] = []
+        self._unwritten: list[tuple[TestRecord, str, Progress]] = []
+        self._unreported = unreported  # written
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
         self._next_look = 0.0
@@ -150,12 +152,14 @@ class Dispatcher:
 
     def _report(self) -> Iterator[tuple[int, Progress]]:
         """Writes all told results in one transaction, and only then reports them."""
-        if self._unreported:
+        if self._unwritten:
             self._store.write()
-            written, self._unreported = self._unreported, []
+            written, self._unwritten = self._unwritten, []
             for record, traceback, progress in written:
                 self._log_result(record, traceback)
-                yield record.id, progress
+                self._unreported.append((record.id, progress))
+        while self._unreported:
+            yield self._unreported.popleft()
 
     @property
     def _is_spent(self) -> bool:
@@ -324,7 +328,7 @@ class Dispatcher:
         tell(self._strategy, evaluation, tally)
         self._log_notice()
         progress = tally.progress(time.perf_counter() - self._start)
-        self._unreported.append((record, attempt.traceback, progress))
+        self._unwritten.append((record, attempt.traceback, progress))
         self._give_up_if_hopeless(record)
 
     def _is_wanted(self, candidate: Candidate) -> bool:

@@ -145,7 +145,7 @@ class Paper:
 
     def text(self, x: float, y: float, text: str, *, size: float, **how: Any) -> Any:
         """Writes a text."""
-        how = {"va": "baseline", "transform": self.square, "parse_math": False, **how}
+        how = {"va": "baseline", "transform": self.square, **how}
         return self.canvas.text(x / self.width, 1.0 - y / self.height, text, size=size, **how)
 
     def bar(self, x: float, y: float, width: float, height: float, colour: str) -> None:
@@ -242,7 +242,7 @@ class Panel:
 
     def text(self, x: float, y: float, text: str, **how: Any) -> None:
         """Writes a text, also over the edge."""
-        self.add(Text(x, y, text, parse_math=False, **how), cut=False)
+        self.add(Text(x, y, text, **how), cut=False)
 
     def beside(
         self, place: tuple[float, float], off: tuple[float, float], text: str, **how: Any
