@@ -205,6 +205,25 @@ def test_damaged_campaign_is_said_to_be_so(tmp_path: Path) -> None:
     assert state["status"] == "stored"
 
 
+def test_report_goes_on_after_an_unforeseen_error(
+    begin: Callable[[], Growing], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make, errors = GrowingReport.make, [RuntimeError("unforeseen")]
+
+    def breaking(*args: Any, **options: Any) -> Any:
+        if errors:
+            raise errors.pop()
+        return make(*args, **options)
+
+    monkeypatch.setattr(GrowingReport, "make", breaking)
+    campaign = begin()
+    campaign.grow(1)
+    with LiveReport(campaign.folder, interval=0.01) as page:
+        wait_for(page, lambda state: "RuntimeError: unforeseen" in state["note"])
+        campaign.grow(1)
+        wait_for(page, lambda state: not state["note"] and not state["edition"].endswith("-0"))
+
+
 # Who is answered
 
 

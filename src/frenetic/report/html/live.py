@@ -23,7 +23,7 @@ from frenetic.campaign.lock import find_holder
 from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE, LOCK, CampaignStore
 from frenetic.campaign.watch import CampaignState, CampaignWatcher, Status
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.report.failures import FAILURES
 from frenetic.report.html.blocks import to_json
 from frenetic.report.html.campaign import GrowingReport
@@ -238,11 +238,14 @@ class LiveReport:
                 if not is_same:
                     self._report, self._created = GrowingReport(), created
                 report = self._report.make(store, is_running=status == Status.RUNNING)
-        except FreneticError as error:
-            trouble = f"The report cannot be made: {error}."
-        else:
             pieces = self._pieces if is_same else _Pieces()
             new = pieces.prepare(report)
+        except Exception as error:  # this thread goes on, for what comes may be better
+            said = error if isinstance(error, FreneticError) else describe_error(error)
+            trouble = f"The report cannot be made: {said}."
+            self._created = object()  # what is half made is not gone on with
+            logger.debug("the report cannot be made", exc_info=True)
+        else:
             with self._lock:
                 pieces.take(new)
                 self._pieces = pieces
