@@ -23,6 +23,7 @@ import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
+from time import process_time
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -44,6 +45,8 @@ NEAR: Final = 20.0
 """Largest distance of two places of departure that count as the same, in m."""
 SHORT: Final = 50.0
 """Length of a drive up to which its speed has no shape, in m."""
+ROADS, ROUNDS = 60, 5
+"""Number of random roads whose drives' cost is measured, and of drives of each."""
 STEP: Final = 10.0
 SERVICE: Final = Planner(
     lateral_acceleration=6.44,
@@ -222,6 +225,30 @@ def trajectories(folder: Path, most: int | None) -> None:
     )
 
 
+def cost() -> None:
+    """Prints what 250 m cost, beside the planner in its car and in the model's."""
+    rng = np.random.default_rng(0)
+    steps = rng.uniform(-0.05, 0.05, (ROADS, 26))
+    roads = [Road(np.clip(np.cumsum(row), -0.07, 0.07)) for row in steps]
+    for name, driver, vehicle in (
+        ("Planner", Planner(), "default"),
+        ("Planner, etk800", Planner(), "etk800"),
+        ("BeamngAi, etk800", BeamngAi(), "etk800"),
+    ):
+        simulator = EmbeddedSimulator(rules=Rules(oob_tolerance=1.0), vehicle=vehicle)
+        simulator.drive(roads[0], driver)  # compiles
+        costs = []
+        for road in roads:
+            taken = []
+            for _ in range(ROUNDS):
+                start = process_time()
+                path = simulator.drive(road, driver).trajectory
+                taken.append(process_time() - start)
+            driven = float(np.hypot(np.diff(path.x), np.diff(path.y)).sum())
+            costs.append(250e3 * min(taken) / driven)
+        print(f"{name:<20} {np.mean(costs):5.2f} ms of CPU per 250 m")
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -237,6 +264,7 @@ def main() -> int:
         competition(drives, options.most)
     if runs.is_dir():
         trajectories(runs, options.most)
+    cost()
     return 0
 
 
