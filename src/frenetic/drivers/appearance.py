@@ -24,7 +24,7 @@ from frenetic.drivers.driver import (
     DriveSetup,
     Observation,
     camera_of,
-    inner_driver,
+    stack_of,
 )
 from frenetic.errors import DriverError
 
@@ -116,11 +116,9 @@ class CameraLayer:
 def scene_of(driver: Driver) -> Scene:
     """The scene that a driver's layers ask for."""
     scene = Scene()
-    asked: Driver | None = driver
-    while asked is not None:
-        if isinstance(asked, CameraLayer):
-            scene = asked.in_scene(scene)
-        asked = inner_driver(asked)
+    for one in stack_of(driver):
+        if isinstance(one, CameraLayer):
+            scene = one.in_scene(scene)
     return scene
 
 
@@ -195,7 +193,26 @@ class Foggy(CameraLayer):
         return _picture(image * through + (1.0 - through) * FOG_COLOUR)
 
 
-class Rainy(CameraLayer):
+class _SeededLayer(CameraLayer):
+    """A layer with chance in it.
+
+    Args:
+        driver: the driver underneath.
+        amount: of the layer.
+        seed: of its random numbers, from 0.
+    """
+
+    def __init__(self, driver: Driver, amount: float, *, seed: int = 0) -> None:
+        super().__init__(driver, amount)
+        self.seed = _checked_seed(seed)
+
+    @property
+    def options(self) -> dict[str, float]:
+        """Its options."""
+        return {**super().options, "seed": self.seed}
+
+
+class Rainy(_SeededLayer):
     """A driver that sees streaks of rain; each picture has its own.
 
     On 160 x 80 pixels there are about 2 streaks for each mm/h, up to a seventh of the height long.
@@ -207,15 +224,6 @@ class Rainy(CameraLayer):
     """
 
     option, name, unit, low, high, place = "rain", "rate", "mm/h", 0.0, 200.0, 3
-
-    def __init__(self, driver: Driver, amount: float, *, seed: int = 0) -> None:
-        super().__init__(driver, amount)
-        self.seed = _checked_seed(seed)
-
-    @property
-    def options(self) -> dict[str, float]:
-        """Its options."""
-        return {**super().options, "seed": self.seed}
 
     def seen(self, image: Image, observation: Observation) -> Image:
         """The picture with streaks."""
@@ -277,7 +285,7 @@ class Lit(CameraLayer):
         return lit
 
 
-class Grainy(CameraLayer):
+class Grainy(_SeededLayer):
     """A driver whose camera's sensor is noisy: Gaussian noise in each colour of each pixel.
 
     Args:
@@ -287,15 +295,6 @@ class Grainy(CameraLayer):
     """
 
     option, name, unit, low, high, place = "grain", "deviation", "", 0.0, 128.0, 6
-
-    def __init__(self, driver: Driver, amount: float, *, seed: int = 0) -> None:
-        super().__init__(driver, amount)
-        self.seed = _checked_seed(seed)
-
-    @property
-    def options(self) -> dict[str, float]:
-        """Its options."""
-        return {**super().options, "seed": self.seed}
 
     def seen(self, image: Image, observation: Observation) -> Image:
         """The picture with noise."""

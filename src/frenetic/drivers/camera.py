@@ -87,6 +87,11 @@ class Camera:
         return 0.5 * self.width / math.tan(math.radians(0.5 * self.field_of_view))
 
     @property
+    def vertical_field_of_view(self) -> float:
+        """Vertical field of view without distortion, in degrees."""
+        return math.degrees(2.0 * math.atan(0.5 * self.height / self.focal_length))
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """Shape of its images."""
         return self.height, self.width, 3

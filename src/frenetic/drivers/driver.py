@@ -153,14 +153,21 @@ def inner_driver(driver: object) -> Driver | None:
     return inner if isinstance(inner, Driver) else None
 
 
+def stack_of(driver: Driver) -> Iterator[Driver]:
+    """A driver and those under it, the outermost first."""
+    under: Driver | None = driver
+    while under is not None:
+        yield under
+        under = inner_driver(under)
+
+
 def camera_of(driver: Driver) -> Camera | None:
     """The camera of a driver or of the one under its layers; None if it has none.
 
     Raises:
         DriverError: its ``camera`` is something else.
     """
-    asked: Driver | None = driver
-    while asked is not None:
+    for asked in stack_of(driver):
         camera = asked.camera if isinstance(asked, CameraDriver) else None
         if isinstance(camera, Camera):
             return camera
@@ -168,7 +175,6 @@ def camera_of(driver: Driver) -> Camera | None:
             raise DriverError(
                 f"the driver's camera is {repr(camera)[:60]}: a frenetic.Camera is needed"
             )
-        asked = inner_driver(asked)
     return None
 
 

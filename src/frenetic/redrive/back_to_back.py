@@ -24,7 +24,7 @@ from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver, Noisy
-from frenetic.drivers.driver import inner_driver
+from frenetic.drivers.driver import stack_of
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import SHORT, comparison_key, differences
 from frenetic.outcome import Outcome
@@ -437,11 +437,9 @@ def _recorded(record: TestRecord) -> Redrive:
 def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:
     """Conditions of the repeats: with noise each has its own errors, the same for both versions."""
     noise = None
-    layer: object = driver
-    while layer is not None:
+    for layer in stack_of(driver):
         if isinstance(layer, Noisy):
             noise = layer.offset
-        layer = inner_driver(layer)
     if noise is None:
         return (USUAL,) * repeats
     others = (Conditions(noise=noise, noise_seed=number) for number in range(1, repeats))

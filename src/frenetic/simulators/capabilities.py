@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 from numbers import Integral, Real
 from typing import Any, Final
 
-from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, inner_driver
+from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, stack_of
 from frenetic.errors import DriverError, FreneticError
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
@@ -107,11 +107,9 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
             f"{type(bare(simulator)).__name__} draws nothing, and the driver has a camera: use the"
             " embedded simulator, or a driver without a camera"
         )
-    asked: Driver | None = driver
-    while asked is not None:
-        if isinstance(asked, SelectiveDriver):
-            asked.check_simulator(bare(simulator))
-        asked = inner_driver(asked)
+    for one in stack_of(driver):
+        if isinstance(one, SelectiveDriver):
+            one.check_simulator(bare(simulator))
     capabilities(simulator).check_driver(driver)
 
 

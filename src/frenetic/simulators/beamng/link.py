@@ -471,7 +471,6 @@ class Link:
         """
         pitch = math.radians(camera.pitch)
         c, s = math.cos(pitch), math.sin(pitch)
-        high = 2.0 * math.atan(0.5 * camera.height / camera.focal_length)
         with _asking("putting a camera on the car"):
             # In the car's own frame its nose points to -y and x to the left.
             self._camera = _module("sensors").Camera(
@@ -483,7 +482,7 @@ class Link:
                 dir=(0.0, -c, -s),
                 up=(0.0, -s, c),
                 resolution=(camera.width, camera.height),
-                field_of_view_y=math.degrees(high),
+                field_of_view_y=camera.vertical_field_of_view,
                 near_far_planes=_SEEN,
                 is_render_annotations=False,
                 is_render_depth=False,

@@ -191,8 +191,7 @@ class World:
             self._check_car()
             if camera is not None:
                 lens = self.engine.get_sensor(CAMERA).lens
-                high = 2.0 * math.atan(0.5 * camera.height / camera.focal_length)
-                lens.setFov(camera.field_of_view, math.degrees(high))
+                lens.setFov(camera.field_of_view, camera.vertical_field_of_view)
                 lens.setNear(_NEAREST)
         except BaseException:
             self.close()
