@@ -74,8 +74,8 @@ def weighing(path: Path, weights: npt.NDArray[np.float32], bias: float, **more: 
     return write(path, nodes, tensors=tensors, **more)
 
 
-def endless(path: Path) -> Path:
-    """A model that adds a number to itself, again and again."""
+def endless(path: Path, darkest: float = 0.0) -> Path:
+    """A model that adds a number to itself, again and again, if the image is brighter, 0..1."""
     scalar = helper.make_tensor_value_info
     body = helper.make_graph(
         [
@@ -92,13 +92,30 @@ def endless(path: Path) -> Path:
     )
     nodes = [
         helper.make_node("ReduceMean", ["image"], ["mean"], keepdims=0),
+        helper.make_node("Sub", ["mean", "darkest"], ["light"]),
+        helper.make_node("Relu", ["light"], ["brighter"]),
+        helper.make_node("Mul", ["brighter", "often"], ["count"]),
+        helper.make_node("Cast", ["count"], ["times"], to=TensorProto.INT64),
         helper.make_node("Loop", ["times", "true", "mean"], ["out"], body=body),
     ]
     tensors = [
-        numpy_helper.from_array(np.array(1 << 60, dtype=np.int64), "times"),
+        numpy_helper.from_array(np.array(darkest, dtype=np.float32), "darkest"),
+        numpy_helper.from_array(np.array(1 << 60, dtype=np.float32), "often"),
         numpy_helper.from_array(np.array(True), "true"),
     ]
     return write(path, nodes, tensors=tensors)
+
+
+def endless_to_load(path: Path) -> Path:
+    """A model of constants: multiplying the matrices takes hours, and needs no image."""
+    n, steps = 3000, 3000
+    ones = numpy_helper.from_array(np.ones(1, dtype=np.float32))
+    nodes = [
+        helper.make_node("ConstantOfShape", ["shape"], ["m0"], value=ones),
+        *(helper.make_node("MatMul", [f"m{i}", "m0"], [f"m{i + 1}"]) for i in range(steps)),
+        helper.make_node("ReduceMean", [f"m{steps}"], ["out"], keepdims=0),
+    ]
+    return write(path, nodes, tensors=[numpy_helper.from_array(np.array([n, n]), "shape")])
 
 
 def with_weights_in(path: Path, other: str) -> Path:

@@ -13,7 +13,17 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 from onnx import TensorProto, helper, numpy_helper
-from onnx_models import NCHW, NHWC, answering, echoing, endless, weighing, with_weights_in, write
+from onnx_models import (
+    NCHW,
+    NHWC,
+    answering,
+    echoing,
+    endless,
+    endless_to_load,
+    weighing,
+    with_weights_in,
+    write,
+)
 
 from frenetic import (
     Controls,
@@ -29,6 +39,7 @@ from frenetic import (
 from frenetic.drivers import PolicyDriver
 from frenetic.drivers.loading import load_driver
 from frenetic.drivers.neural import Convention, Dave2, Network
+from frenetic.drivers.neural.model import check_loading
 from frenetic.drivers.neural.network import DAVE2, pursuit
 from frenetic.errors import DriverError, FreneticError
 from frenetic.registry import DRIVERS
@@ -40,6 +51,12 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 SIZE = {"width": 6, "height": 4}
+
+
+@pytest.fixture(autouse=True)
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Saves the process in which each unknown model is loaded first."""
+    monkeypatch.setattr("frenetic.drivers.neural.network.check_loading", lambda _: None)
 
 
 def setup() -> DriveSetup:
@@ -376,6 +393,28 @@ def test_a_model_that_never_ends_is_given_up(
     monkeypatch.setattr("frenetic.drivers.neural.network.LONGEST", 0.1)
     with pytest.raises(ValueError, match=r"it takes more than 0\.1 s for an image"):
         Network(str(endless(tmp_path / "m.onnx")))
+
+
+def test_loading_that_never_ends_is_given_up(
+    frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("frenetic.drivers.neural.network.check_loading", check_loading)
+    monkeypatch.setattr("frenetic.drivers.neural.model.LONGEST_LOADING", 0.5)
+    endless_to_load(Path("m.onnx"))
+    answer = frenetic("run", "--driver", "m.onnx", "--simulations", "2", "--out", "c")
+    assert answer.refuses("driver 'm.onnx'", "loading it takes more than 0.5 s")
+    assert not Path("c").exists()
+
+
+def test_loading_that_breaks_onnxruntime_breaks_a_process_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = answering(tmp_path / "m.onnx", 0.0).read_bytes()
+    check_loading(data)
+    check_loading(b"garbage")  # which loading it here says
+    monkeypatch.setattr("frenetic.drivers.neural.model._TRIAL", "import os; os.abort()")
+    with pytest.raises(ValueError, match="loading it breaks onnxruntime's process: it "):
+        check_loading(data)
 
 
 @pytest.mark.parametrize(

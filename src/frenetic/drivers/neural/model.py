@@ -6,6 +6,8 @@ itself. It runs on one thread of the processor, so it answers alike each time on
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from threading import Timer
@@ -15,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.child_processes import ending_of
 from frenetic.errors import FreneticError, describe_error
 
 EXTRA: Final = 'pip install "frenetic-roads[neural]"'
@@ -22,6 +25,8 @@ LARGEST: Final = 500_000_000
 """Largest file, in bytes."""
 LONGEST: Final = 10.0
 """Longest time for an image when a model is loaded, in s: some never end."""
+LONGEST_LOADING: Final = 60.0
+"""Longest time for loading an unknown model, in s: onnxruntime calculates constants then."""
 _TYPES: Final[Mapping[str, type[np.generic]]] = {
     "tensor(float)": np.float32,
     "tensor(float16)": np.float16,
@@ -30,6 +35,14 @@ _TYPES: Final[Mapping[str, type[np.generic]]] = {
 """Type of an input -> its elements."""
 _NO_FOLDER: Final = "no folder: a model's weights are in its own file"
 _FATAL: Final = 4  # onnxruntime's own log shows nothing less; errors are raised as well
+_TRIAL: Final = """
+import sys
+sys.path[:] = sys.argv[1:]
+from frenetic.drivers.neural.model import Model
+Model(sys.stdin.buffer.read())
+"""
+_RAISED: Final = 1
+"""Exit code of a Python that has raised."""
 
 
 class Model:
@@ -118,18 +131,55 @@ def read_model(path: str) -> bytes:
     """
     place = Path(path).expanduser()
     try:
-        size = place.stat().st_size
-        if not place.is_file():
-            raise ValueError(f"{path} is no file")
-        if size > LARGEST:
-            raise ValueError(
-                f"it has {size / 1e6:.0f} MB: a model of at most {LARGEST / 1e6:.0f} MB is read"
-            )
+        check_file(place)
         return place.read_bytes()
     except FileNotFoundError:
         raise ValueError(f"there is no file {path!r}") from None
     except OSError as error:
         raise ValueError(f"it cannot be read: {error.strerror or error}") from None
+
+
+def check_file(place: Path) -> None:
+    """Checks that a file may be that of a model; it is not opened for that.
+
+    Raises:
+        ValueError: it is no regular file, or too large.
+        OSError: it is not there.
+    """
+    size = place.stat().st_size
+    if not place.is_file():
+        raise ValueError(f"{place} is no file")
+    if size > LARGEST:
+        raise ValueError(
+            f"it has {size / 1e6:.0f} MB: a model of at most {LARGEST / 1e6:.0f} MB is read"
+        )
+
+
+def check_loading(data: bytes) -> None:
+    """Checks that loading a model ends, in a process of its own: onnxruntime cannot be interrupted.
+
+    A model that is refused there is refused here, too, with a reason, so nothing is said about it.
+
+    Args:
+        data: content of its file.
+
+    Raises:
+        ValueError: loading it does not end in time, or breaks the process.
+    """
+    try:
+        trial = subprocess.run(  # noqa: S603 - our own code, no shell
+            [sys.executable or "", "-c", _TRIAL, *sys.path],
+            input=data,
+            capture_output=True,
+            timeout=LONGEST_LOADING,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise ValueError(f"loading it takes more than {LONGEST_LOADING:g} s") from None
+    except OSError:  # no process can be started here
+        return
+    if trial.returncode not in (0, _RAISED):
+        raise ValueError(f"loading it breaks onnxruntime's process: {ending_of(trial.returncode)}")
 
 
 def _reason(error: Exception) -> str:

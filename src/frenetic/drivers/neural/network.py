@@ -16,7 +16,7 @@ from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.neural.convention import Convention, shown
-from frenetic.drivers.neural.model import LONGEST, Model, read_model
+from frenetic.drivers.neural.model import LONGEST, Model, check_loading, read_model
 from frenetic.drivers.policy import VECTOR_SIZE, controls_of, vector_of
 from frenetic.errors import DriverError
 
@@ -94,6 +94,8 @@ class Network:
         self._given = {name: value for name, value in given.items() if value is not None}
         self._path = str(model)
         self._data = read_model(self._path)
+        if self._data != DAVE2.read_bytes():
+            check_loading(self._data)
         self._load()
         # Without an answer it is of no use.
         if self.convention.inputs == "vector":
