@@ -310,7 +310,7 @@ class _Taker:
         is_folder &= not isinstance(path, str) or "/" in path or os.sep in path
         try:
             if is_file:
-                self.files[f"{name} ({place.name})"] = _digest_of_file(place)
+                self.files[f"{name} ({place.name})"] = digest_of_file(place)
             elif is_folder and not self._is_built_in:
                 self.files[f"{name} ({place.name}/)"] = _digest_of_folder(place)
         except OSError as error:
@@ -500,7 +500,12 @@ _digests: dict[tuple[str, int, int, int], str] = {}
 """Place, inode, size and time of a file -> its digest: large ones are read once."""
 
 
-def _digest_of_file(path: Path) -> str:
+def digest_of_file(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
     state = path.stat()
     key = (str(path.absolute()), state.st_ino, state.st_size, state.st_mtime_ns)
     if key not in _digests:
@@ -527,5 +532,5 @@ def _digest_of_folder(path: Path) -> str:
                 raise ValueError(f"holds more than {_MOST_FILES} files: it is in no fingerprint")
     for file in sorted(files):
         name = file.relative_to(path).as_posix()
-        digest.update(json.dumps([name, _digest_of_file(file)]).encode())
+        digest.update(json.dumps([name, digest_of_file(file)]).encode())
     return digest.hexdigest()

@@ -217,6 +217,17 @@ def test_saliency_shows_what_the_answer_depends_on(tmp_path: Path) -> None:
     assert not blind.saliency(seeing(picture())).any()
 
 
+def test_where_it_looks_is_found_out_in_limited_time(tmp_path: Path) -> None:
+    network = Network(str(endless(tmp_path / "m.onnx", darkest=0.9)))
+    network.reset(setup())
+    dark, bright = (np.full((4, 6, 3), value, dtype=np.uint8) for value in (0, 255))
+    assert not network.saliency(seeing(dark), 1000.0).any()
+    with pytest.raises(DriverError, match=r"m\.onnx: it takes more than 0\.\d+ s for an image"):
+        network.saliency(seeing(bright), 0.1)
+    with pytest.raises(DriverError, match=r"m\.onnx: where it looked takes more than 0 s"):
+        network.saliency(seeing(dark), 0.0)
+
+
 # As a driver of the command line
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,10 +18,11 @@ from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
-from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, SalientDriver
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
+from frenetic.drivers.neural.model import check_file
 from frenetic.drivers.neural.network import Dave2, Network
 from frenetic.errors import FreneticError
-from frenetic.fingerprint import innermost, over_each_other
+from frenetic.fingerprint import differences, digest_of_file, innermost, over_each_other
 from frenetic.simulators.drive import Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.rendering import Renderer
@@ -33,8 +36,11 @@ LARGEST: Final = 320
 """Width of the widest picture; larger ones are shrunk."""
 PICTURES_SIZE: Final = 3_000_000
 """Approximate bytes of all pictures of a page."""
+LOOKING: Final = 60.0
+"""Time that a page takes to find out where a network looked, in s."""
 
 _QUALITY = 70  # of JPEG
+_LONGEST = 300  # characters of a reason
 _SALIENT: Final[Mapping[str, type[Network]]] = {
     f"{kind.__module__}:{kind.__qualname__}": kind for kind in (Dave2, Network)
 }
@@ -58,50 +64,65 @@ class CameraData:
     """The picture of the moment that matters, red where the driver looked, as a data URL."""
     looked_time: float
     """Its time, in s."""
+    looked_note: str
+    """Why a network's `looked` is missing; empty for other drivers."""
 
     @property
     def size(self) -> int:
         """Approximate bytes of its JSON."""
-        return len(self.pictures) + len(self.looked or "") + 8 * len(self.times)
+        return len(self.pictures) + len(self.looked or self.looked_note) + 8 * len(self.times)
 
 
-def camera_data(record: TestRecord, config: Mapping[str, JSONValue]) -> CameraData | None:
-    """What the driver's camera saw in a test of a campaign.
-
-    None for a driver without a camera, in another simulator than the embedded one, or if the
-    record does not say what camera it was.
+class DriverCamera:
+    """The camera of a campaign's driver, whose pictures are drawn again for one page.
 
     Args:
-        record: of the test, with its trajectory.
         config: of the campaign.
+        folder: of the campaign.
     """
-    eye = _eye(config)
-    if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
-        return None
-    path, road = record.drive.trajectory, record.road
-    renderer = Renderer(road, eye.camera, appearance.scene_of(eye.layered))
-    critical = _critical(record, path)
-    taken = np.linspace(0, len(path) - 1, min(MOST_PICTURES, len(path))).round().astype(int)
-    taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
-    pictures = [eye.seen(renderer, path, int(i)) for i in taken]
-    small = [_shrunk(one) for one in pictures]
-    height, width, _ = small[0].shape
-    rows = math.ceil(len(small) / COLUMNS)
-    sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
-    for k, one in enumerate(small):
-        v, u = divmod(k, COLUMNS)
-        sheet[v * height : (v + 1) * height, u * width : (u + 1) * width] = one
-    looked = _looked(eye, path, critical, pictures[int(np.searchsorted(taken, critical))], config)
-    start = float(path.time[0])
-    return CameraData(
-        pictures=_data_url(sheet),
-        columns=COLUMNS,
-        width=width,
-        height=height,
-        times=tuple(round(float(path.time[i]) - start, 2) for i in taken),
-        looked=None if looked is None else _data_url(_shrunk(looked)),
-        looked_time=round(float(path.time[critical]) - start, 2),
-    )
+
+    def __init__(self, config: Mapping[str, JSONValue], folder: Path) -> None:
+        self._config = config
+        self._gaze = _Gaze(innermost(config.get("driver")), folder)
+
+    def saw(self, record: TestRecord) -> CameraData | None:
+        """What it saw in a test.
+
+        None for a driver without a camera, in another simulator than the embedded one, or if the
+        campaign's record does not say what camera it was.
+
+        Args:
+            record: of the test, with its trajectory.
+        """
+        eye = _eye(self._config)
+        if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
+            return None
+        path, road = record.drive.trajectory, record.road
+        renderer = Renderer(road, eye.camera, appearance.scene_of(eye.layered))
+        critical = _critical(record, path)
+        taken = np.linspace(0, len(path) - 1, min(MOST_PICTURES, len(path))).round().astype(int)
+        taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
+        pictures = [eye.seen(renderer, path, int(i)) for i in taken]
+        small = [_shrunk(one) for one in pictures]
+        height, width, _ = small[0].shape
+        rows = math.ceil(len(small) / COLUMNS)
+        sheet = np.zeros((rows * height, COLUMNS * width, 3), dtype=np.uint8)
+        for k, one in enumerate(small):
+            v, u = divmod(k, COLUMNS)
+            sheet[v * height : (v + 1) * height, u * width : (u + 1) * width] = one
+        shown = pictures[int(np.searchsorted(taken, critical))]
+        looked, note = self._gaze.over(shown, observation_at(path, critical, shown), eye.camera)
+        start = float(path.time[0])
+        return CameraData(
+            pictures=_data_url(sheet),
+            columns=COLUMNS,
+            width=width,
+            height=height,
+            times=tuple(round(float(path.time[i]) - start, 2) for i in taken),
+            looked=None if looked is None else _data_url(_shrunk(looked)),
+            looked_time=round(float(path.time[critical]) - start, 2),
+            looked_note=note,
+        )
 
 
 class _Eye:
@@ -177,31 +198,103 @@ def _critical(record: TestRecord, path: Trajectory) -> int:
     return len(path) - 1
 
 
-def _looked(
-    eye: _Eye, path: Trajectory, i: int, image: Image, config: Mapping[str, JSONValue]
-) -> Image | None:
-    """The picture, red where the driver looked; None if it does not say.
+class _Gaze:
+    """Where a campaign's network looked, as long as there is time for it.
 
-    A record names any class, so only those of `_SALIENT` are asked: a report runs no other code.
-    One that has changed since is not asked either.
+    A record names any class and file, so only those of `_SALIENT` are asked, and no file is loaded
+    but the recorded one: a page runs no other code.
+
+    Args:
+        recorded: the driver in the campaign's record, without layers.
+        folder: of the campaign.
     """
-    recorded = innermost(config.get("driver"))
-    kind = _SALIENT.get(str(recorded.get("class")))
-    if kind is None:
-        return None
+
+    def __init__(self, recorded: Mapping[str, Any], folder: Path) -> None:
+        self._recorded, self._folder = recorded, folder
+        self._left = LOOKING
+        self._network: Network | None = None
+        self._note = ""
+
+    def over(self, image: Image, seen: Observation, camera: Camera) -> tuple[Image | None, str]:
+        """The image, red where the network looked, or why there is none.
+
+        Both are empty for a driver that does not say where it looks.
+        """
+        if str(self._recorded.get("class")) not in _SALIENT:
+            return None, ""
+        started, weights, note = time.monotonic(), None, self._note
+        if not note and self._left > 0.0:
+            try:
+                weights = self._asked(camera).saliency(seen, self._left)
+            except (FreneticError, TypeError, ValueError) as error:
+                note = str(error)[:_LONGEST]
+                self._note = note if self._network is None else ""
+        self._left -= time.monotonic() - started
+        if weights is None:
+            if not self._note and self._left <= 0.0:
+                note = f"the {LOOKING:g} s that a page takes to find it out are over"
+            return None, note
+        share = 0.65 * np.clip(weights, 0.0, 1.0)[..., None]
+        heated: Image = (image * (1.0 - share) + share * _HEAT).astype(np.uint8)
+        return heated, ""
+
+    def _asked(self, camera: Camera) -> Network:
+        """The network of the record.
+
+        Raises:
+            FreneticError, TypeError, ValueError: it has changed since, is not here, or the record
+                is damaged.
+        """
+        if self._network is None:
+            recorded = self._recorded
+            kind, options = _SALIENT[recorded["class"]], dict(recorded.get("options", {}))
+            if "model" in options:
+                options["model"] = str(_recorded_model(recorded, self._folder))
+            network = kind(**options)
+            before, now = recorded.get("fingerprint"), describe(network)["fingerprint"]
+            if before != now:
+                changed = differences("the network", before, now).changed
+                raise FreneticError("; ".join(changed) or "the network has changed since")
+            if getattr(network, "camera", None) != camera:
+                raise FreneticError("the network has another camera")
+            self._network = network
+        return self._network
+
+
+def _recorded_model(recorded: Mapping[str, Any], folder: Path) -> Path:
+    """The file of a record's model, with the content of then.
+
+    Raises:
+        FreneticError: it is not here.
+    """
+    given, fingerprint = str(recorded["options"]["model"]), recorded.get("fingerprint")
+    files = fingerprint.get("files") if isinstance(fingerprint, Mapping) else None
+    for place in _places(given, folder):
+        digest = files.get(f"model ({place.name})") if isinstance(files, Mapping) else None
+        try:
+            check_file(place)
+            if digest is not None and digest_of_file(place) == digest:
+                return place
+        except (OSError, ValueError):  # it is something else, or not there
+            continue
+    raise FreneticError(f"{given} as it was then is not here")
+
+
+def _places(given: str, folder: Path) -> Iterator[Path]:
+    """Where a file of a record may lie: as it was given, or so seen from the campaign's folder.
+
+    A relative path counts from the folder that the campaign was made in, mostly one above its own.
+    """
+    folder = folder.resolve()
     try:
-        driver = kind(**recorded.get("options", {}))
-        is_same = describe(driver)["fingerprint"] == recorded.get("fingerprint")
-        if not (is_same and isinstance(driver, SalientDriver) and driver.camera == eye.camera):
-            return None
-        weights = np.asarray(driver.saliency(observation_at(path, i, image)), dtype=np.float64)
-    except (FreneticError, TypeError, ValueError):  # its model or its extra is not here
-        return None
-    if weights.shape != image.shape[:2] or not np.isfinite(weights).all():
-        return None
-    share = 0.65 * np.clip(weights, 0.0, 1.0)[..., None]
-    heated: Image = (image * (1.0 - share) + share * _HEAT).astype(np.uint8)
-    return heated
+        place = Path(given).expanduser()
+    except RuntimeError:  # nobody's home
+        return
+    # Asking for a file on another computer of Windows tells it who asks.
+    if not place.drive.startswith("\\\\") or place.drive == folder.drive:
+        yield place
+    if not (place.is_absolute() or place.anchor):
+        yield from (above / place for above in (folder, *folder.parents))
 
 
 def _shrunk(image: Image) -> Image:

@@ -29,7 +29,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
 from frenetic.report.html.blocks import Section
-from frenetic.report.html.camera import PICTURES_SIZE, camera_data
+from frenetic.report.html.camera import PICTURES_SIZE, DriverCamera
 from frenetic.report.html.confirmed import confirmations_of, confirmed_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
 from frenetic.report.html.gallery import family_section, gallery_section, misses_section
@@ -115,6 +115,7 @@ class GrowingReport:
         self._failures: dict[int, Failure | None] = {}  # None without a drive
         self._drives: dict[int, DriveData | None] = {}
         self._measured: dict[int, Measured | None] = {}
+        self._camera: DriverCamera | None = None
 
     @property
     def told(self) -> int:
@@ -248,6 +249,7 @@ class GrowingReport:
         measured: dict[int, Measured | None] = {}
         room, room_for_pictures = DRIVES_SIZE, PICTURES_SIZE
         is_mapped, is_shown = set(mapped), set(shown)
+        camera = self._camera = self._camera or DriverCamera(store.config, store.folder)
         for test_id in dict.fromkeys([*shown, *mapped]):
             is_wanted = room > 0 and test_id in is_shown
             lacks_drive = is_wanted and test_id not in self._drives
@@ -265,7 +267,7 @@ class GrowingReport:
                 if record is not None and segment is not None and lacks_drive:
                     drive = drive_data(record, segment)
                     if room_for_pictures > 0:
-                        drive = replace(drive, camera=camera_data(record, store.config))
+                        drive = replace(drive, camera=camera.saw(record))
                 drives[test_id] = drive
                 room -= 0 if drive is None else drive.size
                 if drive is not None and drive.camera is not None:

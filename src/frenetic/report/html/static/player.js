@@ -163,6 +163,8 @@ const player = (() => {
       looked.style.aspectRatio = String(width / height);
       const jump = el("button", { type: "button", on: { click: () => { pause(); seek(camera.looked_time); } } }, `${fixed(camera.looked_time, 1)} s`);
       parts.push(el("figure", {}, looked, el("figcaption", {}, "Where it looked (red) at ", jump)));
+    } else if (camera.looked_note) {
+      parts.push(el("p", { class: "quiet" }, `Where it looked is not shown: ${camera.looked_note}.`));
     }
     return el("div", { class: "camera" }, parts);
   }
