@@ -136,6 +136,23 @@ def test_seeds_for_each_car() -> None:
     assert one.road(1) is before
 
 
+@pytest.mark.parametrize("seed", [np.int64(3), np.arange(3, 5), [np.uint8(3), 4]], ids=str)
+def test_a_seed_is_any_whole_number(seed: Any) -> None:
+    ours, plain, single = (
+        LaneKeepingVectorEnv(num_envs=2),
+        LaneKeepingVectorEnv(num_envs=2),
+        LaneKeepingEnv(),
+    )
+    ours.reset(seed=seed)
+    plain.reset(seed=3)
+    single.reset(seed=np.int32(3))  # type: ignore[arg-type]
+    drawn = [ours.road(0), ours.road(1), single.road]
+    for road, other in zip(drawn, [plain.road(0), plain.road(1), plain.road(0)], strict=True):
+        assert road is not None
+        assert other is not None
+        assert np.array_equal(road.curvatures, other.curvatures)
+
+
 def test_what_it_refuses() -> None:
     for options in ({"num_envs": 0}, {"max_episode_steps": 0}, {"autoreset_mode": "never"}):
         with pytest.raises(ValueError):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
-from frenetic.gym.cars import START, STEP, Cars, Seen, checked_actions
+from frenetic.gym.cars import START, STEP, Cars, Seen, checked_actions, plain_seed
 from frenetic.gym.roads import RoadSource
 from frenetic.oracle import RUNNING
 from frenetic.road import MAP_SIZE, Road
@@ -65,7 +65,7 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
         """Puts the car at rest on the lane of another road."""
-        super().reset(seed=seed)
+        super().reset(seed=plain_seed(seed))
         road = (options or {}).get("road")
         if road is None:
             road = self._source.draw(self.np_random)

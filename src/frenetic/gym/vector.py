@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from frenetic.drivers import Camera
-from frenetic.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions
+from frenetic.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions, plain_seed
 from frenetic.gym.roads import RoadSource
 from frenetic.oracle import RUNNING
 from frenetic.road import MAP_SIZE, Road
@@ -84,13 +84,14 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vectors, npt.NDArray[Any]]):
             seed: of the first car, the next one for each other; or one for each car.
             options: ``reset_mask``, (num_envs,) bool, says which cars; all by default.
         """
+        seed = plain_seed(seed)
         super().reset(seed=seed if isinstance(seed, int) else None)
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)))
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
             raise ValueError(f"reset_mask is {mask!r}: ({self.num_envs},) bool are needed")
         for k, own in enumerate(self._seeds(seed)):
             if own is not None and mask[k]:
-                self._generators[k], _ = seeding.np_random(own)
+                self._generators[k], _ = seeding.np_random(plain_seed(own))
         self._start(mask)
         return self._cars.observations(), {}
 
