@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -283,6 +284,44 @@ def test_small_screens_need_no_scrolling_sideways(
     page = show(path, viewport={"width": width, "height": 844}, has_touch=True)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.locator(".swatch.again").count() > 0, "ten groups have eight colours"
+
+
+def test_all_columns_of_a_bench_of_fifteen_entrants_fit_into_a_window(
+    show: Callable[..., Page], tmp_path: Path
+) -> None:
+    def run(name: str, n: int) -> CampaignMeasures:
+        found = np.clip(np.arange(201) - 11 * n, 0, 9 * n)
+        return replace(
+            campaign(tmp_path / f"{name}-{n}", n, simulations=200),
+            invalid=136 * n,
+            failures_after=found,
+            roads=200 + 25 * n,
+            min_moobd=-1.13 - 0.31 * n,
+            seconds_to_failure=21.27 + 29.13 * n,
+            seconds_per_test=35.5 + 1.7 * n,
+            competition_sparseness=14.2 + 1.07 * n,
+            generator_seconds=39.49 + 61.07 * n,
+        )
+
+    measured = {
+        f"{name}-{year}": tuple(run(f"{name}-{year}", n) for n in (2, 7, 13))
+        for name in ("Frenetic-authors", "AmbieGenVAE", "DeepJanus-seeds", "random", "Swat")
+        for year in (2021, 2022, 2023)
+    }
+    path = write_comparison_page(compare_measured(measured), tmp_path / "page.html")
+    page = show(path)
+    medians = page.locator(".group-table .table").first
+    expect(medians.locator("tbody tr")).to_have_count(15)
+    expect(medians.locator("thead tr").last.locator("th")).to_have_count(17)
+    for width in (1280, 1400, 1600):
+        page.set_viewport_size({"width": width, "height": 900})
+        for table in page.locator(".group-table .table").all():
+            lacking = table.evaluate("el => el.scrollWidth - el.clientWidth")
+            box = table.locator("thead tr").last.locator("th").last.bounding_box()
+            assert lacking <= 0, f"{lacking} pixels are cut off at {width}"
+            assert box is not None
+            assert box["x"] + box["width"] <= width
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_paper_is_white_and_shows_all_columns(page: Page) -> None:
