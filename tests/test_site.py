@@ -19,7 +19,7 @@ from html_browser import background
 from playwright.sync_api import Browser, expect
 
 import frenetic
-from frenetic.campaign.shown import ShownCampaign
+from frenetic._support.pictures import ShownCampaign
 
 pytest_plugins = ["browsing"]
 

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from frenetic._support import moved
 from frenetic._support.kernel_cache import ensure_kernel_cache
-from frenetic._support.lazy import lazy_names
+from frenetic._support.public_names import install_moved, lazy_names
 
 ensure_kernel_cache()  # before anything imports numba
-moved.install()
+install_moved()
 
 if TYPE_CHECKING:
     from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord, evaluate

@@ -21,6 +21,7 @@ import hashlib
 import inspect
 import json
 import os
+import platform
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -40,6 +41,8 @@ SHORT: Final = 8
 """Characters of a digest for people."""
 _OURS: Final = "frenetic"
 _DISTRIBUTION: Final = "frenetic-roads"
+PACKAGES: Final = (_DISTRIBUTION, "numpy", "numba", "scipy")
+"""Distributions that a campaign's results depend on."""
 _MAIN: Final = frozenset({"__main__", "__mp_main__"})
 _CUT: Final = 200  # characters of a long argument in older records
 _SHOWN: Final = 60  # characters of an argument for people
@@ -403,6 +406,25 @@ def _distribution(name: str) -> str:
         pass
     names = sorted(set(packages_distributions().get(top, ())))
     return ", ".join(f"{one} {version(one)}" for one in names) or f"{top} of unknown version"
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of Python and of `PACKAGES`."""
+    from importlib.metadata import PackageNotFoundError, version  # as above
+
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "unknown"
+    return versions
+
+
+def changed_packages(recorded: object) -> list[str]:
+    """How the versions of packages differ from a campaign's, each in words."""
+    theirs, ours = recorded if isinstance(recorded, Mapping) else {}, package_versions()
+    return [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
 
 
 def _spec(name: str) -> ModuleSpec | None:

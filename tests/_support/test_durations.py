@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from frenetic._support.durations import format_duration, parse_duration
+from frenetic._support.words import format_duration, parse_duration
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from importlib import import_module
 
 import pytest
 
-from frenetic._support.moved import MOVED
+from frenetic._support.public_names import MOVED
 
 
 @pytest.mark.parametrize("old", MOVED)

@@ -17,7 +17,7 @@ from faulty import FaultySimulator
 
 from frenetic.campaign import Budget, Campaign, Progress
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.workers.local import workers as processes
+from frenetic.campaign.workers import local as processes
 from frenetic.search import Frenetic2021
 from frenetic.testing import DummyDriver
 

@@ -46,7 +46,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.workers.local.workers import PREFETCH
+from frenetic.campaign.workers.local import PREFETCH
 from frenetic.cli import main
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError

@@ -13,7 +13,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement
-from frenetic.campaign.workers.in_process import InProcessWorker
+from frenetic.campaign.workers.workers import InProcessWorker
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Frenetic

@@ -58,8 +58,8 @@ from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
-from frenetic.campaign.workers.local import workers as processes
-from frenetic.campaign.workers.local.process import (
+from frenetic.campaign.workers import local as processes
+from frenetic.campaign.workers.local import (
     Answer,
     Ready,
     decode_message,
@@ -768,7 +768,7 @@ def test_a_driver_from_a_users_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 UNGUARDED = """
 from frenetic import Budget, Campaign, RandomSearch
-from frenetic.campaign.workers.local import workers as processes
+from frenetic.campaign.workers import local as processes
 from frenetic.errors import CampaignError
 from frenetic.testing import DummyDriver, DummySimulator
 processes.STARTS = 1

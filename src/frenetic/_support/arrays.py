@@ -1,4 +1,4 @@
-"""The array type of all packages."""
+"""The array type of all packages, and indices that spread evenly."""
 
 from __future__ import annotations
 
@@ -16,3 +16,24 @@ if TYPE_CHECKING:
 else:
     # What the competition's pipeline is pinned to, numpy 1.19 on Python 3.9, has no more than this.
     FloatArray = np.ndarray
+
+
+_GOLDEN = (5.0**0.5 - 1.0) / 2.0
+
+
+def evenly(number: int, most: int) -> npt.NDArray[np.int64]:
+    """Indices of at most `most` evenly spaced items: the first, the last, and some between."""
+    places = np.linspace(0, number - 1, min(number, most)).round()
+    return np.unique(places.astype(np.int64))
+
+
+def spread(number: int, most: int) -> npt.NDArray[np.int64]:
+    """Indices of at most `most` items, nearly evenly spaced; few change as the number grows.
+
+    Chosen are those of the lowest rank. The ranks, multiples of the golden ratio modulo 1, spread
+    evenly over any stretch of items.
+    """
+    if number <= most:
+        return np.arange(number)
+    ranks = np.arange(number) * _GOLDEN % 1.0
+    return np.sort(np.argpartition(ranks, most)[:most])

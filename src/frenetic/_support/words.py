@@ -1,6 +1,10 @@
-"""Words for people."""
+"""Words for people: counts, rates, times, and texts in the cells of tables."""
 
 from __future__ import annotations
+
+import math
+import re
+from typing import Final
 
 
 def counted(number: int, what: str) -> str:
@@ -23,3 +27,52 @@ def rate_words(rate: float | None) -> str:
     unit = next((unit for unit, seconds in units.items() if rate * seconds >= 1.0), "h")
     number = rate * units[unit]
     return f"{number:.{0 if number >= 100.0 else 1}f} tests/{unit}"
+
+
+_UNITS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
+_PATTERN: Final = re.compile(
+    r"(?:(?P<h>\d+(?:\.\d+)?)h)?(?:(?P<m>\d+(?:\.\d+)?)m)?(?:(?P<s>\d+(?:\.\d+)?)s?)?"
+)
+
+
+def parse_duration(text: object) -> float:
+    """Seconds in a time such as ``90``, ``90s``, ``10m`` or ``1h30m``.
+
+    Raises:
+        ValueError: it is no time, or not more than 0.
+    """
+    match = _PATTERN.fullmatch(str(text).strip().replace(" ", "").lower())
+    if match is None or not any(match.groups()):
+        raise ValueError(f"{text!r} is not a time: write 90s, 10m or 1h30m")
+    seconds = sum(float(match[unit] or 0.0) * factor for unit, factor in _UNITS.items())
+    if not (math.isfinite(seconds) and seconds > 0.0):
+        raise ValueError(f"{text!r} is no time: more than 0 s is needed")
+    return seconds
+
+
+def format_duration(seconds: float) -> str:
+    """A time for people: ``0:07``, ``12:34`` or ``1:02:03``."""
+    whole = max(round(seconds), 0)
+    minutes, second = divmod(whole, 60)
+    hours, minute = divmod(minutes, 60)
+    return f"{hours}:{minute:02d}:{second:02d}" if hours else f"{minute}:{second:02d}"
+
+
+_UNPRINTED: Final = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\ud800-\udfff]")
+"""Control characters but the line's end, and what no UTF-8 file can hold."""
+_FORMULA: Final = ("=", "+", "-", "@", "\n")
+
+
+def printable(text: str) -> str:
+    r"""A text whose control characters are escaped, such as ``\x1b``, but for line ends."""
+    return _UNPRINTED.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def text_cell(text: str) -> str:
+    """A printable text that a spreadsheet takes for text.
+
+    One that it would take for a formula gets a leading apostrophe. Numbers need none of this: they
+    may begin with a minus.
+    """
+    text = printable(text)
+    return f"'{text}" if text.startswith(_FORMULA) else text

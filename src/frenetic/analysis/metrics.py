@@ -17,8 +17,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from frenetic._support.arrays import FloatArray
-from frenetic._support.thinning import evenly
+from frenetic._support.arrays import FloatArray, evenly
 from frenetic.analysis.competition import (
     CompetitionFeatures,
     competition_features,

@@ -10,8 +10,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from frenetic._support.cells import printable, text_cell
 from frenetic._support.files import write_file
+from frenetic._support.words import printable, text_cell
 from frenetic.analysis.comparison import Comparison
 from frenetic.errors import FreneticError
 

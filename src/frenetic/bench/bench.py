@@ -16,9 +16,8 @@ from typing import Any, Final, Self
 import msgspec
 import numpy as np
 
-from frenetic._support.durations import format_duration
 from frenetic._support.files import write_file
-from frenetic._support.words import counted
+from frenetic._support.words import counted, format_duration
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
@@ -30,10 +29,9 @@ from frenetic.campaign import campaign
 from frenetic.campaign.lock import FileLock
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.progress import Progress
-from frenetic.campaign.versions import package_versions
 from frenetic.errors import FreneticError
 from frenetic.export.tables import Which
-from frenetic.fingerprint import differences
+from frenetic.fingerprint import differences, package_versions
 from frenetic.registry import STRATEGIES
 from frenetic.road import Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself

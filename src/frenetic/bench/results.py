@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from frenetic._support.durations import format_duration
+from frenetic._support.words import format_duration
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.tables import write_table
 from frenetic.bench.bench import Bench, unusual_endings

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
-from frenetic._support.pictures import data_frame
+from frenetic._support.pictures import ShownCampaign, data_frame
 from frenetic._support.words import counted
 from frenetic.campaign.changes import (
     CHANGES,
@@ -28,21 +28,18 @@ from frenetic.campaign.changes import (
 )
 from frenetic.campaign.earlier import stored_earlier, take_earlier
 from frenetic.campaign.log import CampaignLog, Event
-from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order, start
+from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order, replay, start
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import TestRecord
-from frenetic.campaign.replay import replay
 from frenetic.campaign.screening import ScreeningSummary, screened
-from frenetic.campaign.shown import ShownCampaign
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.twin import Twin
-from frenetic.campaign.versions import package_versions
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, reason_of, traceback_of
-from frenetic.fingerprint import fingerprint_of
+from frenetic.fingerprint import fingerprint_of, package_versions
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate

@@ -1,4 +1,4 @@
-"""The loop of a campaign: ask, submit, store, tell."""
+"""The loop of a campaign: ask, submit, store, tell; and its replay to a fresh strategy."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
@@ -23,9 +24,11 @@ from frenetic.campaign.record import Attempt, EarlierTest, TestRecord
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_raised
+from frenetic.fingerprint import changed_packages
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import (
+    RevisableStrategy,
     SearchEnded,
     SelectiveStrategy,
     Strategy,
@@ -468,3 +471,105 @@ def _own_time(tally: Tally, passing: type[Exception]) -> Iterator[None]:
 
 def _raised(error: Exception) -> StrategyError:
     return StrategyError(f"the strategy raised {describe_raised(error)}")
+
+
+# Replay
+
+
+def replay(
+    store: CampaignStore,
+    strategy: Strategy,
+    budget: Budget,
+    objective: Objective,
+    *,
+    is_revised: bool = False,
+    earlier: Sequence[EarlierTest] = (),
+) -> tuple[Tally, dict[int, Candidate]]:
+    """Replays the log to a fresh strategy, asking and telling in the same order.
+
+    Args:
+        store: with the log.
+        strategy: fresh.
+        budget: of the campaign.
+        objective: of the campaign.
+        is_revised: whether an earlier version of the strategy made part of the log. Then its roads
+            take the place of those that the strategy proposes, if it is a `RevisableStrategy`.
+        earlier: tests of earlier campaigns that it started from.
+
+    Returns:
+        The progress, and the candidates that were asked but not told, by id in the order of asking.
+
+    Raises:
+        CampaignError: the strategy proposes another road than the log holds, or the log is damaged.
+    """
+    if isinstance(strategy, ObservingStrategy):
+        raise CampaignError(
+            f"{store.folder} cannot be resumed: its strategy observes drives, which are not kept"
+            " exactly; start a new campaign"
+        )
+    tally = Tally()
+    start(strategy, earlier, tally)
+    asked = store.candidates_with_place()
+    following = next(asked, None)
+    outstanding: dict[int, Candidate] = {}
+
+    def ask_until(told: int) -> None:
+        nonlocal following
+        while following is not None and following[1] <= told:
+            logged = following[0]
+            proposed = _proposed(strategy, tally)
+            if not _is_same(logged, proposed):
+                if (
+                    not is_revised
+                    or proposed is None
+                    or proposed.step != logged.step
+                    or not isinstance(strategy, RevisableStrategy)
+                ):
+                    raise _differs(store, logged)
+                strategy.replace(logged)
+            outstanding[logged.id] = logged
+            following = next(asked, None)
+
+    for record in store.tests():
+        ask_until(tally.told)
+        candidate = outstanding.pop(record.candidate.id, None)
+        if candidate is None:
+            raise CampaignError(
+                f"{store.folder} is damaged: candidate {record.candidate.id} was told before it"
+                " was asked"
+            )
+        read_trajectory = partial(store.trajectory, record.id)
+        evaluation = evaluation_of(record, read_trajectory, objective)
+        tell(strategy, evaluation, tally)
+        tally.count(candidate, record.outcome, record.moobd)
+        tally.measure(objective, evaluation)
+        tally.seconds = record.elapsed or tally.seconds + record.seconds
+    ask_until(tally.told)
+    tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
+    return tally, outstanding
+
+
+def _proposed(strategy: Strategy, tally: Tally) -> Candidate | None:
+    try:
+        return ask(strategy, tally)
+    except SearchEnded:
+        return None
+
+
+def _is_same(logged: Candidate, proposed: Candidate | None) -> bool:
+    return (
+        proposed is not None
+        and proposed.id == logged.id
+        and proposed.step == logged.step
+        and proposed.origin == logged.origin
+        and np.array_equal(proposed.curvatures, logged.curvatures)
+    )
+
+
+def _differs(store: CampaignStore, logged: Candidate) -> CampaignError:
+    differing = changed_packages(store.config.get("versions"))
+    return CampaignError(
+        f"{store.folder} cannot be resumed: the strategy now proposes another road as candidate"
+        f" {logged.id} than it did; "
+        + (f"versions differ: {', '.join(differing)}" if differing else "was it changed?")
+    )

@@ -39,6 +39,7 @@ from weakref import WeakSet
 
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
+from frenetic._support.pictures import ShownCampaign
 from frenetic.campaign.changes import CHANGES, PartChange, present_parts, read_changes
 from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.lock import FileLock
@@ -64,7 +65,6 @@ from frenetic.campaign.record import (
     setting_faults,
     with_checksum,
 )
-from frenetic.campaign.shown import ShownCampaign
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome

@@ -15,8 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from frenetic._support.durations import format_duration
-from frenetic._support.words import counted, rate_words
+from frenetic._support.words import counted, format_duration, rate_words
 from frenetic.cli.messages import silence
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from frenetic._support.durations import parse_duration
+from frenetic._support.words import parse_duration
 from frenetic.spec import MAX_WORKERS, read_setting
 
 DATABASE: Final = "campaign.sqlite"

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 
 import click
 
-from frenetic._support.durations import format_duration
-from frenetic._support.words import counted, rate_words
+from frenetic._support.words import counted, format_duration, rate_words
 from frenetic.cli.beamng import place_words
 from frenetic.cli.console import (
     Log,

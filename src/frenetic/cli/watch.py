@@ -19,7 +19,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from frenetic._support.durations import format_duration
+from frenetic._support.words import format_duration
 from frenetic.cli.console import Results, print_facts
 from frenetic.cli.options import CampaignFolder, Duration, json_option
 from frenetic.errors import CampaignError

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.cells import text_cell
+from frenetic._support.words import text_cell
 from frenetic.analysis.competition import competition_segment
 from frenetic.analysis.sparseness import competition_sparseness
 from frenetic.campaign.record import TestRecord

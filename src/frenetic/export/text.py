@@ -13,7 +13,7 @@ from typing import Any, Final, TextIO
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.cells import text_cell
+from frenetic._support.words import text_cell
 from frenetic.campaign.trajectory_codec import RESOLUTIONS
 from frenetic.errors import RoadError
 from frenetic.export.columns import TRAJECTORIES, Column, Kind

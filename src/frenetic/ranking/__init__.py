@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from frenetic._support.lazy import lazy_names
+from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.ranking.ranking import Prospect, RankedRoad, Twin, rank

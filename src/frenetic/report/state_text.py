@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from typing import TYPE_CHECKING, Final
 
-from frenetic._support.durations import format_duration
-from frenetic._support.words import rate_words
+from frenetic._support.words import format_duration, rate_words
 
 if TYPE_CHECKING:
     from frenetic.campaign.log import WorkerState

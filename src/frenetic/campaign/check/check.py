@@ -8,7 +8,6 @@ from contextlib import closing
 from pathlib import Path
 from types import MappingProxyType
 
-from frenetic.campaign.check.budget import check_budget
 from frenetic.campaign.check.database import (
     Facts,
     Tables,
@@ -18,6 +17,7 @@ from frenetic.campaign.check.database import (
 )
 from frenetic.campaign.check.report import CheckReport, FindingCollector, Holdings, State
 from frenetic.campaign.check.rows import (
+    check_budget,
     check_candidates,
     check_earlier,
     check_objectives,

@@ -1,4 +1,4 @@
-"""The check of candidates and results: each row on its own, and the order of asking and telling.
+"""The check of candidates and results: each row on its own, their order, budget and verdicts.
 
 Rows are read by the declared columns of `frenetic.campaign.record`, a batch at a time. The rules
 about several values of a row are here.
@@ -9,14 +9,15 @@ from __future__ import annotations
 import math
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 
+from frenetic._support.arrays import FloatArray
 from frenetic.campaign.check.database import Facts, Tables
 from frenetic.campaign.check.report import FindingCollector, Severity, Subject
-from frenetic.campaign.check.verdicts import judged_otherwise, refused_otherwise
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     CHECKSUM,
@@ -25,17 +26,20 @@ from frenetic.campaign.record import (
     TEST_COLUMNS,
     RowError,
     Setting,
+    TestRecord,
     checksum_fault,
     read_candidate,
     read_values,
     record_of,
 )
 from frenetic.campaign.trajectory_codec import decode
-from frenetic.campaign.versions import package_versions
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, RoadError
+from frenetic.fingerprint import changed_packages
+from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
-from frenetic.simulators.drive import Trajectory
-from frenetic.spec import is_number, shown
+from frenetic.road import Road, check_validity
+from frenetic.simulators.drive import Drive, Rules, Trajectory
+from frenetic.spec import Budget, is_number, shown
 
 _BATCH: Final = 500  # rows read at once, so that no reader keeps a writer's log from being emptied
 _OLD: Final[Mapping[str, str]] = {"attempts": "1"}
@@ -372,10 +376,182 @@ def _judge_again(
         difference = refused_otherwise(record, setting)
     if not difference:
         return
-    theirs, ours = facts.versions, package_versions()
-    changed = [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
+    changed = changed_packages(facts.versions)
     text = f"test {record.id}: {difference}"
     if changed:
         text += f" (versions differ: {', '.join(changed)})"
     severity = Severity.WARNING if changed else Severity.ERROR
     findings.add(Subject.VERDICT, text, severity)
+
+
+# Shares of the budget
+#
+# Each share follows from the results told by then, the campaign's time and the budget. A resumed
+# campaign may have had several budgets, of which only the first and the last are known. So every
+# share must be that of the first budget up to some result, and that of the last budget from some
+# result on. Between these, where a campaign was extended and killed more than once, nothing is
+# known.
+
+_SAME: Final = 1e-9
+
+
+def check_budget(series: Series, facts: Facts, ended: bool, findings: FindingCollector) -> None:
+    """Checks the spent share of the budget in each result.
+
+    Args:
+        series: the results.
+        facts: the campaign's budgets.
+        ended: whether the campaign ended by itself with its last budget.
+        findings: collects the findings.
+    """
+    first = facts.first_budget
+    last = facts.last_budget or first
+    if first is None or last is None or not series.ids:
+        return
+    spent = np.array(series.spent)
+    by_first, by_last = _shares(first, series), _shares(last, series)
+    is_first, is_last = _agrees(spent, by_first), _agrees(spent, by_last)
+    count = len(spent)
+    # A share of 1 fits every spent budget, so it does not tell which one it was.
+    until = _last_true(is_first & (by_first < 1.0)) + 1
+    after = np.flatnonzero(is_last & (by_last < 1.0) & (np.arange(count) >= until))
+    if ended:
+        start = int(after[0]) if len(after) else until
+        end = count
+    else:
+        start, end = (int(after[0]), int(after[-1]) + 1) if len(after) else (count, count)
+    for k in range(count):
+        agrees = is_first[k] or (k >= until and is_last[k])
+        known = k < until or start <= k < end
+        if known and not agrees and not math.isnan(spent[k]):
+            share = by_first[k] if k < until else by_last[k]
+            findings.add(
+                Subject.BUDGET,
+                f"test {series.ids[k]}: budget_spent is {spent[k]:.6g},"
+                f" but {share:.6g} of the budget was spent by then",
+            )
+
+
+def _shares(budget: Budget, series: Series) -> FloatArray:
+    """Spent share of a budget at each result, (n,); NaN where the time is unknown."""
+    free = (Outcome.INVALID, Outcome.DROPPED)
+    simulations = np.cumsum([outcome not in free for outcome in series.outcomes])
+    failures = np.cumsum([outcome is Outcome.FAIL for outcome in series.outcomes])
+    shares = np.zeros(len(series.ids))
+    for done, limit in (
+        (simulations, budget.simulations),
+        (np.array(series.elapsed), budget.time),
+        (failures, budget.failures),
+    ):
+        if limit is not None:
+            shares = np.maximum(shares, done / limit)
+    return np.minimum(shares, 1.0)
+
+
+def _agrees(spent: FloatArray, shares: FloatArray) -> npt.NDArray[np.bool_]:
+    """Whether shares are equal, or one of them is unknown."""
+    return ~(np.abs(spent - shares) > _SAME)
+
+
+def _last_true(flags: npt.NDArray[np.bool_]) -> int:
+    """Index of the last True, -1 without one."""
+    places = np.flatnonzero(flags)
+    return int(places[-1]) if len(places) else -1
+
+
+# Verdicts
+#
+# A stored trajectory is rounded, see `frenetic.campaign.trajectory_codec`, so its numbers differ a
+# little from those of the drive. Rarely, this moves a record across the limit of a rule, and the
+# drive ends a record earlier or later, or not at all. So a differing verdict is given again with
+# every limit a little tighter and a little looser; the stored one must be among these.
+
+MOOBD_TOLERANCE: Final = 1e-4
+"""Largest difference of MOOBD, in m.
+
+x and y are stored to within 0.05 mm each, which moves a car by at most 0.071 mm.
+"""
+SHARE_TOLERANCE: Final = 2e-4
+"""Largest difference of oob shares: a point of the car's box moves by less than 0.1 mm."""
+TIME_TOLERANCE: Final = 1e-4
+"""Largest difference of times, in s; they are stored to within 0.05 ms."""
+DISTANCE_TOLERANCE: Final = 1e-3
+"""Largest difference along the road, in m: inside a bend a place moves further than the car."""
+
+
+def judged_otherwise(record: TestRecord, trajectory: Trajectory, setting: Setting) -> str:
+    """Difference of the verdict on a PASS or FAIL drive from the stored one.
+
+    Empty if there is none beyond rounding.
+    """
+    try:
+        road = record.road
+    except RoadError as error:
+        return f"it was driven, but its road is none: {error}"
+    first = ""
+    for rules in _rules(setting.rules):
+        verdict = judge(road, Drive(trajectory, setting.car, rules))
+        difference = _difference(record, verdict)
+        if not difference:
+            return ""
+        first = first or difference
+    return first
+
+
+def _rules(rules: Rules) -> Iterator[Rules]:
+    """The rules, then with every limit a little tighter, then a little looser."""
+    yield rules
+    for sign in (-1.0, 1.0):
+        yield replace(
+            rules,
+            oob_tolerance=min(rules.oob_tolerance + sign * SHARE_TOLERANCE, 1.0),
+            goal_distance=rules.goal_distance - sign * MOOBD_TOLERANCE,
+            # Both ends of the car's movement are rounded.
+            stuck_distance=rules.stuck_distance - 2.0 * sign * MOOBD_TOLERANCE,
+            stuck_time=rules.stuck_time + sign * TIME_TOLERANCE,
+            timeout_base=rules.timeout_base + sign * TIME_TOLERANCE,
+        )
+
+
+def _difference(record: TestRecord, verdict: Result) -> str:
+    if verdict.outcome is not record.outcome:
+        again = f"judged again it is {verdict.outcome}: {verdict.reason}"
+        return f"it is stored as {record.outcome}, {again}"
+    place = verdict.departure
+    now: tuple[tuple[str, Any, float, str], ...] = (
+        ("moobd", verdict.moobd, MOOBD_TOLERANCE, " m"),
+        ("max_oob_share", verdict.max_oob_share, SHARE_TOLERANCE, ""),
+        ("duration", verdict.duration, TIME_TOLERANCE, " s"),
+        ("departure_time", place and place.time, TIME_TOLERANCE, " s"),
+        ("departure_distance", place and place.distance, DISTANCE_TOLERANCE, " m"),
+        ("departure_x", place and place.x, MOOBD_TOLERANCE, " m"),
+        ("departure_y", place and place.y, MOOBD_TOLERANCE, " m"),
+    )
+    for column, value, tolerance, unit in now:
+        stored = getattr(record, column)
+        if stored is None and value is None:
+            continue
+        if stored is None or value is None or not abs(stored - value) <= tolerance:
+            old, new = (_number(number, unit) for number in (stored, value))
+            return f"{column} is stored as {old}, judged again it is {new}"
+    if place is not None and place.side != record.departure_side:
+        return f"it left to the {record.departure_side}, judged again to the {place.side}"
+    return ""
+
+
+def _number(value: float | None, unit: str) -> str:
+    return "nothing" if value is None else f"{value:.6g}{unit}"
+
+
+def refused_otherwise(record: TestRecord, setting: Setting) -> str:
+    """Finding if a refused road is valid; otherwise empty."""
+    try:
+        if record.candidate.points is not None:
+            verdict = check_validity(record.candidate.points, setting.map_size)
+        else:
+            candidate = record.candidate
+            road = Road(candidate.curvatures, candidate.step, lane_width=setting.lane_width)
+            _, verdict = road.placed(setting.map_size, setting.margin)
+    except RoadError:
+        return ""
+    return "it is stored as INVALID, but its road is valid" if verdict.valid else ""

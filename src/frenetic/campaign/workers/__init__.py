@@ -1,9 +1,8 @@
 """Workers, which test roads: this process, several local ones, or a Dask cluster."""
 
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.workers.in_process import InProcessWorker
-from frenetic.campaign.workers.local.workers import LocalWorkers
-from frenetic.campaign.workers.workers import Workers, available_cores
+from frenetic.campaign.workers.local import LocalWorkers
+from frenetic.campaign.workers.workers import InProcessWorker, Workers, available_cores
 
 ThisProcess = InProcessWorker  # its former name
 

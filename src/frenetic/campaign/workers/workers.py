@@ -1,15 +1,18 @@
-"""The protocol between a campaign and its workers."""
+"""The protocol between a campaign and its workers, and one worker: the campaign's own process."""
 
 from __future__ import annotations
 
+import logging
 import os
+import time
 from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Final, Protocol, Self
 
-from frenetic.campaign.log import WorkerState
+from frenetic.campaign.log import WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.tester import Placement
+from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.errors import CampaignError, reason_of, traceback_of
 from frenetic.search.records import Candidate
 
 
@@ -61,3 +64,120 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+NAME: Final = "this process"
+
+logger = logging.getLogger(__name__)
+
+
+class InProcessWorker:
+    """Tests one candidate after the other, within `wait`.
+
+    A broken simulator is started again for the next candidate.
+
+    Nothing is copied, so driver and simulator may be any objects. A simulator or driver that kills
+    the process kills the campaign, which can then be resumed; in a process of its own, see
+    `frenetic.simulators.isolated`, it kills that.
+
+    Args:
+        tester: tests the candidates.
+        is_entered: whether the caller has entered the simulator and will leave it.
+        packs: whether its attempts hold a packed trajectory beside the exact one.
+    """
+
+    def __init__(self, tester: RoadTester, *, is_entered: bool = False, packs: bool = True) -> None:
+        self._tester = tester
+        self._packs = packs
+        self._is_entered = is_entered
+        self._started = is_entered
+        self._task: tuple[Candidate, Placement | None] | None = None
+        self._tests = 0
+        self._since = time.monotonic()
+
+    @property
+    def free(self) -> int:
+        """1 unless a submitted candidate waits for `wait`."""
+        return 0 if self._task else 1
+
+    @property
+    def needed(self) -> int:
+        """The same number: none waits in a worker."""
+        return self.free
+
+    def states(self) -> Mapping[str, WorkerState]:
+        """Its activity between two tests."""
+        state: WorkerStatus = "driving" if self._task else "idle"
+        return {NAME: WorkerState(NAME, state, self._tests, time.monotonic() - self._since)}
+
+    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+        """Takes the candidate that `wait` will test."""
+        assert self._task is None
+        self._task = candidate, placement
+        self._since = time.monotonic()
+
+    def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - it takes what it takes
+        """Tests the submitted candidate.
+
+        Raises:
+            CampaignError: the simulator does not start again.
+        """
+        if self._task is None:
+            return ()
+        self._start()
+        candidate, placement = self._task
+        start = time.perf_counter()
+        try:
+            attempt = self._tester.attempt(candidate, placement, NAME, keep=True, pack=self._packs)
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            logger.debug("a test broke", exc_info=True)
+            seconds = time.perf_counter() - start
+            reason, trace = reason_of(error), traceback_of(error)
+            attempt = Attempt.lost(candidate.id, NAME, seconds, reason, trace)
+        if attempt.failure is not None:
+            self._end(None, None, None)
+        self._task = None
+        self._tests += 1
+        return (attempt,)
+
+    def __enter__(self) -> Self:
+        """Starts the simulator.
+
+        Raises:
+            CampaignError: it does not start.
+        """
+        self._start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends the simulator, unless the caller does."""
+        if not self._is_entered:
+            self._end(kind, error, trace)
+
+    def _start(self) -> None:
+        if not self._started:
+            try:
+                self._tester.simulator.__enter__()
+            except Exception as error:
+                raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
+            self._started = True
+
+    def _end(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._started:
+            self._started = False
+            try:
+                self._tester.simulator.__exit__(kind, error, trace)
+            except Exception as trouble:  # what it has driven stands
+                logger.warning("the simulator did not end well: %s", reason_of(trouble))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from frenetic._support.thinning import evenly, spread
+from frenetic._support.arrays import evenly, spread
 from frenetic._support.words import capitalised
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import Segment

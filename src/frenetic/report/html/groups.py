@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from frenetic._support.thinning import evenly
+from frenetic._support.arrays import evenly
 from frenetic._support.words import capitalised
 from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComparison
 from frenetic.analysis.conclusions import p_text

@@ -8,8 +8,7 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from frenetic._support.durations import format_duration
-from frenetic._support.words import counted
+from frenetic._support.words import counted, format_duration
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import in_words

@@ -9,8 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 import numpy.typing as npt
 
-from frenetic._support.arrays import FloatArray
-from frenetic._support.thinning import evenly
+from frenetic._support.arrays import FloatArray, evenly
 from frenetic.analysis.expectation import RandomRoads
 from frenetic.analysis.failures import Clusters
 from frenetic.analysis.statistics import proportion_interval

@@ -24,7 +24,7 @@ from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
-from frenetic.campaign.workers.local.workers import CLOSING_LIMIT, START_LIMIT, STARTS
+from frenetic.campaign.workers.local import CLOSING_LIMIT, START_LIMIT, STARTS
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 

@@ -1,17 +1,40 @@
-"""Moved modules, whose old documented paths keep working.
+"""Public names of packages: some are imported on use, and some modules have moved.
 
-Importing an old path gives the module of today, and a `DeprecationWarning` that names its place.
-Runs on Python 3.9, as all that the competition's pipeline imports of the package does.
+Importing an old documented path gives the module of today, and a `DeprecationWarning` that names
+its place. Runs on Python 3.9, as all that the competition's pipeline imports of the package does.
 """
 
 from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any, Final
+
+
+def lazy_names(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
+    """The ``__getattr__`` of a package whose import imports nothing else.
+
+    Args:
+        package: its ``__name__``.
+        homes: module -> names that the package takes from it.
+    """
+    home = {name: module for module, names in homes.items() for name in names}
+    # Looked up now: a generator in a bench may bring a package of the same name later.
+    importing = sys.modules[package]
+
+    def get(name: str) -> Any:
+        if name not in home:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        value = getattr(import_module(home[name]), name)
+        setattr(importing, name, value)
+        return value
+
+    return get
+
 
 MOVED: Final = {
     "frenetic.analysis.comparing": "frenetic.analysis.comparison",
@@ -29,7 +52,7 @@ MOVED: Final = {
 """Old path -> new path; a module of a package that moved needs no entry of its own."""
 
 
-def install() -> None:
+def install_moved() -> None:
     """Makes old paths importable."""
     if not any(isinstance(finder, _MovedFinder) for finder in sys.meta_path):
         # First, since the path of a moved package would lead other finders to a second copy.

@@ -1,1 +1,0 @@
-"""Workers in their own processes on this machine."""
