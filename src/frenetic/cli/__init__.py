@@ -11,12 +11,11 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Final, NoReturn
+from typing import Final, NoReturn, TextIO
 
 import click
 
 from frenetic._support.interrupt import ending_in_order
-from frenetic.cli.messages import fail, silence
 from frenetic.errors import FreneticError
 
 __all__ = ["cli", "main"]
@@ -133,6 +132,24 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         silence(sys.stdout)
         code = 1
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def fail(message: str) -> NoReturn:
+    """Ends the program with one line about a user's mistake."""
+    complain(message)
+    sys.exit(2)
+
+
+def complain(message: str) -> None:
+    """Prints one line about a user's mistake to stderr."""
+    click.echo(f"frenetic: {' '.join(message.split())}", err=True)
+
+
+def silence(stream: TextIO) -> None:
+    """Discards a stream that nobody reads, so that nothing fails at exit either."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, stream.fileno())
+    os.close(nowhere)
 
 
 @click.group(cls=CommandTable, context_settings=CONTEXT, invoke_without_command=True)

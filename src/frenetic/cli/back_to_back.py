@@ -12,18 +12,17 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import capitalised, counted
-from frenetic.cli.beamng import moved, place_options
 from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import (
-    WORKERS,
     CampaignFolder,
     GroupedCommand,
-    Setting,
     as_usage_error,
+    count_option,
     drive_limit_option,
     json_option,
+    workers_option,
 )
-from frenetic.cli.parts import names_of
+from frenetic.cli.parts import moved, part_choice, place_options
 from frenetic.cli.redrive import recorded_spec, shown_driving
 from frenetic.errors import CampaignError
 
@@ -40,69 +39,28 @@ _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
 @click.command(name="back-to-back", cls=GroupedCommand)
 @click.argument("old", type=CampaignFolder())
 @click.argument("new", type=CampaignFolder(), required=False)
-@click.option(
-    "--driver",
-    metavar="D",
-    shell_complete=names_of("driver"),
-    help="The new version, in place of NEW's driver.",
+@part_choice("driver", "The new version, in place of NEW's driver.", whose="the new version")
+@part_choice(
+    "driver",
+    "The old version, in place of OLD's driver.",
+    name="old-driver",
+    whose="the old version",
 )
-@click.option(
-    "--driver-option",
-    "driver_options",
-    type=Setting(),
-    multiple=True,
-    help="An option of the new version, such as aggression=1.2; may be repeated.",
-)
-@click.option(
-    "--old-driver",
-    metavar="D",
-    shell_complete=names_of("driver"),
-    help="The old version, in place of OLD's driver.",
-)
-@click.option(
-    "--old-driver-option",
-    "old_driver_options",
-    type=Setting(),
-    multiple=True,
-    help="An option of the old version; may be repeated.",
-)
-@click.option(
-    "--fresh",
-    type=click.IntRange(1),
-    default=200,
-    show_default=True,
-    metavar="N",
-    help="Number of fresh random roads.",
-)
+@count_option("--fresh", "Number of fresh random roads.", default=200)
 @click.option(
     "--seed",
     type=click.IntRange(0),
     metavar="S",
     help="Seed of the fresh roads. [default: the first from 0 that no campaign has]",
 )
-@click.option(
+@count_option(
     "--repeats",
-    type=click.IntRange(1),
+    "Drive each road N times with each version: for what does not repeat, and for --noise, whose"
+    " errors then differ.",
     default=1,
-    show_default=True,
-    metavar="N",
-    help="Drive each road N times with each version: for what does not repeat, and for --noise,"
-    " whose errors then differ.",
 )
-@click.option(
-    "--top",
-    type=click.IntRange(0),
-    metavar="N",
-    help="Only the N most telling failures of each campaign. [default: all]",
-)
-@click.option(
-    "--workers",
-    type=WORKERS,
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Drive on N roads at once, in processes of their own.",
-)
+@count_option("--top", "Only the N most telling failures of each campaign. [default: all]", least=0)
+@workers_option
 @drive_limit_option
 @place_options
 @json_option

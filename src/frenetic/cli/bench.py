@@ -18,12 +18,13 @@ from frenetic.cli.compare import comparison_document, print_comparison
 from frenetic.cli.console import Log, announced_compilation, live_line, print_table, shell
 from frenetic.cli.options import (
     WORKERS,
+    Decorator,
     Duration,
-    Folder,
     GroupedCommand,
     GroupedOption,
     Setting,
     as_usage_error,
+    folder_option,
     json_option,
     objective_option,
 )
@@ -118,75 +119,55 @@ class _AskedEntrant:
         return " ".join([self.spec.rpartition(":")[2], *settings])
 
 
+def _entrant_option(name: str, *names: str, **how: Any) -> Decorator:
+    return click.option(name, *names, multiple=True, cls=GroupedOption, group=_ENTRANTS, **how)
+
+
 @click.command(cls=EntrantsCommand)
-@click.option(
+@_entrant_option(
     "--generator",
-    multiple=True,
     metavar="MODULE:CLASS",
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="A generator written for the SBST/SBFT pipeline, package.module:Class or file.py:Class;"
     " may be repeated. Without a colon, the name of one of our strategies.",
 )
-@click.option(
+@_entrant_option(
     "--strategy",
-    multiple=True,
     metavar="S",
     shell_complete=names_of("strategy"),
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="A search strategy, by name or package.module:Class; may be repeated."
     " [default: all built-in ones, without a --generator]",
 )
-@click.option(
+@_entrant_option(
     "--recipe",
-    multiple=True,
     metavar="R",
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="A published generator, as --recipes lists them, with the folder of its repository's files"
     " as --path; may be repeated.",
 )
-@click.option(
+@_entrant_option(
     "--path",
-    multiple=True,
     metavar="DIR",
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="Folder in which the modules of the generator before it are.",
 )
-@click.option(
+@_entrant_option(
     "--copy",
-    multiple=True,
     metavar="DIR",
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="Folder that the generator before it works in, as a copy of every run's own; for one that"
     " opens files of its repository or writes beside its source.",
 )
-@click.option(
+@_entrant_option(
     "--name",
-    multiple=True,
     metavar="N",
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="What tables call the generator or strategy before it. [default: its class]",
 )
-@click.option(
+@_entrant_option(
     "--option",
     "options",
-    multiple=True,
     type=Setting(),
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="An option of the strategy before it, such as threshold=-0.2; may be repeated.",
 )
-@click.option(
+@_entrant_option(
     "--python",
-    multiple=True,
     metavar="FILE",
-    cls=GroupedOption,
-    group=_ENTRANTS,
     help="The interpreter of the generator before it, such as that of its virtual environment"
     " (3.9 or newer, with numpy and scipy).",
 )
@@ -248,12 +229,7 @@ class _AskedEntrant:
     metavar="N",
     help="Runs at once, in processes of their own. [default: the cores]",
 )
-@click.option(
-    "--out",
-    type=Folder(),
-    metavar="DIR",
-    help="Folder for the results. [default: a new one under benches/]",
-)
+@folder_option("Folder for the results. [default: a new one under benches/]")
 @click.option("--resume", is_flag=True, help="Complete the bench in the folder --out.")
 @click.option(
     "--list",

@@ -24,9 +24,11 @@ from frenetic.cli.options import (
     Range,
     Setting,
     as_usage_error,
+    count_option,
+    file_option,
     json_option,
 )
-from frenetic.cli.parts import names_of
+from frenetic.cli.parts import part_choice
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
@@ -54,12 +56,10 @@ class Fits(Range):
 @click.argument(
     "recordings", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="RECORDING..."
 )
-@click.option(
-    "--driver",
+@part_choice(
+    "driver",
+    "The twin's driver ('frenetic drivers'), package.module:Class or file.py:Class.",
     required=True,
-    metavar="D",
-    shell_complete=names_of("driver"),
-    help="The twin's driver ('frenetic drivers'), package.module:Class or file.py:Class.",
 )
 @click.option(
     "--fit",
@@ -71,49 +71,29 @@ class Fits(Range):
     " --fit aggression,braking=1:4,vehicle.friction. [default bounds: half to twice the value]",
 )
 @click.option(
-    "--driver-option",
-    "driver_options",
-    type=Setting(),
-    multiple=True,
-    help="An option of the driver, such as aggression=1.2; may be repeated.",
-)
-@click.option(
     "--vehicle",
     type=Setting(),
     multiple=True,
     help="A parameter of the car, such as mass=1500, or name=metadrive to begin with that car; may"
     " be repeated.",
 )
-@click.option(
+@file_option(
     "--out",
+    "Where the profile goes; beside it the page (.html) and its pictures (.png).",
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("profile.json"),
     show_default=True,
-    metavar="FILE",
-    help="Where the profile goes; beside it the page (.html) and its pictures (.png).",
 )
 @click.option("--name", metavar="TEXT", help="Name of the twin. [default: that of the file]")
-@click.option(
-    "--evaluations",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Candidates of each fit. [default: 50 for each parameter, at least 100]",
+@count_option(
+    "--evaluations", "Candidates of each fit. [default: 50 for each parameter, at least 100]"
 )
-@click.option(
-    "--folds",
-    type=click.IntRange(2),
-    default=5,
-    show_default=True,
-    metavar="N",
-    help="Folds of the cross-validation, at most.",
-)
-@click.option(
+@count_option("--folds", "Folds of the cross-validation, at most.", least=2, default=5)
+@count_option(
     "--sample",
-    type=click.IntRange(10),
+    "Drives of each fit, at most: by chance, up to half of them failures.",
+    least=10,
     default=300,
-    show_default=True,
-    metavar="N",
-    help="Drives of each fit, at most: by chance, up to half of them failures.",
 )
 @click.option(
     "--weight",

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from frenetic.cli.console import Log, Results
-from frenetic.cli.options import complete_campaign, json_option
+from frenetic.cli.options import complete_campaign, file_option, json_option
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
@@ -32,24 +32,12 @@ _MOST_MEASURES: Final = 4
 @click.argument(
     "places", nargs=-1, required=True, metavar="[NAME=]FOLDER...", shell_complete=complete_campaign
 )
-@click.option(
+@file_option(
     "--plot",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Draw failures over simulations, and all measures, into this PNG, SVG or PDF file.",
+    "Draw failures over simulations, and all measures, into this PNG, SVG or PDF file.",
 )
-@click.option(
-    "--html",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write a page with tables, curves, ranks and all pairs into this file.",
-)
-@click.option(
-    "--table",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write medians and quartiles into this CSV or Markdown (.md) file.",
-)
+@file_option("--html", "Write a page with tables, curves, ranks and all pairs into this file.")
+@file_option("--table", "Write medians and quartiles into this CSV or Markdown (.md) file.")
 @click.option("--all", "with_all", is_flag=True, help="Print all measures, and all pairs by each.")
 @json_option
 def compare(

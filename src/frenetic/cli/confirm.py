@@ -10,7 +10,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.options import CampaignFolder, GroupedCommand
+from frenetic.cli.options import CampaignFolder, GroupedCommand, count_option
 from frenetic.cli.parts import PROFILE
 from frenetic.cli.redrive import (
     chosen_tests,
@@ -27,12 +27,7 @@ if TYPE_CHECKING:
 @click.command(cls=GroupedCommand)
 @click.argument("campaign", type=CampaignFolder())
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
-@click.option(
-    "--top",
-    type=click.IntRange(1),
-    metavar="N",
-    help="The N most telling failures. [default: 10]",
-)
+@count_option("--top", "The N most telling failures. [default: 10]")
 @redriving_options
 def confirm(
     campaign: Path,

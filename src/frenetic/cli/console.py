@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from frenetic._support.words import counted, format_duration, rate_words
-from frenetic.cli.messages import silence
+from frenetic.cli import silence
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
@@ -137,43 +137,18 @@ def live_line(log: Console) -> Iterator[Callable[[float, Callable[[], str]], Non
 def counted_progress(log: Console, what: str) -> Iterator[Callable[[int, int], None]]:
     """Gives a function that shows the work done, and the whole work.
 
-    It shows a bar on a terminal, elsewhere a plain line now and then, and nothing for short work.
-
     Args:
         log: the console for it.
         what: the work, such as "Checking".
     """
-    if log.is_terminal:
-        from rich.progress import (
-            BarColumn,
-            MofNCompleteColumn,
-            Progress,
-            TextColumn,
-            TimeRemainingColumn,
-        )
+    start = time.monotonic()
 
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(compact=True),
-        )
-        with Progress(*columns, console=log, transient=True) as bar:
-            task = bar.add_task(what)
-            yield lambda done, total: bar.update(task, completed=done, total=total)
-        return
-    start = shown = time.monotonic()
+    def text(done: int, total: int) -> str:
+        left = (time.monotonic() - start) * (total - done) / max(done, 1)
+        return f"{what}: {done:,} of {total:,}, {format_duration(left)} left"
 
-    def line(done: int, total: int) -> None:
-        nonlocal shown
-        now = time.monotonic()
-        if now - shown < PLAIN_INTERVAL:
-            return
-        shown = now
-        left = (now - start) * (total - done) / max(done, 1)
-        log.print(f"{what}: {done:,} of {total:,}, {format_duration(left)} left")
-
-    yield line
+    with live_line(log) as show:
+        yield lambda done, total: show(done / max(total, 1), lambda: text(done, total))
 
 
 def print_table(

@@ -9,30 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.beamng import beamng_options, with_beamng
 from frenetic.cli.console import Log, announced_compilation
-from frenetic.cli.options import GroupedCommand, Setting, as_usage_error, json_option
-from frenetic.cli.parts import names_of
+from frenetic.cli.options import GroupedCommand, as_usage_error, json_option
+from frenetic.cli.parts import beamng_options, part_choice
 
 if TYPE_CHECKING:
     from frenetic.doctor import Check, Examination
 
 
 @click.command(cls=GroupedCommand)
-@click.option(
-    "--simulator",
-    metavar="S",
-    shell_complete=names_of("simulator"),
-    is_eager=True,
-    help="Check only this one, and in full. [default: all that are installed, in short]",
-)
-@click.option(
-    "--simulator-option",
-    "simulator_options",
-    type=Setting(),
-    multiple=True,
-    callback=with_beamng,
-    help="An option of the simulator, such as friction=0.7; may be repeated.",
+@part_choice(
+    "simulator",
+    "Check only this one, and in full. [default: all that are installed, in short]",
 )
 @beamng_options
 @json_option

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
-from frenetic.cli.options import GroupedCommand, check_map_size, json_option, lane_option
+from frenetic.cli.options import (
+    GroupedCommand,
+    check_map_size,
+    file_option,
+    json_option,
+    lane_option,
+)
 from frenetic.cli.parts import recorded_options
 from frenetic.cli.redrive import file_spec
 
@@ -22,12 +28,7 @@ if TYPE_CHECKING:
 @click.command(cls=GroupedCommand)
 @click.argument("road", type=click.Path(path_type=Path))
 @recorded_options
-@click.option(
-    "--plot",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Draw the drive into this PNG, SVG or PDF file.",
-)
+@file_option("--plot", "Draw the drive into this PNG, SVG or PDF file.")
 @lane_option
 @click.option("--anyway", is_flag=True, help="Drive the road even if it is invalid.")
 @json_option

@@ -9,7 +9,7 @@ from typing import Any, Final
 import click
 
 from frenetic.cli.console import Log, counted_progress
-from frenetic.cli.options import CampaignFolder, Folder, json_option
+from frenetic.cli.options import CampaignFolder, folder_option, json_option
 from frenetic.outcome import Outcome
 
 # `Format`, `Which` and `Sides` of `frenetic.export`, which take longer to import than help may.
@@ -27,11 +27,8 @@ SIDES: Final = ("geometry", "competition")
     required=True,
     help="What to write; parquet needs the extra 'tables'.",
 )
-@click.option(
-    "--out",
-    type=Folder(),
-    metavar="DIR",
-    help="Folder to write, empty or not there yet. [default: exports/FORMAT in the campaign's]",
+@folder_option(
+    "Folder to write, empty or not there yet. [default: exports/FORMAT in the campaign's]"
 )
 @click.option(
     "--outcome",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from frenetic.cli.options import json_option, lane_option
+from frenetic.cli.options import file_option, json_option, lane_option
 
 if TYPE_CHECKING:
     from frenetic.export import ExportedRoad
@@ -30,11 +30,10 @@ EXPORTS: Final = "exports"
     type=click.Choice(FORMATS),
     help="What to write. [default: what the suffix of --out says]",
 )
-@click.option(
+@file_option(
     "--out",
+    "Where to write it, - for stdout. [default: in the campaign's folder, beside the road]",
     type=click.Path(path_type=Path, allow_dash=True),
-    metavar="FILE",
-    help="Where to write it, - for stdout. [default: in the campaign's folder, beside the road]",
 )
 @click.option(
     "--shoulder",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,16 +14,23 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted
+from frenetic.cli import complain
 from frenetic.cli.console import (
-    PLAIN_INTERVAL,
     Log,
     announced_compilation,
+    live_line,
     print_facts,
     print_table,
     shell,
 )
-from frenetic.cli.messages import complain
-from frenetic.cli.options import GroupedCommand, as_usage_error, check_map_size, json_option
+from frenetic.cli.options import (
+    GroupedCommand,
+    as_usage_error,
+    check_map_size,
+    count_option,
+    file_option,
+    json_option,
+)
 from frenetic.cli.parts import given_options, recorded_options
 from frenetic.cli.redrive import file_spec, recorded_spec
 from frenetic.errors import FreneticError
@@ -81,20 +87,10 @@ class Done:
 @click.command(cls=GroupedCommand)
 @click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
-@click.option(
-    "--top",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Minimise a campaign's N most telling failures. [default: the most severe one]",
+@count_option(
+    "--top", "Minimise a campaign's N most telling failures. [default: the most severe one]"
 )
-@click.option(
-    "--max-drives",
-    type=click.IntRange(1),
-    default=500,
-    show_default=True,
-    metavar="N",
-    help="Drives to spend on each road at most.",
-)
+@count_option("--max-drives", "Drives to spend on each road at most.", default=500)
 @click.option(
     "--guard",
     type=click.FloatRange(0.0, 1.0, max_open=True),
@@ -104,12 +100,10 @@ class Done:
     help="Keep a road only if it fails with all curvatures this much smaller and larger, too;"
     " 0 is no such guard.",
 )
-@click.option(
+@file_option(
     "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if"
-    " other parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
+    "Where the road goes. [default: CAMPAIGN/minimised/test-ID.json, or test-ID-other.json if other"
+    " parts than the campaign's drive it; beside ROAD with the suffix .min.json]",
 )
 @recorded_options
 @json_option
@@ -302,24 +296,16 @@ def _minimise(
 
 @contextmanager
 def _live(log: Log, work: Work) -> Iterator[Callable[[MinimiseProgress], None]]:
-    """Shows progress: a changing line on a terminal, elsewhere a new one now and then."""
-    last = time.monotonic()
-    with log.status(f"{work.name}: {work.road.length:.0f} m") as status:
+    """Shows the progress of a road."""
 
-        def show(progress: MinimiseProgress) -> None:
-            nonlocal last
-            text = (
-                f"{work.name}: drive {progress.drives} of at most {progress.max_drives},"
-                f" {work.road.length:.0f} m -> {progress.length:.0f} m,"
-                f" curves {progress.curves}, {progress.doing}"
-            )
-            if log.is_terminal:
-                status.update(text)
-            elif time.monotonic() - last >= PLAIN_INTERVAL:
-                last = time.monotonic()
-                log.print(text)
+    def text(now: MinimiseProgress) -> str:
+        return (
+            f"{work.name}: drive {now.drives} of at most {now.max_drives},"
+            f" {work.road.length:.0f} m -> {now.length:.0f} m, curves {now.curves}, {now.doing}"
+        )
 
-        yield show
+    with live_line(log) as show:
+        yield lambda now: show(now.drives / now.max_drives, lambda: text(now))
 
 
 def is_another(minimised: Minimised) -> bool:

@@ -187,6 +187,29 @@ class GroupedCommand(click.Command):
                 formatter.write_dl(records)
 
 
+def file_option(name: str, help: str, **more: Any) -> Decorator:  # noqa: A002
+    """An option for a file; ``more`` is click's."""
+    kind = click.Path(path_type=Path)
+    return click.option(name, **{"type": kind, "metavar": "FILE", **more}, help=help)
+
+
+def folder_option(help: str) -> Decorator:  # noqa: A002
+    """The option for the folder of results."""
+    return click.option("--out", type=Folder(), metavar="DIR", help=help)
+
+
+def count_option(
+    name: str,
+    help: str,  # noqa: A002
+    *,
+    least: int = 1,
+    default: int | None = None,
+) -> Decorator:
+    """An option for a number of things, whose default is shown."""
+    kind = click.IntRange(least)
+    return click.option(name, type=kind, default=default, show_default=True, metavar="N", help=help)
+
+
 lane_option = click.option(
     "--lane",
     type=int,
@@ -207,6 +230,14 @@ objective_option = click.option(
     metavar="NAME",
     help="What a search minimises: moobd; oob-share and lateral-acceleration, which it maximises;"
     " or your own function of a drive as package.module:function or path/to/file.py:function.",
+)
+workers_option = click.option(
+    "--workers",
+    type=WORKERS,
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Drive on N roads at once, in processes of their own.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 

@@ -9,9 +9,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic._support.words import counted
+from frenetic.cli import complain
 from frenetic.cli.console import Log, announced_compilation, counted_progress, print_table
-from frenetic.cli.messages import complain
-from frenetic.cli.options import GroupedCommand, check_map_size, json_option, lane_option
+from frenetic.cli.options import (
+    GroupedCommand,
+    check_map_size,
+    count_option,
+    json_option,
+    lane_option,
+)
 from frenetic.cli.parts import asked_spec, driver_options
 from frenetic.spec import drive_options
 
@@ -24,12 +30,7 @@ if TYPE_CHECKING:
     "roads", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="ROADS..."
 )
 @driver_options
-@click.option(
-    "--top",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Only N roads, each of which promises another problem.",
-)
+@count_option("--top", "Only N roads, each of which promises another problem.")
 @click.option("--anyway", is_flag=True, help="Rank invalid roads, too, each where it lies.")
 @lane_option
 @json_option

@@ -10,10 +10,23 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
-from frenetic.cli.beamng import is_beamng, without_place
 from frenetic.cli.console import Log, announced_compilation, counted_progress, shell
-from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, json_option
-from frenetic.cli.parts import PROFILE, asked_spec, given_options, part_options, with_given
+from frenetic.cli.options import (
+    as_usage_error,
+    drive_limit_option,
+    json_option,
+    with_options,
+    workers_option,
+)
+from frenetic.cli.parts import (
+    PROFILE,
+    asked_spec,
+    given_options,
+    is_beamng,
+    part_options,
+    with_given,
+    without_place,
+)
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import DRIVEN, Spec, drive_options
 
@@ -34,15 +47,7 @@ rows_option = click.option(
 
 def redriving_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that choose parts and workers, and --json."""
-    workers = click.option(
-        "--workers",
-        type=WORKERS,
-        default=1,
-        show_default=True,
-        metavar="N",
-        help="Drive on N roads at once, in processes of their own.",
-    )
-    return part_options(workers(drive_limit_option(json_option(command))))
+    return with_options([part_options, workers_option, drive_limit_option, json_option], command)
 
 
 def recorded_spec(store: CampaignStore, given: Mapping[str, Any]) -> Spec:

@@ -10,7 +10,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, two_digits
-from frenetic.cli.options import CampaignFolder, GroupedCommand
+from frenetic.cli.options import CampaignFolder, GroupedCommand, file_option
 from frenetic.cli.redrive import (
     interrupted,
     recorded_spec,
@@ -31,12 +31,7 @@ NAMED: Final = 10
 @click.option(
     "--all", "everything", is_flag=True, help="All roads that were driven, not only the failures."
 )
-@click.option(
-    "--junit",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write the results as JUnit XML, one test case per road.",
-)
+@file_option("--junit", "Write the results as JUnit XML, one test case per road.")
 @rows_option
 @redriving_options
 def regression(

@@ -8,17 +8,12 @@ from pathlib import Path
 
 import click
 
-from frenetic.cli.options import CampaignFolder, json_option
+from frenetic.cli.options import CampaignFolder, file_option, json_option
 
 
 @click.command()
 @click.argument("campaign", type=CampaignFolder())
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where to. [default: report.html in the campaign's folder]",
-)
+@file_option("--out", "Where to. [default: report.html in the campaign's folder]")
 @click.option("--open", "shown", is_flag=True, help="Show it in the browser.")
 @json_option
 def report(campaign: Path, out: Path | None, shown: bool, as_json: bool) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from frenetic.cli.beamng import moved, place_options
 from frenetic.cli.options import (
     CampaignFolder,
     Duration,
@@ -17,6 +16,7 @@ from frenetic.cli.options import (
     as_usage_error,
     json_option,
 )
+from frenetic.cli.parts import moved, place_options
 from frenetic.cli.search import (
     fail_on_failure_option,
     is_finished,

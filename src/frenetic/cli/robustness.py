@@ -12,7 +12,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, shell, two_digits
-from frenetic.cli.options import AskedRange, CampaignFolder, GroupedCommand, Range
+from frenetic.cli.options import AskedRange, CampaignFolder, GroupedCommand, Range, count_option
 from frenetic.cli.redrive import (
     chosen_tests,
     recorded_spec,
@@ -63,14 +63,7 @@ class VaryingCommand(GroupedCommand):
 @click.command(cls=VaryingCommand)
 @click.argument("campaign", type=CampaignFolder())
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
-@click.option(
-    "--times",
-    type=click.IntRange(1),
-    default=20,
-    show_default=True,
-    metavar="N",
-    help="Drives of each test.",
-)
+@count_option("--times", "Drives of each test.", default=20)
 @click.option(
     VARY,
     "asked",
@@ -82,12 +75,7 @@ class VaryingCommand(GroupedCommand):
     " range. [default: nothing]",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
-@click.option(
-    "--top",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Only the N most telling failures. [default: all failures]",
-)
+@count_option("--top", "Only the N most telling failures. [default: all failures]")
 @rows_option
 @redriving_options
 def robustness(

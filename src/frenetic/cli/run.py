@@ -11,9 +11,11 @@ import click
 from frenetic.cli.options import (
     CampaignFolder,
     Duration,
-    Folder,
     GroupedCommand,
     as_usage_error,
+    count_option,
+    file_option,
+    folder_option,
     json_option,
     objective_option,
 )
@@ -38,12 +40,10 @@ DEFAULT_SIMULATIONS: Final = 1000
     " campaign whatever the number of workers. [default: ordered if a seed is given, and with"
     " frenetic-2021]",
 )
-@click.option(
+@count_option(
     "--lookahead",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Propose N roads ahead in an ordered campaign; more workers are of no use then."
-    " [default: 16, with frenetic-2021 1]",
+    "Propose N roads ahead in an ordered campaign; more workers are of no use then. [default: 16,"
+    " with frenetic-2021 1]",
 )
 @objective_option
 @click.option(
@@ -55,20 +55,13 @@ DEFAULT_SIMULATIONS: Final = 1000
     help="Start from an earlier campaign, such as one of the driver's last version: what failed"
     " there is driven again first; may be repeated.",
 )
-@click.option(
+@file_option(
     "--screen",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Search with the twin of this profile ('frenetic calibrate'): it drives twenty roads for"
-    " each that the simulator gets, the one that promises most.",
+    "Search with the twin of this profile ('frenetic calibrate'): it drives twenty roads for each"
+    " that the simulator gets, the one that promises most.",
 )
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
-@click.option(
-    "--out",
-    type=Folder(),
-    metavar="DIR",
-    help="Folder for the results. [default: a new one under campaigns/]",
-)
+@folder_option("Folder for the results. [default: a new one under campaigns/]")
 @fail_on_failure_option
 @json_option
 @click.pass_context

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
 import click
 
 from frenetic._support.words import counted, format_duration, rate_words
-from frenetic.cli.beamng import place_words
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -23,6 +22,7 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, with_options
+from frenetic.cli.parts import place_words
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import number_word
 

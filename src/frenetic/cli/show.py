@@ -21,7 +21,15 @@ from frenetic.cli.console import (
     shell,
     two_digits,
 )
-from frenetic.cli.options import AskedRange, CampaignFolder, Range, as_usage_error, json_option
+from frenetic.cli.options import (
+    AskedRange,
+    CampaignFolder,
+    Range,
+    as_usage_error,
+    count_option,
+    file_option,
+    json_option,
+)
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import short_version
 from frenetic.outcome import Outcome
@@ -58,18 +66,8 @@ LISTED_TESTS: Final = 20
     help="List the tests by severity (lowest MOOBD first), told (in the order of telling),"
     " duration or a feature (largest first). [default: severity]",
 )
-@click.option(
-    "--limit",
-    type=click.IntRange(1),
-    metavar="N",
-    help="List N tests at most. [default: 20; with --json all]",
-)
-@click.option(
-    "--plot",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Where to draw the test. [default: in the campaign's folder]",
-)
+@count_option("--limit", "List N tests at most. [default: 20; with --json all]")
+@file_option("--plot", "Where to draw the test. [default: in the campaign's folder]")
 @json_option
 def show(
     campaign: Path,

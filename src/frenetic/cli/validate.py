@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from frenetic.cli.messages import complain
+from frenetic.cli import complain
 from frenetic.cli.options import check_map_size, json_option, lane_option
 from frenetic.errors import FreneticError
 
