@@ -57,15 +57,15 @@ class Result:
     outcome: Outcome
     reason: str
     """The reason, in one sentence."""
-    moobd: float | None
+    moobd: float | None = None
     """Minimum oob distance, in m; None unless PASS or FAIL."""
-    moobd_distance: float | None
+    moobd_distance: float | None = None
     """Distance along the road where the oob distance was least, in m; None unless PASS or FAIL."""
-    max_oob_share: float | None
+    max_oob_share: float | None = None
     """Largest share 0..1 of the car's box outside the ego lane; None unless PASS or FAIL."""
-    duration: float
+    duration: float = 0.0
     """Simulated time until the drive ended, in s."""
-    departure: Departure | None
+    departure: Departure | None = None
     """Place where the car left the lane, if it failed for that reason."""
 
 
@@ -221,11 +221,11 @@ def judge(road: Road, drive: Drive) -> Result:
     if drive.error is not None or records == 0:
         duration = float(drive.trajectory.time[-1]) if records else 0.0
         reason = drive.error or "The simulator recorded nothing"
-        return Result(Outcome.ERROR, reason, None, None, None, duration, None)
+        return Result(Outcome.ERROR, reason, duration=duration)
     path = drive.trajectory
     if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
         reason = "The simulator recorded places that are no numbers"
-        return Result(Outcome.ERROR, reason, None, None, None, 0.0, None)
+        return Result(Outcome.ERROR, reason)
     seen = assess(road, drive)
     i = len(seen.distance) - 1
     duration = float(drive.trajectory.time[i])
@@ -259,15 +259,8 @@ def judge(road: Road, drive: Drive) -> Result:
             f" and was at {seen.distance[i]:.0f} m of {road.length:.0f} m"
         )
     else:
-        return Result(
-            Outcome.ERROR,
-            f"The simulator stopped after {duration:.1f} s, before the drive had ended",
-            None,
-            None,
-            None,
-            duration,
-            None,
-        )
+        reason = f"The simulator stopped after {duration:.1f} s, before the drive had ended"
+        return Result(Outcome.ERROR, reason, duration=duration)
     return Result(
         outcome,
         reason,

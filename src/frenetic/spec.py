@@ -98,6 +98,16 @@ MAX_WORKERS: Final = 1024
 """Most roads that one computer drives at once; a cluster has as many seats as it has."""
 
 
+def require_count(name: str, value: float, least: int = 1) -> None:
+    """Checks an option that counts something.
+
+    Raises:
+        ValueError: it is no whole number of at least ``least``.
+    """
+    if isinstance(value, bool) or value != int(value) or value < least:
+        raise ValueError(f"{name} is {value}: a whole number of at least {least} is needed")
+
+
 @dataclass(frozen=True)
 class Budget:
     """The budget of a campaign. Only drives cost simulations; INVALID roads are free.
@@ -119,11 +129,8 @@ class Budget:
                 "the budget limits nothing: simulations, time or failures has to be given"
             )
         for name in ("simulations", "failures"):
-            value = getattr(self, name)
-            if value is None:
-                continue
-            if isinstance(value, bool) or value != int(value) or value < 1:
-                raise ValueError(f"{name} is {value}: a whole number of at least 1 is needed")
+            if (value := getattr(self, name)) is not None:
+                require_count(name, value)
         if self.time is not None and not (math.isfinite(self.time) and self.time > 0.0):
             raise ValueError(f"time is {self.time}: a positive number of seconds is needed")
 

@@ -250,7 +250,7 @@ def test_an_iterator_is_a_snapshot_that_blocks_nobody(store: CampaignStore) -> N
 
 def test_counts(store: CampaignStore) -> None:
     empty = store.counts()
-    assert (empty.asked, empty.told, empty.lowest_moobd) == (0, 0, None)
+    assert (empty.asked, empty.told, empty.min_moobd) == (0, 0, None)
     tell(store, *range(1, 11))
     store.asked(make_candidate(11))
     counts = store.counts()
@@ -263,7 +263,7 @@ def test_counts(store: CampaignStore) -> None:
         Outcome.DROPPED: 0,
     }
     assert (counts.tests, counts.simulations) == (10, 7)
-    assert counts.lowest_moobd == min(r.moobd for r in store.tests() if r.moobd is not None)
+    assert counts.min_moobd == min(r.moobd for r in store.tests() if r.moobd is not None)
 
 
 def test_facts_and_finish(folder: Path) -> None:

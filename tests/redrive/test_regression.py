@@ -22,10 +22,10 @@ from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.redrive.loop import RedriveProgress
 from frenetic.redrive.record import Change, Redrive
 from frenetic.redrive.regression import (
     Replay,
-    ReplayProgress,
     junit,
     read_replays,
     replay,
@@ -129,7 +129,7 @@ def test_several_workers_find_the_same(campaign: Path) -> None:
 
 
 def test_ctrl_c_ends_it_and_says_what_is_missing(campaign: Path) -> None:
-    def interrupt(progress: ReplayProgress) -> None:
+    def interrupt(progress: RedriveProgress) -> None:
         assert progress.total == 60
         if progress.tests == 4:
             signal.raise_signal(signal.SIGINT)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from datetime import datetime, timezone
 from typing import Final
 
 
@@ -15,6 +16,11 @@ def counted(number: int, what: str) -> str:
 def capitalised(text: str) -> str:
     """A text with a capital first letter; the others stay."""
     return text[:1].upper() + text[1:]
+
+
+def present_moment() -> str:
+    """The date and time: UTC, ISO 8601 with milliseconds."""
+    return datetime.now(timezone.utc).isoformat(timespec="milliseconds")  # noqa: UP017  # for 3.9
 
 
 def rate_words(rate: float | None) -> str:

@@ -11,13 +11,13 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.pictures import ShownCampaign, data_frame
-from frenetic._support.words import counted
+from frenetic._support.words import counted, present_moment
 from frenetic.campaign.changes import (
     CHANGES,
     PARTS,
@@ -58,6 +58,7 @@ from frenetic.spec import (
     decode_budget,
     describe,
     describe_terms,
+    require_count,
 )
 
 if TYPE_CHECKING:
@@ -151,9 +152,8 @@ class Campaign(ShownCampaign):
         start_from: Sequence[Path | str] = (),
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
-        for name, number in (("workers", workers), ("lookahead", lookahead)):
-            if isinstance(number, bool) or number != int(number) or number < 1:
-                raise ValueError(f"{name} is {number}: a whole number of at least 1 is needed")
+        require_count("workers", workers)
+        require_count("lookahead", lookahead)
         if workers > MAX_WORKERS:
             raise ValueError(f"workers is {workers}: at most {MAX_WORKERS} are allowed")
         if drive_limit is None:
@@ -376,10 +376,7 @@ class Campaign(ShownCampaign):
                     " Campaign(budget=Budget(simulations=200)) limits all of them"
                 )
             return None
-        if isinstance(simulations, bool) or simulations != int(simulations) or simulations < 1:
-            raise ValueError(
-                f"simulations is {simulations!r}: a whole number of at least 1 is needed"
-            )
+        require_count("simulations", simulations)
         before = self._search_so_far[0].simulations if self._search_so_far else 0
         limit = before + int(simulations)
         if self.budget is None:
@@ -570,8 +567,7 @@ class Campaign(ShownCampaign):
         }
         if parts:
             what = tuple(text for one in since.values() for text in one.changed)
-            moment = datetime.now(UTC).isoformat(timespec="milliseconds")
-            earlier.append(PartChange(first, moment, what, parts))
+            earlier.append(PartChange(first, present_moment(), what, parts))
         if not earlier and not store.changes:
             return {}
         return {CHANGES: [change.to_json() for change in earlier]}

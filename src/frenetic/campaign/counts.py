@@ -5,11 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from frenetic._support.words import counted
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
+
+_NAMES: Final[Mapping[Outcome, str]] = {
+    Outcome.PASS: "passed",
+    Outcome.FAIL: "failed",
+    Outcome.INVALID: "invalid",
+    Outcome.ERROR: "errors",
+    Outcome.DROPPED: "dropped",
+}
+"""Outcome -> name of its number, here and in JSON."""
 
 
 @dataclass(frozen=True)
@@ -33,16 +42,8 @@ class Counts:
         cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None, roads: int, **more: Any
     ) -> Self:
         """The counts of a number per outcome; more fields are those of a subclass."""
-        return cls(
-            invalid=by_outcome[Outcome.INVALID],
-            passed=by_outcome[Outcome.PASS],
-            failed=by_outcome[Outcome.FAIL],
-            errors=by_outcome[Outcome.ERROR],
-            dropped=by_outcome[Outcome.DROPPED],
-            min_moobd=min_moobd,
-            roads=roads,
-            **more,
-        )
+        numbers = {name: by_outcome[outcome] for outcome, name in _NAMES.items()}
+        return cls(**numbers, min_moobd=min_moobd, roads=roads, **more)
 
     @property
     def simulations(self) -> int:
@@ -62,15 +63,7 @@ class Counts:
     @property
     def by_outcome(self) -> Mapping[Outcome, int]:
         """Number per outcome; every outcome is present."""
-        return MappingProxyType(
-            {
-                Outcome.PASS: self.passed,
-                Outcome.FAIL: self.failed,
-                Outcome.INVALID: self.invalid,
-                Outcome.ERROR: self.errors,
-                Outcome.DROPPED: self.dropped,
-            }
-        )
+        return MappingProxyType({outcome: getattr(self, name) for outcome, name in _NAMES.items()})
 
     @classmethod
     def total(cls, campaigns: Iterable[Counts]) -> Counts:
@@ -79,11 +72,7 @@ class Counts:
         roads = [one.roads for one in several if one.roads is not None]
         moobds = [one.min_moobd for one in several if one.min_moobd is not None]
         return Counts(
-            invalid=sum(one.invalid for one in several),
-            passed=sum(one.passed for one in several),
-            failed=sum(one.failed for one in several),
-            errors=sum(one.errors for one in several),
-            dropped=sum(one.dropped for one in several),
+            **{name: sum(getattr(one, name) for one in several) for name in _NAMES.values()},
             min_moobd=min(moobds, default=None),
             roads=sum(roads) if len(roads) == len(several) else None,
         )
@@ -94,11 +83,7 @@ class Counts:
             "tests": self.tests,
             "roads": self.roads,
             "simulations": self.simulations,
-            "passed": self.passed,
-            "failed": self.failed,
-            "invalid": self.invalid,
-            "errors": self.errors,
-            "dropped": self.dropped,
+            **{name: getattr(self, name) for name in _NAMES.values()},
             "min_moobd": self.min_moobd,
         }
 
@@ -117,11 +102,6 @@ class StoredCounts(Counts):
 
     asked: int = 0
     """Number of candidates that were asked and recorded."""
-
-    @property
-    def lowest_moobd(self) -> float | None:
-        """Lowest MOOBD, by its former name."""
-        return self.min_moobd
 
 
 def road_key(step: object, curvatures: object, points: object) -> int:

@@ -39,16 +39,16 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
 from enum import StrEnum
 from io import FileIO
 from itertools import islice
 from numbers import Integral, Real
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Annotated, Final, Literal, Self, TypeAlias
 
 from msgspec import Meta
+
+from frenetic._support.words import present_moment
 
 if TYPE_CHECKING:
     from frenetic.campaign.progress import Progress
@@ -249,12 +249,7 @@ class CampaignLog:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _append(
@@ -373,7 +368,7 @@ def _open(path: Path) -> tuple[FileIO, bool]:
 def _line(event: str, message: str, level: Level, fields: Mapping[str, JSONValue]) -> bytes:
     """A line as it is written, its end included."""
     record: dict[str, JSONValue] = {
-        "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        "time": present_moment(),
         "level": level,
         "event": _cut(event),
         "message": _cut(" ".join(message.split())),

@@ -64,7 +64,7 @@ class Attempt:
         cls, candidate_id: int, outcome: Outcome, reason: str, pose: Pose | None = None
     ) -> Self:
         """A road that was refused, dropped, or lost with its worker."""
-        return cls(candidate_id, Result(outcome, reason, None, None, None, 0.0, None), pose)
+        return cls(candidate_id, Result(outcome, reason), pose)
 
     @classmethod
     def lost(
@@ -484,7 +484,12 @@ _READERS: Final[Mapping[Kind, Callable[[Column, object], Any]]] = {
 POSE: Final = "x", "y", "heading"
 """Columns of a pose."""
 
-_CANDIDATE_COLUMNS: Final = (
+
+def _by_name(*columns: Column) -> Mapping[str, Column]:
+    return MappingProxyType({column.name: column for column in columns})
+
+
+CANDIDATE_COLUMNS: Final = _by_name(
     Column("id", Kind.WHOLE, "of the candidate: counts from 1 in the order of asking", low=1),
     Column("operator", Kind.CHOICE, "what made the road: random, redraw, P1 .."),
     Column("parents", Kind.WHOLES, "ids of the candidates it was made from"),
@@ -494,8 +499,9 @@ _CANDIDATE_COLUMNS: Final = (
     Column("asked_after", Kind.WHOLE, "results that had been told when it was asked", low=0),
     Column("points", Kind.PAIRS, "the road as points, if it was proposed so", "m", True),
 )
+"""Name -> column of the table of candidates, in its order."""
 
-_TEST_COLUMNS: Final = (
+TEST_COLUMNS: Final = _by_name(
     Column("candidate_id", Kind.WHOLE, "of the candidate", low=1),
     Column("told", Kind.WHOLE, "counts from 1 in the order of telling", low=1),
     Column("outcome", Kind.CHOICE, "PASS, FAIL, INVALID, ERROR or DROPPED", choices=tuple(Outcome)),
@@ -521,8 +527,9 @@ _TEST_COLUMNS: Final = (
     Column("worker", Kind.CHOICE, "who drove it", "", True),
     Column("elapsed", Kind.REAL, "the campaign's time when it was told", "s", True, 0.0),
 )
+"""Name -> column of the table of tests, in its order."""
 
-_EARLIER_COLUMNS: Final = (
+EARLIER_COLUMNS: Final = _by_name(
     Column("number", Kind.WHOLE, "counts from 1", low=1),
     Column("campaign", Kind.WHOLE, "of those that it starts from, from 1", low=1),
     Column("test", Kind.WHOLE, "id of the test there", low=1),
@@ -538,30 +545,16 @@ _EARLIER_COLUMNS: Final = (
     Column("lateral_offset", Kind.REALS, "left of the ego lane's centre line", "m"),
     Column("speed", Kind.REALS, "likewise", "m/s"),
 )
-_SCREENING_COLUMNS: Final = (
+"""Name -> column of the table of earlier campaigns' tests, in its order."""
+SCREENING_COLUMNS: Final = _by_name(
     Column("candidate_id", Kind.WHOLE, "of the candidate", low=1),
     Column("role", Kind.CHOICE, "whether the twin chose its road", choices=("screened", "control")),
     Column("drawn", Kind.WHOLE, "roads that the twin drove to choose it", low=0),
     Column("outcome", Kind.CHOICE, "of the twin's drive", choices=tuple(Outcome)),
     Column("moobd", Kind.REAL, "of the twin's drive", "m", True),
 )
-
-CANDIDATE_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
-    {column.name: column for column in _CANDIDATE_COLUMNS}
-)
-"""Name -> column of the table of candidates, in its order."""
-TEST_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
-    {column.name: column for column in _TEST_COLUMNS}
-)
-"""Name -> column of the table of tests, in its order."""
-EARLIER_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
-    {column.name: column for column in _EARLIER_COLUMNS}
-)
-"""Name -> column of the table of earlier campaigns' tests, in its order."""
-SCREENING_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
-    {column.name: column for column in _SCREENING_COLUMNS}
-)
 """Name -> column of the table of screened candidates, in its order."""
+
 RECORD_COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     {name: column for name, column in TEST_COLUMNS.items() if name != "finished_at"}
 )

@@ -31,15 +31,15 @@ import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Final, Literal, Self, TypeAlias, get_args
 from weakref import WeakSet
 
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic._support.pictures import ShownCampaign
+from frenetic._support.words import present_moment
 from frenetic.campaign.changes import CHANGES, PartChange, present_parts, read_changes
 from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.lock import FileLock
@@ -247,14 +247,22 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
 _UNREAD: Final = frozenset({4, 5, 6})
 """Schema versions that only add what readers of the store can do without."""
 
-_INSERT: Final = "INSERT INTO {} VALUES ({})"
-_INSERT_CANDIDATE: Final = _INSERT.format("candidate", "?, " * len(CANDIDATE_COLUMNS) + "?")
-_INSERT_TEST: Final = _INSERT.format("test", "?, " * len(TEST_COLUMNS) + "?")
-_INSERT_OBJECTIVE: Final = "INSERT INTO objective VALUES (?, ?, ?)"
-_INSERT_EARLIER: Final = _INSERT.format("earlier", "?, " * len(EARLIER_COLUMNS) + "?")
-_INSERT_SCREENING: Final = _INSERT.format("screening", "?, " * len(SCREENING_COLUMNS) + "?")
+
+def _insert(table: str, columns: int) -> str:
+    """The INSERT of a table with so many columns and a checksum."""
+    return f"INSERT INTO {table} VALUES ({', '.join('?' * (columns + 1))})"  # noqa: S608
+
+
+_HELD: Final[Mapping[str, str]] = {
+    "candidate": _insert("candidate", len(CANDIDATE_COLUMNS)),
+    "screening": _insert("screening", len(SCREENING_COLUMNS)),
+    "test": _insert("test", len(TEST_COLUMNS)),
+    "trajectory": _insert("trajectory", 2),
+    "objective": _insert("objective", 2),
+}
+"""Table of results -> its INSERT, in the order of writing."""
+_INSERT_EARLIER: Final = _insert("earlier", len(EARLIER_COLUMNS))
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO campaign VALUES (?, ?, ?)"
-_INSERT_TRAJECTORY: Final = "INSERT INTO trajectory VALUES (?, ?, ?)"
 # {} is the column of checksums, NULL in older schemas.
 _SELECT_CANDIDATE: Final = f"SELECT {', '.join(CANDIDATE_COLUMNS)}, {{}} FROM candidate"  # noqa: S608
 _SELECT_RESULT: Final = f"SELECT {', '.join(TEST_COLUMNS)}, {{}} FROM test"  # noqa: S608
@@ -312,11 +320,7 @@ class CampaignStore(ShownCampaign):
         self._owner = Owner(connection)
         self._lock = lock
         # Rows that the next transaction writes.
-        self._held_candidates: list[tuple[object, ...]] = []
-        self._held_screenings: list[tuple[object, ...]] = []
-        self._held_tests: list[tuple[object, ...]] = []
-        self._held_trajectories: list[tuple[object, ...]] = []
-        self._held_objectives: list[tuple[object, ...]] = []
+        self._held: dict[str, list[tuple[object, ...]]] = {table: [] for table in _HELD}
         self._last_asked = 0
         self._told = 0
         with translated(self._path):
@@ -353,7 +357,7 @@ class CampaignStore(ShownCampaign):
         `ValueError` if `config` is not JSON (NaN and infinity are not).
         """
         folder = Path(folder)
-        facts = {_CONFIG: _to_json(dict(config)), _CREATED_AT: _to_json(_now())}
+        facts = {_CONFIG: _to_json(dict(config)), _CREATED_AT: _to_json(present_moment())}
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError) as error:
@@ -445,13 +449,8 @@ class CampaignStore(ShownCampaign):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        exc_type: type[BaseException] | None,
-        exc: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if exc is None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
+        if error is None:
             self.close()
         else:
             with suppress(CampaignError):  # the error under way says more
@@ -530,9 +529,9 @@ class CampaignStore(ShownCampaign):
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a "
                 f"higher id, not {candidate.id}"
             )
-        self._held_candidates.append(with_checksum(row_of_candidate(candidate, self._told)))
+        self._held["candidate"].append(with_checksum(row_of_candidate(candidate, self._told)))
         if candidate.screening is not None:
-            self._held_screenings.append(with_checksum(row_of_screening(candidate)))
+            self._held["screening"].append(with_checksum(row_of_screening(candidate)))
         self._last_asked = candidate.id
 
     def told(
@@ -548,23 +547,23 @@ class CampaignStore(ShownCampaign):
         is not finite.
         """
         self._require_writer()
-        row = with_checksum(row_of_test(record, _now()))
+        row = with_checksum(row_of_test(record, present_moment()))
         data = trajectory
         if data is None and record.trajectory is not None:
             data = encode(record.trajectory)
-        self._held_tests.append(row)
+        self._held["test"].append(row)
         if data is not None:
-            self._held_trajectories.append(with_checksum((int(record.candidate.id), data)))
+            self._held["trajectory"].append(with_checksum((int(record.candidate.id), data)))
         self._told += 1
         if hold:
             return
         try:
             self.write()
         except BaseException:
-            if self._held_tests:  # else it was Ctrl-C, noticed when all was written
-                self._held_tests.pop()
+            if self._held["test"]:  # else it was Ctrl-C, noticed when all was written
+                self._held["test"].pop()
                 if data is not None:
-                    self._held_trajectories.pop()
+                    self._held["trajectory"].pop()
                 self._told -= 1
             raise
 
@@ -574,14 +573,14 @@ class CampaignStore(ShownCampaign):
         Raises a `CampaignError` if the store was opened for reading.
         """
         self._require_writer()
-        self._held_objectives.append(with_checksum((int(id), float(value))))
+        self._held["objective"].append(with_checksum((int(id), float(value))))
 
     def write(self) -> None:
         """Store held results and asked candidates, durably.
 
         Raises a `CampaignError` as `told` does; held results then stay held.
         """
-        if self._held_candidates or self._held_tests:
+        if self._held["candidate"] or self._held["test"]:
             with self._transaction():
                 pass
 
@@ -593,7 +592,7 @@ class CampaignStore(ShownCampaign):
 
         Raises a `ValueError` for a fact that is not JSON or is called ``config`` or ``created_at``.
         """
-        rows = self._fact_rows({"finished_at": _now()} | facts)
+        rows = self._fact_rows({"finished_at": present_moment()} | facts)
         with self._transaction() as connection:
             connection.executemany(_REPLACE_FACT, rows)
 
@@ -760,7 +759,7 @@ class CampaignStore(ShownCampaign):
             (asked,) = self._connection.execute("SELECT count(*) FROM candidate").fetchone()
             roads = {road_key(*row) for row in self._connection.execute(SELECT_TESTED_ROADS)}
         return StoredCounts.of(
-            by_outcome, min_moobd, len(roads), asked=asked + len(self._held_candidates)
+            by_outcome, min_moobd, len(roads), asked=asked + len(self._held["candidate"])
         )
 
     def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
@@ -840,11 +839,8 @@ class CampaignStore(ShownCampaign):
             try:
                 connection.execute("BEGIN IMMEDIATE")
                 has_begun = True
-                connection.executemany(_INSERT_CANDIDATE, self._held_candidates)
-                connection.executemany(_INSERT_SCREENING, self._held_screenings)
-                connection.executemany(_INSERT_TEST, self._held_tests)
-                connection.executemany(_INSERT_TRAJECTORY, self._held_trajectories)
-                connection.executemany(_INSERT_OBJECTIVE, self._held_objectives)
+                for table, insert in _HELD.items():
+                    connection.executemany(insert, self._held[table])
                 yield connection
                 connection.execute("COMMIT")
                 self._forget_held()
@@ -856,15 +852,12 @@ class CampaignStore(ShownCampaign):
                 raise
 
     def _write_tests(self) -> None:
-        if self._held_tests:
+        if self._held["test"]:
             self.write()
 
     def _forget_held(self) -> None:
-        self._held_candidates.clear()
-        self._held_screenings.clear()
-        self._held_tests.clear()
-        self._held_trajectories.clear()
-        self._held_objectives.clear()
+        for rows in self._held.values():
+            rows.clear()
 
     def _require_writer(self) -> None:
         if self._lock is None:
@@ -1013,10 +1006,6 @@ def _to_json(value: JSONValue) -> str:
     return json.dumps(value, allow_nan=False, default=plain)
 
 
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
 def _refuse_existing(path: Path) -> None:
     if os.path.lexists(path):
         raise CampaignError(
@@ -1160,10 +1149,10 @@ def _make_database(path: Path, facts: Mapping[str, str], earlier: Iterable[Earli
         connection.execute("PRAGMA journal_mode = MEMORY").fetchone()
         connection.execute(f"PRAGMA application_id = {APPLICATION_ID}")
         _migrate(connection, 0)
-        connection.execute("BEGIN")
-        connection.executemany(_REPLACE_FACT, map(with_checksum, facts.items()))
-        connection.executemany(_INSERT_EARLIER, map(with_checksum, map(row_of_earlier, earlier)))
-        connection.execute("COMMIT")
+        with transaction(connection):
+            connection.executemany(_REPLACE_FACT, map(with_checksum, facts.items()))
+            rows = map(with_checksum, map(row_of_earlier, earlier))
+            connection.executemany(_INSERT_EARLIER, rows)
         connection.execute("PRAGMA journal_mode = WAL").fetchone()
     finally:
         connection.close()
@@ -1173,18 +1162,25 @@ def _make_database(path: Path, facts: Mapping[str, str], earlier: Iterable[Earli
 def _migrate(connection: sqlite3.Connection, version: int) -> None:
     """Bring the schema from `version` to the newest, each step in a transaction of its own."""
     for number, statements in enumerate(MIGRATIONS[version:], start=version + 1):
-        connection.execute("BEGIN IMMEDIATE")
-        try:
+        with transaction(connection):
             (now,) = connection.execute("PRAGMA user_version").fetchone()
             if now < number:  # else another process was faster
                 for statement in statements:
                     connection.execute(statement)
                 connection.execute(f"PRAGMA user_version = {number}")
-            connection.execute("COMMIT")
-        except BaseException:
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
-            raise
+
+
+@contextmanager
+def transaction(connection: sqlite3.Connection) -> Iterator[None]:
+    """A transaction for writing, which is undone if anything is raised."""
+    try:
+        connection.execute("BEGIN IMMEDIATE")
+        yield
+        connection.execute("COMMIT")
+    except BaseException:
+        if connection.in_transaction:
+            connection.execute("ROLLBACK")
+        raise
 
 
 @contextmanager

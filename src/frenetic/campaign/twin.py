@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import TracebackType
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from frenetic.campaign.evaluation import evaluate
 from frenetic.campaign.objective import MOOBD, Objective
@@ -49,14 +48,9 @@ class Twin:
         self.tester.simulator.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: Any) -> None:
         """Ends the simulator."""
-        self.tester.simulator.__exit__(kind, error, trace)
+        self.tester.simulator.__exit__(*raised)
 
     def placed(self, road: Road) -> tuple[Road | None, str]:
         """A road in its place on the map; None and the reason if it is INVALID."""

@@ -76,7 +76,7 @@ def drive(
     fitted, verdict = loaded.placed(spec.map_size)
     the_road = fitted or loaded
     if not verdict.valid and not anyway:
-        result = Result(Outcome.INVALID, verdict.message, None, None, None, 0.0, None)
+        result = Result(Outcome.INVALID, verdict.message)
         if plot is not None:
             from frenetic.report.picture import draw_road
 

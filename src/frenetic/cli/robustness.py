@@ -23,7 +23,8 @@ from frenetic.cli.redrive import (
 
 if TYPE_CHECKING:
     from frenetic.redrive.conditions import Variation
-    from frenetic.redrive.robustness import Rerun, RerunProgress
+    from frenetic.redrive.loop import RedriveProgress
+    from frenetic.redrive.robustness import Rerun
     from frenetic.simulators import Simulator
 
 VARY: Final = "--vary"
@@ -118,7 +119,7 @@ def robustness(
 
     with shown_driving(log, "Driving again") as hooks:
 
-        def progress(now: RerunProgress) -> None:
+        def progress(now: RedriveProgress) -> None:
             nonlocal left
             left = now.total - now.drives
             hooks["on_progress"](now.drives, now.total)

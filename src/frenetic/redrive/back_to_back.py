@@ -35,7 +35,7 @@ from frenetic.redrive.table import read_runs
 from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
-from frenetic.spec import Budget, Part, Spec, describe, part_text
+from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
 
 FRESH: Final = 200
 """Default number of fresh roads."""
@@ -101,8 +101,8 @@ def plan(
         ValueError: an option is out of range.
     """
     for name, number, least in (("fresh", fresh, 1), ("repeats", repeats, 1), ("top", top, 0)):
-        if number is not None and (isinstance(number, bool) or number < least):
-            raise ValueError(f"{name} is {number}: a whole number of at least {least} is needed")
+        if number is not None:
+            require_count(name, number, least)
     folders = {RoadSet.OLD: Path(old)} | ({} if new is None else {RoadSet.NEW: Path(new)})
     if len({folder.resolve() for folder in folders.values()}) < len(folders):
         raise CampaignError(f"{old} is there twice: give each version's own campaign")

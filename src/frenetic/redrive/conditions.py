@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
+from msgspec import convert
 
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import QUANTITIES, SEEDED, USUAL, Conditions, check_can_vary
+from frenetic.spec import require_count
 
 
 @dataclass(frozen=True)
@@ -69,10 +70,10 @@ class Variation:
         """A variation from JSON.
 
         Raises:
-            LookupError, TypeError, ValueError: it is none.
+            ValueError: it is none.
         """
         try:
-            return cls(str(item["quantity"]), as_number(item["low"]), as_number(item["high"]))
+            return convert(item, cls)
         except FreneticError as error:
             raise ValueError(str(error)) from None
 
@@ -114,8 +115,7 @@ def draw_conditions(
     Raises:
         ValueError: ``times`` is no positive whole number, or a quantity is there twice.
     """
-    if isinstance(times, bool) or times != int(times) or times < 1:
-        raise ValueError(f"times is {times}: a whole number of at least 1 is needed")
+    require_count("times", times)
     names = [variation.quantity for variation in variations]
     for name in names:
         if names.count(name) > 1:
@@ -137,54 +137,15 @@ def draw_conditions(
 # JSON
 
 
-def as_number(value: object) -> float:
-    """A value that has to be a finite number.
-
-    Raises:
-        TypeError: it is no number.
-        ValueError: it is not finite.
-    """
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"{value!r} is no number")
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{value!r} is not finite")
-    return number
-
-
-def as_whole(value: object) -> int:
-    """A value that has to be a whole number.
-
-    Raises:
-        TypeError: it is none.
-    """
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError(f"{value!r} is no whole number")
-    return value
-
-
-def read_numbers(kind: type[Any], values: Any) -> Any:
-    """A dataclass of numbers from JSON.
-
-    Raises:
-        AttributeError, TypeError, ValueError: it is none.
-    """
-    return kind(**{name: as_number(value) for name, value in values.items()})
-
-
 def read_conditions(values: Any) -> Conditions:
     """Conditions from JSON.
 
     Raises:
-        AttributeError, TypeError, ValueError: they are none.
+        AttributeError, ValueError: they are none.
     """
     if unknown := values.keys() - {one.name for one in fields(Conditions)}:
         raise ValueError(f"a world has {', '.join(sorted(unknown))}")
-    numbers: dict[str, Any] = {
-        name: as_whole(value) if name == "noise_seed" else as_number(value)
-        for name, value in values.items()
-    }
-    return Conditions(**numbers)
+    return convert(values, Conditions)
 
 
 def conditions_document(conditions: Conditions) -> dict[str, JSONValue]:

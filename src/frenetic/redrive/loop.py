@@ -38,7 +38,7 @@ from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
-from frenetic.spec import describe
+from frenetic.spec import describe, require_count
 
 logger = logging.getLogger(__name__)
 
@@ -267,8 +267,7 @@ def redriving(
         CampaignError: no worker can be started.
         ValueError: an option is out of range.
     """
-    if isinstance(workers, bool) or workers != int(workers) or workers < 1:
-        raise ValueError(f"workers is {workers}: a whole number of at least 1 is needed")
+    require_count("workers", workers)
     with (
         catch_interrupt(on_interrupt) as interrupt,
         _crew(tester, workers, drive_limit, is_entered) as crew,

@@ -25,6 +25,7 @@ from frenetic.redrive.table import RunWriter
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import Drive
+from frenetic.spec import require_count
 
 MAX_DRIVES: Final = 500
 """Default for the most drives per road."""
@@ -173,8 +174,7 @@ def minimise(
         FreneticError: the road does not fail.
         ValueError: a number is out of range, or the road has other lanes than the tester.
     """
-    if isinstance(max_drives, bool) or max_drives != int(max_drives) or max_drives < 1:
-        raise ValueError(f"max_drives is {max_drives}: a whole number of at least 1 is needed")
+    require_count("max_drives", max_drives)
     if not 0.0 <= guard < 1.0:
         raise ValueError(f"guard is {guard}: at least 0 and less than 1 is needed")
     if road.lane_width != tester.lane_width:

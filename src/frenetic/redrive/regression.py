@@ -28,8 +28,6 @@ from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
 
-ReplayProgress = RedriveProgress  # its former name
-
 SUITE: Final = "frenetic replay"
 """Name of the suite in a JUnit file."""
 # Characters that XML 1.0 cannot hold, even escaped.

@@ -42,8 +42,6 @@ from frenetic.simulators.drive import Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import QUANTITIES, check_can_vary, in_conditions
 
-RerunProgress = RedriveProgress  # its former name
-
 TIMES: Final = 20
 """Default number of drives of each test."""
 LEVEL: Final = 0.5

@@ -5,23 +5,20 @@ from __future__ import annotations
 import base64
 import binascii
 import hashlib
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Final
+
+from msgspec import convert
+from msgspec.json import decode as decode_json
 
 from frenetic.campaign.record import TEST_COLUMNS
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.trajectory_codec import decode
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
-from frenetic.redrive.conditions import (
-    Variation,
-    as_whole,
-    read_conditions,
-    read_numbers,
-)
+from frenetic.redrive.conditions import Variation, read_conditions
 from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.simulators.drive import CarBody, Rules
 from frenetic.simulators.worlds import USUAL
@@ -50,7 +47,7 @@ class SideFile:
         path = store.folder / self.name
         try:
             data = path.read_bytes()
-            document = json.loads(data)
+            document = decode_json(data)
         except OSError as error:
             raise CampaignError(f"{path} cannot be read: {error.strerror or error}") from None
         except (ValueError, RecursionError):
@@ -82,7 +79,7 @@ _VERSION: Final = 1  # of the form of these files
 
 
 def _rerun(item: Any, store: CampaignStore) -> Run:
-    test_id = as_whole(item["test"])
+    test_id = convert(item["test"], int)
     _repeat(item["recorded"])
     drives = [_repeat(drive) for drive in item["drives"]]
     variations = [Variation.read(one) for one in item["variations"]]
@@ -92,16 +89,14 @@ def _rerun(item: Any, store: CampaignStore) -> Run:
         dict(item["driver"]),
         dict(item["simulator"]),
         planned=len(drives),
-        seed=as_whole(item["seed"]),
+        seed=convert(item["seed"], int),
         variations=tuple(variations),
         drives=tuple(Redrive(recorded, **drive) for drive in drives),
     )
 
 
 def _repeat(item: Any) -> dict[str, Any]:
-    trouble = item["trouble"]
-    if not isinstance(trouble, str | None):
-        raise TypeError(f"a trouble is {trouble!r}")
+    trouble = convert(item["trouble"], str | None)
     conditions = read_conditions(item["world"])
     return {**_verdict(item), "conditions": conditions, "reason": trouble or ""}
 
@@ -113,9 +108,9 @@ def _confirmation(item: Any, store: CampaignStore) -> Run:
         Purpose.CONFIRMATION,
         driver,
         simulator,
-        read_numbers(Rules, item["rules"]),
-        read_numbers(CarBody, item["car"]),
-        planned=len(drives) + as_whole(item["missing"]),
+        convert(item["rules"], Rules),
+        convert(item["car"], CarBody),
+        planned=len(drives) + convert(item["missing"], int),
         drives=tuple(drives),
     )
 
@@ -132,7 +127,7 @@ def _confirmed(item: Any, store: CampaignStore) -> Redrive:
         **_verdict(item["other"]),
         reason=str(item["reason"]),
         trajectory=trajectory,
-        recorded=store.test(as_whole(item["test"]), with_trajectory=False),
+        recorded=store.test(convert(item["test"], int), with_trajectory=False),
     )
 
 

@@ -14,11 +14,14 @@ import sqlite3
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
-from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import MappingProxyType
 from typing import Any, Final, Self, TypeVar
 
+from msgspec import convert
+from msgspec.json import decode as decode_json
+
+from frenetic._support.words import present_moment
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     TEST_COLUMNS,
@@ -36,19 +39,14 @@ from frenetic.campaign.store import (
     Owner,
     connect_to_write,
     find_database,
+    transaction,
     translated,
 )
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
-from frenetic.redrive.conditions import (
-    Variation,
-    as_whole,
-    conditions_document,
-    read_conditions,
-    read_numbers,
-)
+from frenetic.redrive.conditions import Variation, conditions_document, read_conditions
 from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.redrive.side_files import READ, SIDE_FILES
 from frenetic.simulators.drive import CarBody, Rules
@@ -181,7 +179,7 @@ def _read_runs(store: CampaignStore, purpose: Purpose, stored: Collection[str]) 
                 records[test] = store.test(test, with_trajectory=False)
             del values["number"]
             values["outcome"] = Outcome(values["outcome"])
-            values["conditions"] = read_conditions(json.loads(values["conditions"]))
+            values["conditions"] = read_conditions(decode_json(values["conditions"]))
             values["trajectory"] = None if data is None else decode(data)
             drives[run].append(Redrive(records[test], **values))
     return [replace(run, drives=tuple(drives[number])) for number, run in runs.items()]
@@ -196,13 +194,13 @@ def _to_run(purpose: Purpose, *values: Any) -> Run:
     driver, simulator, rules, car, planned, seed, variations = values
     return Run(
         purpose,
-        dict(json.loads(driver)),
-        dict(json.loads(simulator)),
-        None if rules is None else read_numbers(Rules, json.loads(rules)),
-        None if car is None else read_numbers(CarBody, json.loads(car)),
-        as_whole(planned),
-        None if seed is None else as_whole(seed),
-        tuple(map(Variation.read, json.loads(variations))),
+        decode_json(driver, type=dict[str, Any]),
+        decode_json(simulator, type=dict[str, Any]),
+        None if rules is None else decode_json(rules, type=Rules),
+        None if car is None else decode_json(car, type=CarBody),
+        convert(planned, int),
+        convert(seed, int | None),
+        tuple(map(Variation.read, decode_json(variations, type=list[Any]))),
     )
 
 
@@ -266,7 +264,7 @@ class RunWriter:
         if connection is None:
             return
         self._owner.require(self._path)
-        with self._trying(), _transaction(self._path, connection):
+        with self._trying(), translated(self._path), transaction(connection):
             if self._run is None:
                 self._run = _insert_run(connection, self._describe())
             _insert_drive(connection, self._run, number, drive)
@@ -289,12 +287,7 @@ class RunWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         if self._connection is not None and not self._owner.is_here:
             return
         try:
@@ -302,13 +295,13 @@ class RunWriter:
                 with (
                     suppress(*([] if error is None else [CampaignError])),
                     self._trying(),
-                    _transaction(self._path, self._connection) as connection,
+                    translated(self._path),
+                    transaction(self._connection),
                 ):
-                    run = {"run": self._run, "now": _now()}
-                    connection.execute(_END_RUN, run)
-                    connection.execute(_DELETE_DRIVES, run)
-                    connection.execute(_DELETE_UNJUDGED, run)
-                    connection.execute(_DELETE_RUNS)
+                    run = {"run": self._run, "now": present_moment()}
+                    for statement in (_END_RUN, _DELETE_DRIVES, _DELETE_UNJUDGED):
+                        self._connection.execute(statement, run)
+                    self._connection.execute(_DELETE_RUNS)
         finally:
             self._close()
 
@@ -341,7 +334,7 @@ def _take_in(path: Path, runs: list[Run], source: str) -> None:
     with translated(path):
         connection = connect_to_write(path)
     try:
-        with _transaction(path, connection):
+        with translated(path), transaction(connection):
             known = "SELECT 1 FROM redrive_run WHERE source = ?"
             if connection.execute(known, (source,)).fetchone() is not None:
                 return
@@ -365,7 +358,7 @@ def _insert_run(connection: sqlite3.Connection, run: Run, source: str | None = N
         run.seed,
         json.dumps(sorted(map(asdict, run.variations), key=lambda one: str(one["quantity"]))),
         source,
-        _now(),
+        present_moment(),
     )
     number = connection.execute(_INSERT_RUN, with_checksum(values)).lastrowid
     assert number is not None
@@ -394,20 +387,3 @@ def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: 
 def _is_real(value: object) -> bool:
     """Whether it is a number, possibly numpy's, which would be stored as a blob."""
     return value is not None and not isinstance(value, str)
-
-
-def _now() -> str:
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-@contextmanager
-def _transaction(path: Path, connection: sqlite3.Connection) -> Iterator[sqlite3.Connection]:
-    with translated(path):
-        try:
-            connection.execute("BEGIN IMMEDIATE")
-            yield connection
-            connection.execute("COMMIT")
-        except BaseException:
-            if connection.in_transaction:
-                connection.execute("ROLLBACK")
-            raise

@@ -15,7 +15,6 @@ from dataclasses import fields, replace
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from operator import attrgetter
-from types import TracebackType
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
@@ -182,12 +181,7 @@ class LocalWorkers:
             raise
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         """Ends all workers: at once during an error, else when they are done."""
         there = [worker for worker in self._workers if worker.state != "lost"]
         try:

@@ -6,8 +6,7 @@ import logging
 import os
 import time
 from collections.abc import Mapping, Sequence
-from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Any, Final, Protocol, Self
 
 from frenetic.campaign.log import WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
@@ -48,12 +47,7 @@ class Workers(Protocol):
     def __enter__(self) -> Self:
         """Starts the workers without waiting."""
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: Any) -> None:
         """Ends all workers: at once during an error, else when they are done."""
 
 
@@ -151,15 +145,10 @@ class InProcessWorker:
         self._start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: Any) -> None:
         """Ends the simulator, unless the caller does."""
         if not self._is_entered:
-            self._end(kind, error, trace)
+            self._end(*raised)
 
     def _start(self) -> None:
         if not self._started:
@@ -169,15 +158,10 @@ class InProcessWorker:
                 raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
             self._started = True
 
-    def _end(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def _end(self, *raised: Any) -> None:
         if self._started:
             self._started = False
             try:
-                self._tester.simulator.__exit__(kind, error, trace)
+                self._tester.simulator.__exit__(*raised)
             except Exception as trouble:  # what it has driven stands
                 logger.warning("the simulator did not end well: %s", reason_of(trouble))

@@ -17,7 +17,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from queue import Empty, SimpleQueue
-from types import TracebackType
 from typing import Final, Self
 
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
@@ -156,12 +155,7 @@ class ClusterWorkers:
         self._link = DaskLink(self._address, self._messages)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         """Releases all seats: at once during an error, else when they are done."""
         try:
             if error is None and not self._disconnected:
