@@ -24,7 +24,7 @@ from types import FunctionType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from frenetic._support.json_value import JSONValue, plain
-from frenetic._support.words import counted
+from frenetic._support.words import counted, read_setting
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.fingerprint import Fingerprint, fingerprint_of, innermost, over_each_other
@@ -768,16 +768,6 @@ def _in_words(options: Mapping[str, object]) -> list[str]:
 def number_word(value: object) -> str:
     """A number for a command line."""
     return str(value).removesuffix(".0")
-
-
-def read_setting(text: str) -> Any:
-    """The value of NAME=VALUE on a command line: JSON or a number if possible, else a text."""
-    for read in (json.loads, float):
-        try:
-            return read(text)
-        except ValueError:
-            continue
-    return text
 
 
 def _setting(value: object) -> str:

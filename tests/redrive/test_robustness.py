@@ -20,10 +20,10 @@ from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, P
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, draw_conditions
+from frenetic.redrive.loop import RedriveProgress
 from frenetic.redrive.record import Match
 from frenetic.redrive.robustness import (
     Rerun,
-    RerunProgress,
     Stability,
     read_reruns,
     rerun,
@@ -505,7 +505,7 @@ def test_what_is_written_is_read_again(campaign: Path, tmp_path: Path) -> None:
 def test_ctrl_c_keeps_what_is_done(campaign: Path) -> None:
     ids = failures_of(campaign)[:3]
 
-    def interrupt(progress: RerunProgress) -> None:
+    def interrupt(progress: RedriveProgress) -> None:
         assert progress.total == 12
         if progress.drives == 6:
             signal.raise_signal(signal.SIGINT)

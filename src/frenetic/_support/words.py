@@ -1,11 +1,12 @@
-"""Words for people: counts, rates, times, and texts in the cells of tables."""
+"""Words for people, and from them: counts, rates, times, settings, texts in cells of tables."""
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from datetime import datetime, timezone
-from typing import Final
+from typing import Any, Final
 
 
 def counted(number: int, what: str) -> str:
@@ -39,6 +40,16 @@ _UNITS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
 _PATTERN: Final = re.compile(
     r"(?:(?P<h>\d+(?:\.\d+)?)h)?(?:(?P<m>\d+(?:\.\d+)?)m)?(?:(?P<s>\d+(?:\.\d+)?)s?)?"
 )
+
+
+def read_setting(text: str) -> Any:
+    """The value of NAME=VALUE on a command line: JSON or a number if possible, else a text."""
+    for read in (json.loads, float):
+        try:
+            return read(text)
+        except ValueError:
+            continue
+    return text
 
 
 def parse_duration(text: object) -> float:

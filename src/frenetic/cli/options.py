@@ -13,8 +13,8 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from frenetic._support.words import parse_duration
-from frenetic.spec import MAX_WORKERS, read_setting
+from frenetic._support.words import parse_duration, read_setting
+from frenetic.spec import MAX_WORKERS
 
 DATABASE: Final = "campaign.sqlite"
 """`frenetic.campaign.store.DATABASE`, which takes longer to import than completing may."""

@@ -17,10 +17,12 @@ from frenetic.competition.pipeline import (
     RoadTests,
     TimeBudget,
     least_oob_distance,
+    make_strategy,
+    read_options,
+    read_seed,
     restart_generation_clock,
     trace_of,
 )
-from frenetic.competition.settings import make_strategy, read_options, read_seed
 from frenetic.errors import FreneticError, RoadError, describe_error
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, Road, Verdict
@@ -49,7 +51,7 @@ class Generator:
         class Mine(Generator):
             strategy = MyStrategy
 
-    Seed and options come from the environment, see `frenetic.competition.settings`, or from the
+    Seed and options come from the environment, see `frenetic.competition.pipeline`, or from the
     class; the environment takes precedence.
 
     Args:

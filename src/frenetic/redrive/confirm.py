@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Final, Unpack
 
 from frenetic.analysis.statistics import spearman
 from frenetic.campaign.store import CampaignStore, JSONValue
@@ -21,7 +21,7 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import SHORT, comparison_key
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import campaign_tester, drive_again
+from frenetic.redrive.loop import RedriveOptions, campaign_tester, drive_again
 from frenetic.redrive.record import (
     Agreement,
     Purpose,
@@ -124,11 +124,8 @@ def confirm(
     driver: Driver,
     *,
     test_ids: Sequence[int],
-    workers: int = 1,
-    drive_limit: float | None = None,
     on_progress: Callable[[int, int], None] | None = None,
-    on_start: Callable[[], None] | None = None,
-    on_interrupt: Callable[[], None] | None = None,
+    **how: Unpack[RedriveOptions],
 ) -> Confirmation:
     """Drives failures of a campaign in another simulator and keeps the results.
 
@@ -137,11 +134,8 @@ def confirm(
         simulator: the other one, not yet entered.
         driver: the campaign's or another.
         test_ids: the failures, the most important first.
-        workers: number of roads driven at once, as for `Campaign`.
-        drive_limit: s of wall time, likewise.
         on_progress: called after every drive with the number of drives, and of all.
-        on_start: called when the simulator has started.
-        on_interrupt: called at the first Ctrl-C, which ends it after the running drives.
+        how: see `frenetic.redrive.loop.RedriveOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, a test is no failure, or no worker can be started.
@@ -160,11 +154,8 @@ def confirm(
         Purpose.CONFIRMATION,
         tester,
         [(record, USUAL) for record in records],
-        workers=workers,
-        drive_limit=drive_limit,
         on_progress=on_progress and (lambda now: on_progress(now.drives, now.total)),
-        on_start=on_start,
-        on_interrupt=on_interrupt,
+        **how,
     )
     return _of_run(run)
 

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import logging
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, TypedDict, Unpack
 
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.analysis.failures import Failure
@@ -73,6 +73,19 @@ class Task:
             Candidate(number, candidate.curvatures, candidate.step, origin),
             Placement(Pose(*record.pose), conditions),
         )
+
+
+class RedriveOptions(TypedDict, total=False):
+    """Options of all that drives roads again."""
+
+    workers: int
+    """Number of roads driven at once, as for `Campaign`; 1 by default."""
+    drive_limit: float | None
+    """Wall time in s, likewise."""
+    on_start: Callable[[], None] | None
+    """Called when the simulator has started."""
+    on_interrupt: Callable[[], None] | None
+    """Called at the first Ctrl-C, which ends it after the running drives."""
 
 
 DriveTasks: TypeAlias = Callable[[Iterable[Task]], Iterator[Attempt]]
@@ -142,27 +155,21 @@ def drive_again(
     drives: Sequence[tuple[TestRecord, Conditions]],
     *,
     optional: bool = False,
-    workers: int = 1,
-    drive_limit: float | None = None,
     on_progress: Callable[[RedriveProgress], None] | None = None,
-    on_start: Callable[[], None] | None = None,
-    on_interrupt: Callable[[], None] | None = None,
-    **drawn: Any,
+    drawn: Mapping[str, Any] | None = None,
+    **how: Unpack[RedriveOptions],
 ) -> Run:
     """Drives roads of a campaign again in place; stores each drive, then reports it.
 
     Args:
         folder: of the campaign.
         purpose: of the run.
-        tester: as for `redriving`, like the other arguments that are not named here.
+        tester: as for `redriving`.
         drives: tests, with the conditions of each drive.
         optional: whether to go on if nothing can be stored.
-        workers: see there.
-        drive_limit: see there.
         on_progress: called with every stored drive.
-        on_start: see there.
-        on_interrupt: see there.
-        drawn: as for `new_run`.
+        drawn: ``seed`` and ``variations`` of drawn conditions.
+        how: see `RedriveOptions`.
 
     Returns:
         The run, with its drives in the given order.
@@ -172,25 +179,20 @@ def drive_again(
         ValueError: an option is out of range.
     """
     tasks = [Task.of(i, record, wanted) for i, (record, wanted) in enumerate(drives, start=1)]
-    if workers > 1:  # they measure its car, each for itself; here it would never be entered
+    how["workers"] = min(how.get("workers", 1), max(len(tasks), 1))
+    if how["workers"] > 1:  # they measure its car, each for itself; here it would never be entered
         prepare(tester.simulator)
 
     @cache  # its simulator knows its car when the first drive is stored
     def run() -> Run:
-        return new_run(purpose, tester, len(tasks), **drawn)
+        return new_run(purpose, tester, len(tasks), **(drawn or {}))
 
     done: dict[int, Redrive] = {}
     failed = 0
     differences = _Differences(folder, tester)
     with (
         RunWriter(folder, purpose, run, optional=optional) as writer,
-        redriving(
-            tester,
-            workers=min(workers, max(len(tasks), 1)),
-            drive_limit=drive_limit,
-            on_start=on_start,
-            on_interrupt=on_interrupt,
-        ) as drive_tasks,
+        redriving(tester, **how) as drive_tasks,
     ):
         for attempt in drive_tasks(tasks):
             number = attempt.candidate_id
@@ -244,11 +246,8 @@ class _Differences:
 def redriving(
     tester: RoadTester,
     *,
-    workers: int = 1,
-    drive_limit: float | None = None,
     is_entered: bool = False,
-    on_start: Callable[[], None] | None = None,
-    on_interrupt: Callable[[], None] | None = None,
+    **how: Unpack[RedriveOptions],
 ) -> Iterator[DriveTasks]:
     """Starts workers and gives a function that drives a batch of roads, as often as it is called.
 
@@ -257,20 +256,18 @@ def redriving(
 
     Args:
         tester: drives the roads; copied into each worker if there are several.
-        workers: number of roads driven at once, as for `Campaign`.
-        drive_limit: s of wall time, likewise.
         is_entered: whether the caller has entered the simulator and will leave it; for one worker.
-        on_start: called when the simulator has started.
-        on_interrupt: called at the first Ctrl-C.
+        how: see `RedriveOptions`.
 
     Raises:
         CampaignError: no worker can be started.
         ValueError: an option is out of range.
     """
+    workers, on_start = how.get("workers", 1), how.get("on_start")
     require_count("workers", workers)
     with (
-        catch_interrupt(on_interrupt) as interrupt,
-        _crew(tester, workers, drive_limit, is_entered) as crew,
+        catch_interrupt(how.get("on_interrupt")) as interrupt,
+        _crew(tester, workers, how.get("drive_limit"), is_entered) as crew,
     ):
         while not crew.free and not interrupt.requested:
             crew.wait(_POLL)

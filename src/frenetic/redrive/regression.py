@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, Unpack
 
 from frenetic._support.files import write_file
 from frenetic.campaign.store import CampaignStore, JSONValue
@@ -15,7 +15,7 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
+from frenetic.redrive.loop import RedriveOptions, RedriveProgress, campaign_tester, drive_again
 from frenetic.redrive.record import (
     Change,
     Purpose,
@@ -77,11 +77,8 @@ def replay(
     driver: Driver,
     *,
     everything: bool = False,
-    workers: int = 1,
-    drive_limit: float | None = None,
     on_progress: Callable[[RedriveProgress], None] | None = None,
-    on_start: Callable[[], None] | None = None,
-    on_interrupt: Callable[[], None] | None = None,
+    **how: Unpack[RedriveOptions],
 ) -> Replay:
     """Drives the failing roads of a campaign again, each where it lay on the map.
 
@@ -90,11 +87,8 @@ def replay(
         simulator: any, not yet entered.
         driver: any.
         everything: all driven roads, not only failing ones.
-        workers: number of roads driven at once, as for `Campaign`.
-        drive_limit: s of wall time, likewise.
         on_progress: called after every drive.
-        on_start: called when the simulator has started.
-        on_interrupt: called at the first Ctrl-C, which ends it after the running drives.
+        how: see `frenetic.redrive.loop.RedriveOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, or no worker can be started.
@@ -112,11 +106,8 @@ def replay(
         tester,
         [(record, USUAL) for record in records],
         optional=True,
-        workers=workers,
-        drive_limit=drive_limit,
         on_progress=on_progress,
-        on_start=on_start,
-        on_interrupt=on_interrupt,
+        **how,
     )
     return _of_run(folder, run)
 

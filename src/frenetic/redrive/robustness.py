@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass, field
 from enum import StrEnum
 from functools import cached_property
 from pathlib import Path
-from typing import Final
+from typing import Final, Unpack
 
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.record import TestRecord
@@ -26,7 +26,7 @@ from frenetic.drivers import Driver
 from frenetic.fingerprint import comparison_key, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, conditions_document, draw_conditions
-from frenetic.redrive.loop import RedriveProgress, campaign_tester, drive_again
+from frenetic.redrive.loop import RedriveOptions, RedriveProgress, campaign_tester, drive_again
 from frenetic.redrive.record import (
     Purpose,
     Redrive,
@@ -201,11 +201,8 @@ def rerun(
     times: int = TIMES,
     variations: Sequence[Variation] = (),
     seed: int = 0,
-    workers: int = 1,
-    drive_limit: float | None = None,
     on_progress: Callable[[RedriveProgress], None] | None = None,
-    on_start: Callable[[], None] | None = None,
-    on_interrupt: Callable[[], None] | None = None,
+    **how: Unpack[RedriveOptions],
 ) -> tuple[Rerun, ...]:
     """Drives failing roads of a campaign again and stores how often they fail.
 
@@ -221,11 +218,8 @@ def rerun(
         times: drives of each.
         variations: ranges of the varied quantities; none by default.
         seed: of the worlds.
-        workers: number of roads driven at once, as for `Campaign`.
-        drive_limit: s of wall time, likewise.
         on_progress: called after every drive.
-        on_start: called when the simulator has started.
-        on_interrupt: called at the first Ctrl-C.
+        how: see `frenetic.redrive.loop.RedriveOptions`.
 
     Returns:
         The tests that were driven, in order; after Ctrl-C the last may have fewer drives.
@@ -253,13 +247,9 @@ def rerun(
         Purpose.ROBUSTNESS,
         tester,
         [(record, one) for record in records for one in conditions],
-        workers=workers,
-        drive_limit=drive_limit,
         on_progress=on_progress,
-        on_start=on_start,
-        on_interrupt=on_interrupt,
-        seed=seed,
-        variations=tuple(variations),
+        drawn={"seed": seed, "variations": tuple(variations)},
+        **how,
     )
     return tuple(_reruns_of(run))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, fields
 from types import MappingProxyType
@@ -125,8 +125,8 @@ def check_facts(
         ("finished_at", is_moment, "a date and time"),
         ("interrupted", lambda value: isinstance(value, bool), "true or false"),
         ("seconds", lambda value: is_number(value) and value >= 0.0, "a number of at least 0"),
-        ("budget", lambda value: _budget(value) is not None, "a budget"),
-        (CHANGES, _are_changes, "a list of changes"),
+        ("budget", lambda value: _is_read_by(decode_budget, value), "a budget"),
+        (CHANGES, lambda value: _is_read_by(read_changes, value), "a list of changes"),
     ):
         if name in facts and not is_fine(facts[name]):
             text = f"the fact {name} is {shown(facts[name])}: {needed} is needed"
@@ -134,36 +134,23 @@ def check_facts(
             del facts[name]
     if "created_at" not in facts:
         findings.add(Subject.CONFIGURATION, "there is no created_at, the time it was made")
+    names = [item.name for item in fields(Setting)]
+    drive = {name: known.values[name] for name in names if name in known.values}
     return Facts(
         created_at=facts.get("created_at", ""),
         finished_at=facts.get("finished_at", ""),
         interrupted=facts.get("interrupted", False),
         seconds=facts.get("seconds"),
         first_budget=known.values.get("budget"),
-        last_budget=_budget(facts.get("budget")),
-        setting=_setting(known),
+        last_budget=decode_budget(facts["budget"]) if "budget" in facts else None,
+        setting=Setting(**drive) if len(drive) == len(names) else None,
         versions=MappingProxyType(known.values.get("versions", {})),
     )
 
 
-def _are_changes(value: object) -> bool:
+def _is_read_by(read: Callable[[Any], object], value: object) -> bool:
     try:
-        read_changes(value)
+        read(value)
     except ValueError:
         return False
     return True
-
-
-def _budget(value: object) -> Budget | None:
-    try:
-        return decode_budget(value)
-    except ValueError:
-        return None
-
-
-def _setting(known: Decoded) -> Setting | None:
-    """Terms of the drives, None if the configuration lacks them."""
-    names = [item.name for item in fields(Setting)]
-    if not known.values.keys() >= set(names):
-        return None
-    return Setting(**{name: known.values[name] for name in names})
