@@ -29,10 +29,11 @@ from frenetic._support.child_processes import (
     serving,
     start_process,
 )
-from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
+from frenetic.campaign.log import CampaignLog, Event, WorkerState
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.workers.workers import Slot, states_of
 from frenetic.errors import CampaignError, describe_error
 from frenetic.oracle import Departure, Result
 from frenetic.outcome import Outcome
@@ -123,11 +124,7 @@ class LocalWorkers:
 
     def states(self) -> Mapping[str, WorkerState]:
         """Activity of each worker, by its name."""
-        now = time.monotonic()
-        return {
-            worker.name: WorkerState(worker.name, worker.state, worker.tests, now - worker.since)
-            for worker in self._workers
-        }
+        return states_of(self._workers)
 
     def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
         """Hands a candidate to a free worker."""
@@ -333,22 +330,16 @@ class LocalWorkers:
         return loss
 
 
-class _Worker:
+class _Worker(Slot):
     """One worker and its present process."""
 
     process: BaseProcess
     connection: Connection
 
     def __init__(self, name: str) -> None:
-        self.name = name
-        self.state: WorkerStatus = "lost"
-        self.since = time.monotonic()
-        """Start of this state."""
-        self.limit = math.inf
-        """End of this state's allowed time, on the monotonic clock."""
+        super().__init__(name)
         self.queue: deque[Task] = deque()
         """The candidate that it drives, and the waiting ones."""
-        self.tests = 0
         self.capacity = 1
         """Most candidates that it may have."""
         self.pace = math.inf
@@ -357,8 +348,6 @@ class _Worker:
         """Whether its simulator ever has."""
         self.failed_starts = 0
         """Number of consecutive failed starts."""
-        self.loss = ""
-        """Reason of its last process's loss."""
 
     @property
     def room(self) -> int:
@@ -377,11 +366,6 @@ class _Worker:
     def begin(self, process: BaseProcess, connection: Connection) -> None:
         self.process, self.connection = process, connection
         self.turn("starting", START_LIMIT)
-
-    def turn(self, state: WorkerStatus, limit: float = math.inf) -> None:
-        self.state = state
-        self.since = time.monotonic()
-        self.limit = self.since + limit
 
     def dismiss(self) -> None:
         """Lets it end its simulator after its present test."""

@@ -19,11 +19,12 @@ from dataclasses import replace
 from queue import Empty, SimpleQueue
 from typing import Final, Self
 
-from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
+from frenetic.campaign.log import CampaignLog, Event, WorkerState
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.local import CLOSING_LIMIT, START_LIMIT, STARTS
+from frenetic.campaign.workers.workers import Slot, states_of
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 
@@ -115,11 +116,7 @@ class ClusterWorkers:
 
     def states(self) -> Mapping[str, WorkerState]:
         """Activity of each seat, by the name of its worker and its number."""
-        now = time.monotonic()
-        return {
-            seat.name: WorkerState(seat.name, seat.state, seat.tests, now - seat.since)
-            for seat in self._all_seats()
-        }
+        return states_of(self._all_seats())
 
     def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
         """Hands a candidate to a free seat."""
@@ -396,22 +393,17 @@ class ClusterWorkers:
                         return
 
 
-class WorkerSlot:
+class WorkerSlot(Slot):
     """A seat, as the campaign knows it."""
 
     def __init__(self, host: Host, number: int) -> None:
+        name = host.name if host.seats == 1 else f"{host.name} seat {number}"
+        super().__init__(name, "starting", START_LIMIT)
         self.host = host.address
         self.home = host.nanny or host.address, number
         """Name that outlives restarts of its worker."""
         self.count = host.seats
         """Number of seats on its worker."""
-        self.name = host.name if host.seats == 1 else f"{host.name} seat {number}"
-        self.state: WorkerStatus
-        self.since: float
-        """Start of this state."""
-        self.limit: float
-        """End of this state's allowed time, on the monotonic clock."""
-        self.turn("starting", START_LIMIT)
         self.is_taken = False
         """Whether another campaign used it when we last tried."""
         self.handle: Call | None = None
@@ -420,15 +412,6 @@ class WorkerSlot:
         """Its present activity."""
         self.candidate_id = 0
         """Its present or last candidate."""
-        self.tests = 0
-        self.loss = ""
-        """Reason of its loss."""
-
-    def turn(self, state: WorkerStatus, limit: float = math.inf) -> None:
-        """Enters a state, for at most so many s."""
-        self.state = state
-        self.since = time.monotonic()
-        self.limit = self.since + limit
 
     def begin(self, call: Call) -> None:
         """Records its present task."""
