@@ -170,16 +170,9 @@ class EarlierCampaign:
         Raises:
             ValueError: it is none; the message follows "is ..:".
         """
-        numbers = [item.name for item in fields(cls) if item.type == "int"]
-        is_fine = (
-            isinstance(value, Mapping)
-            and value.keys() == {"folder", "digest", *numbers}
-            and all(isinstance(value[name], str) for name in ("folder", "digest"))
-            and all(type(value[name]) is int and value[name] >= 0 for name in numbers)
-        )
-        if not is_fine:
-            raise ValueError("a list of earlier campaigns is needed")
-        return cls(**value)
+        numbers = {item.name: _whole_number(0) for item in fields(cls) if item.type == "int"}
+        value = _object_of(folder=_text, digest=_text, **numbers)(value)
+        return cls(**{item.name: value[item.name] for item in fields(cls)})
 
     def __str__(self) -> str:
         left_out = f", {self.left_out} left out that do not fit" if self.left_out else ""
@@ -389,28 +382,19 @@ class Spec:
 
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
-        command = self.command()
-        return {
-            "seed": self.seed,
-            "strategy": self.strategy.made,
-            "simulator": self.simulator.made,
-            "driver": self.driver.made,
-            "rules": asdict(self.rules),
-            "car": None if self.car is None else asdict(self.car),
-            "budget": None if self.budget is None else asdict(self.budget),
-            "map_size": self.map_size,
-            "margin": self.margin,
-            "lane_width": self.lane_width,
-            "workers": self.workers,
-            "cluster": self.cluster,
-            "lookahead": self.lookahead,
-            "objective": self.objective,
-            "start_from": [asdict(one) for one in self.start_from],
-            "screen": dict(self.screen),
-            "versions": dict(self.versions),
-            "fingerprints": dict(self.fingerprints),
-            **({} if command is None else {"command": command}),
+        values = {name: getattr(self, name) for name in CONFIGURATION}
+        record = {
+            name: value.made
+            if isinstance(value, Part)
+            else asdict(value)
+            if is_dataclass(value) and not isinstance(value, type)
+            else value
+            for name, value in values.items()
         }
+        record["start_from"] = [asdict(one) for one in self.start_from]
+        record |= {name: dict(values[name]) for name in ("screen", "versions", "fingerprints")}
+        command = self.command()
+        return record if command is None else {**record, "command": command}
 
     def command(self) -> dict[str, JSONValue] | None:
         """The options of a command line that name the parts; None if they have no names."""
@@ -921,7 +905,22 @@ def _or_none(decoder: Decoder) -> Decoder:
     return decode
 
 
+def _object_of(**entries: Entry | Decoder) -> Decoder:
+    """Decodes an object with these entries, possibly among others, to itself."""
+    known = {k: one if isinstance(one, Entry) else Entry(one) for k, one in entries.items()}
+
+    def decode(value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            raise ValueError("an object is needed")
+        if faults := _decode(known, value)[1]:
+            raise ValueError("; ".join(faults))
+        return value
+
+    return decode
+
+
 _text: Final = _if(lambda v: isinstance(v, str), "a text is needed")
+_FREE_TEXT: Final = Entry(_text, is_needed=False)
 _object: Final = _if(lambda v: isinstance(v, Mapping), "an object is needed")
 _seed: Final = _if(lambda v: not isinstance(v, (Mapping, list)), "an object or list is no seed")
 _versions: Final = _if(
@@ -930,17 +929,10 @@ _versions: Final = _if(
 )
 
 
-def _fingerprint(value: Any) -> Mapping[str, JSONValue]:
-    """A fingerprint in the form of `Fingerprint.to_json`."""
-    if not isinstance(value, Mapping) or not isinstance(value.get("digest"), str):
-        raise ValueError("its fingerprint has to be an object with a digest")
-    files = value.get("files", {})
-    if not isinstance(files, Mapping) or not all(isinstance(one, str) for one in files.values()):
-        raise ValueError("the files of its fingerprint have to be an object of texts")
-    for name in ("version", "trouble"):
-        if not isinstance(value.get(name, ""), str):
-            raise ValueError(f"the {name} of its fingerprint has to be a text")
-    return value
+_fingerprint: Final = _object_of(
+    digest=_text, files=Entry(_versions, False), version=_FREE_TEXT, trouble=_FREE_TEXT
+)
+"""A fingerprint in the form of `Fingerprint.to_json`."""
 
 
 def _fingerprints(value: Any) -> Mapping[str, JSONValue]:
@@ -951,16 +943,13 @@ def _fingerprints(value: Any) -> Mapping[str, JSONValue]:
 
 def _described(value: Any) -> Mapping[str, JSONValue]:
     """A part in the form of `describe`."""
-    if not isinstance(value, Mapping) or not isinstance(value.get("class"), str):
-        raise ValueError("an object with a class is needed")
-    for name in ("options", "driver"):
-        if name in value and not isinstance(value[name], Mapping):
-            raise ValueError(f"its {name} have to be an object")
-    if "fingerprint" in value:
-        _fingerprint(value["fingerprint"])
-    if "driver" in value:
-        _described(value["driver"])
-    return value
+    entries = {
+        "class": _text,
+        "options": Entry(_object, False),
+        "fingerprint": Entry(_fingerprint, False),
+        "driver": Entry(_described, False),
+    }
+    return _object_of(**entries)(value)
 
 
 def _record(value: Any, kind: Callable[..., T], *, or_none: bool = False) -> T:

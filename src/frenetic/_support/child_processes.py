@@ -239,7 +239,7 @@ class Failed(NamedTuple):
 
 
 class LogSender(logging.Handler):
-    """Sends log records to the parent."""
+    """Sends log records to the parent, say."""
 
     def __init__(self, send: Callable[[Logged], None]) -> None:
         super().__init__(logging.INFO)

@@ -28,7 +28,7 @@ from frenetic.campaign.changes import (
 )
 from frenetic.campaign.earlier import stored_earlier, take_earlier
 from frenetic.campaign.log import CampaignLog, Event
-from frenetic.campaign.loop import Dispatcher, ObservingStrategy, Order, replay, start
+from frenetic.campaign.loop import Dispatcher, ObservingStrategy, replay, start
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import TestRecord
@@ -186,7 +186,7 @@ class Campaign(ShownCampaign):
         self.budget = budget
         self.workers = workers
         self.cluster = cluster
-        self.order = Order(lookahead if ordered else None)
+        self.lookahead = lookahead if ordered else None
         self.drive_limit = drive_limit
         self.folder = new_folder() if folder is None else Path(folder)
         self.seed: int | None = known.get("seed")
@@ -282,7 +282,7 @@ class Campaign(ShownCampaign):
             lane_width=self.tester.lane_width,
             workers=self.workers,
             cluster=self.cluster,
-            lookahead=self.order.lookahead,
+            lookahead=self.lookahead,
             objective=self.objective.name,
             start_from=self.start_from,
             versions=package_versions(),
@@ -603,7 +603,7 @@ class Campaign(ShownCampaign):
                         budget=self._required_budget,
                         limit=limit,
                         objective=self.objective,
-                        order=self.order,
+                        lookahead=self.lookahead,
                         interrupt=interrupt,
                         tally=tally,
                         outstanding=outstanding,

@@ -7,7 +7,6 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from typing import Final, Protocol, runtime_checkable
 
@@ -48,15 +47,6 @@ _SURE, _DOUBTFUL, _DOOMED = range(3)  # prospects of a waiting candidate
 _HEARTBEAT: Final = 1.0  # s between two checks of the log while nothing comes back
 
 
-@dataclass(frozen=True)
-class Order:
-    """The number of outstanding candidates, and the order of telling."""
-
-    lookahead: int | None = None
-    """Number of outstanding candidates, told in the order of asking, so that the campaign does not
-    depend on the number and speed of workers. None: one per free worker, told as results come."""
-
-
 @runtime_checkable
 class ObservingStrategy(Strategy, Protocol):
     """A strategy that is shown each test whole, with its drive, right before it is told.
@@ -73,9 +63,10 @@ class ObservingStrategy(Strategy, Protocol):
 class Dispatcher:
     """Takes a campaign from the end of its log to the end of its budget.
 
-    With an `Order` that looks ahead, asking and telling follow from the results alone: the number
-    of outstanding candidates is constant, and the oldest is told first, as DROPPED if the strategy
-    no longer wants it, even if it was driven already.
+    With a look-ahead, asking and telling follow from the results alone, not from the number and
+    speed of workers: so many candidates are outstanding, and the oldest is told first, as DROPPED
+    if the strategy no longer wants it, even if it was driven already. With None there is one per
+    free worker, and results are told as they come.
     """
 
     def __init__(
@@ -88,7 +79,7 @@ class Dispatcher:
         budget: Budget,
         limit: int | None = None,
         objective: Objective,
-        order: Order,
+        lookahead: int | None,
         interrupt: Interrupt,
         tally: Tally,
         outstanding: dict[int, Candidate],
@@ -103,7 +94,7 @@ class Dispatcher:
         self._budget = budget
         self._limit = limit  # of simulations, at which it stops within the budget
         self._objective = objective
-        self._lookahead = order.lookahead
+        self._lookahead = lookahead
         self._interrupt = interrupt
         self._tally = tally
         self._outstanding = outstanding  # asked and not told, in the order of asking

@@ -23,7 +23,7 @@ from frenetic.cli.options import (
     workers_option,
 )
 from frenetic.cli.parts import moved, part_choice, place_options
-from frenetic.cli.redrive import recorded_spec, shown_driving
+from frenetic.cli.redrive import interrupted, recorded_spec, shown_driving
 from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
@@ -172,18 +172,14 @@ def _driven(
 
     with own_modules(), shown_driving(log, "Driving the old version") as hooks:
         old = drive_old(plan, driving(old_spec, hooks), old_spec)
+    to_go = "{} to go; the same command goes on"
     if old.missing:
-        raise _interrupted(log, old.missing + plan.drives)
+        raise interrupted(log, to_go.format(counted(old.missing + plan.drives, "drive")))
     with own_modules(), shown_driving(log, "Driving the new version") as hooks:
         new = drive_new(plan, driving(new_spec, hooks), old)
     if new.missing:
-        raise _interrupted(log, new.missing)
+        raise interrupted(log, to_go.format(counted(new.missing, "drive")))
     return pair_up(plan, old, new)
-
-
-def _interrupted(log: Log, missing: int) -> click.exceptions.Exit:
-    log.print(f"Interrupted: {counted(missing, 'drive')} to go; the same command goes on")
-    return click.exceptions.Exit(130)
 
 
 def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:

@@ -93,7 +93,7 @@ def confirm(
         if gallery is not None:
             click.echo(f"At a glance: {gallery}")
     if confirmation.missing:
-        raise interrupted(log, confirmation.missing)
+        raise interrupted(log, f"{confirmation.missing} roads were not driven")
     if not any(test.other.outcome.is_driven for test in confirmation.tests):
         raise click.exceptions.Exit(1)
 

@@ -140,7 +140,7 @@ def shown_driving(log: Log, what: str) -> Iterator[Mapping[str, Any]]:
         yield {"on_progress": show, "on_start": compiled, "on_interrupt": log.stopping}
 
 
-def interrupted(log: Log, missing: int) -> click.exceptions.Exit:
-    """Prints the number of undriven roads and ends the command."""
-    log.print(f"Interrupted: {missing} roads were not driven")
+def interrupted(log: Log, what: str) -> click.exceptions.Exit:
+    """Prints what is left to do and ends the command."""
+    log.print(f"Interrupted: {what}")
     return click.exceptions.Exit(130)

@@ -79,7 +79,7 @@ def regression(
         is_the_same_drive = all(value in (None, ()) for value in given.values())
         _print(replayed, everything, is_the_same_drive, with_rows)
     if replayed.missing:
-        raise interrupted(log, replayed.missing)
+        raise interrupted(log, f"{replayed.missing} roads were not driven")
     if junit is not None:
         write_junit(replayed, junit)
     if not replayed.passed:

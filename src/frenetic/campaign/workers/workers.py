@@ -31,6 +31,7 @@ class Workers(Protocol):
     @property
     def needed(self) -> int:
         """Number of these that keeps all workers busy: others only wait in them."""
+        return self.free
 
     def states(self) -> Mapping[str, WorkerState]:
         """Activity of each worker, by its name."""
@@ -94,7 +95,7 @@ NAME: Final = "this process"
 logger = logging.getLogger(__name__)
 
 
-class InProcessWorker:
+class InProcessWorker(Workers):
     """Tests one candidate after the other, within `wait`.
 
     A broken simulator is started again for the next candidate.
@@ -122,11 +123,6 @@ class InProcessWorker:
     def free(self) -> int:
         """1 unless a submitted candidate waits for `wait`."""
         return 0 if self._task else 1
-
-    @property
-    def needed(self) -> int:
-        """The same number: none waits in a worker."""
-        return self.free
 
     def states(self) -> Mapping[str, WorkerState]:
         """Its activity between two tests."""

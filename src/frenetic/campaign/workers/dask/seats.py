@@ -25,7 +25,7 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeVar
 import cloudpickle
 from distributed import get_worker
 
-from frenetic._support.child_processes import Logged
+from frenetic._support.child_processes import Logged, LogSender
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of
@@ -190,15 +190,13 @@ class _SeatThread:
         return Driven(attempt, logged)
 
     def _work(self) -> None:
-        library = logging.getLogger("frenetic")
-        handler = _Collecting(self._logged, threading.get_ident())
-        library.addHandler(handler)
-        if library.level == logging.NOTSET:
-            library.setLevel(logging.INFO)
+        handler, own = LogSender(self._logged.append), threading.get_ident()
+        handler.addFilter(lambda record: record.thread == own)
+        handler.attach()
         while (entry := self._jobs.get()) is not None:
             _answer(*entry)
             del entry
-        library.removeHandler(handler)
+        logging.getLogger("frenetic").removeHandler(handler)
         try:
             self.stop()
         except BaseException as error:
@@ -212,22 +210,6 @@ def _answer(job: Callable[[], R], answer: Future[R]) -> None:
         answer.set_result(job())
     except BaseException as error:  # also SystemExit: other seats of the worker go on
         answer.set_exception(SeatError(reason_of(error)))
-
-
-class _Collecting(logging.Handler):
-    """Keeps the log records of one thread."""
-
-    def __init__(self, logged: list[Logged], thread: int) -> None:
-        super().__init__(logging.INFO)
-        self._logged = logged
-        self._thread = thread
-
-    def emit(self, record: logging.LogRecord) -> None:
-        if record.thread == self._thread:
-            try:
-                self._logged.append(Logged(record.levelno, record.name, record.getMessage()))
-            except Exception:
-                self.handleError(record)
 
 
 _seat_threads: Final[set[_SeatThread]] = set()

@@ -24,7 +24,7 @@ from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers.local import CLOSING_LIMIT, START_LIMIT, STARTS
-from frenetic.campaign.workers.workers import Slot, states_of
+from frenetic.campaign.workers.workers import Slot, Workers, states_of
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate
 
@@ -68,7 +68,7 @@ def require_scheduler(address: str) -> None:
     DaskLink(address, SimpleQueue()).close()
 
 
-class ClusterWorkers:
+class ClusterWorkers(Workers):
     """The seats of a Dask cluster's workers: as many as they offer of the resource ``simulator``.
 
     Workers may come and go. One that dies costs its candidate an attempt. One that exceeds the
@@ -108,11 +108,6 @@ class ClusterWorkers:
     def free(self) -> int:
         """Number of candidates that can be submitted now."""
         return 0 if self._disconnected else sum(1 for _ in self._idle_seats())
-
-    @property
-    def needed(self) -> int:
-        """The same number: none waits in a worker."""
-        return self.free
 
     def states(self) -> Mapping[str, WorkerState]:
         """Activity of each seat, by the name of its worker and its number."""
