@@ -943,13 +943,14 @@ def _fingerprints(value: Any) -> Mapping[str, JSONValue]:
 
 def _described(value: Any) -> Mapping[str, JSONValue]:
     """A part in the form of `describe`."""
-    entries = {
+    entries: dict[str, Entry | Decoder] = {
         "class": _text,
         "options": Entry(_object, False),
         "fingerprint": Entry(_fingerprint, False),
         "driver": Entry(_described, False),
     }
-    return _object_of(**entries)(value)
+    described: Mapping[str, JSONValue] = _object_of(**entries)(value)
+    return described
 
 
 def _record(value: Any, kind: Callable[..., T], *, or_none: bool = False) -> T:

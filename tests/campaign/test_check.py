@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 from checksums import forget_checksums
 
+from frenetic._support.file_locks import FileLock
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import CheckReport, Severity, State, Subject, check_campaign
 from frenetic.campaign.check.report import SHOWN
-from frenetic.campaign.lock import FileLock
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, LOCK, MIGRATIONS
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.cli import main

@@ -10,8 +10,7 @@ import pytest
 
 import frenetic
 from frenetic import Budget, Campaign, CampaignStore, Candidate, Evaluation, Outcome, evaluate
-from frenetic.campaign.evaluation import evaluation_of
-from frenetic.campaign.objective import Objective
+from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.errors import FreneticError
 from frenetic.search import Origin
 

@@ -19,8 +19,8 @@ import pytest
 from checksums import forget_checksums
 from permissions import bound_by_permissions
 
+from frenetic._support.file_locks import FileLock
 from frenetic.campaign import store as store_module
-from frenetic.campaign.lock import FileLock
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, MIGRATIONS, CampaignStore, JSONValue
 from frenetic.errors import CampaignError

@@ -16,6 +16,7 @@ from typing import Any, Final, Self
 import msgspec
 import numpy as np
 
+from frenetic._support.file_locks import FileLock
 from frenetic._support.files import write_file
 from frenetic._support.words import counted, format_duration
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
@@ -26,7 +27,6 @@ from frenetic.bench.processes import run_all
 from frenetic.bench.runs import Run, RunState, Terms, ending_of, try_out
 from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
-from frenetic.campaign.lock import FileLock
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.progress import Progress
 from frenetic.errors import FreneticError

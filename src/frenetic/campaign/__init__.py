@@ -1,7 +1,7 @@
 """One search with its budget, on disk."""
 
 from frenetic.campaign.campaign import LOOKAHEAD, Campaign, new_folder
-from frenetic.campaign.evaluation import evaluate
+from frenetic.campaign.objective import evaluate
 from frenetic.campaign.progress import Progress, Summary
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import CampaignStore

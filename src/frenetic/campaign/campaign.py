@@ -32,10 +32,9 @@ from frenetic.campaign.loop import Dispatcher, ObservingStrategy, replay, start
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import TestRecord
-from frenetic.campaign.screening import ScreeningSummary, screened
+from frenetic.campaign.screening import ScreeningSummary, Twin, screened
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
-from frenetic.campaign.twin import Twin
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, reason_of, traceback_of

@@ -20,8 +20,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted
-from frenetic.campaign.evaluation import evaluation_of
-from frenetic.campaign.objective import Objective
+from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.record import EarlierTest, TestRecord, row_of_earlier
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester

@@ -15,9 +15,8 @@ import numpy as np
 from frenetic._support.child_processes import one_process
 from frenetic._support.interrupt import Interrupt
 from frenetic._support.json_value import JSONValue
-from frenetic.campaign.evaluation import evaluation_of
 from frenetic.campaign.log import CampaignLog, Event
-from frenetic.campaign.objective import Objective
+from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.record import Attempt, EarlierTest, TestRecord
 from frenetic.campaign.store import CampaignStore

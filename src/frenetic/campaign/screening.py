@@ -1,5 +1,7 @@
 """Screening: a twin drives many roads, and the simulator of a campaign those that promise most.
 
+A twin is a driver in a fast simulator that stands in for a slow one.
+
 `frenetic.search.screened` says how they are chosen.
 """
 
@@ -18,7 +20,6 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.statistics import a12, rank_correlation
 from frenetic._support.words import counted
 from frenetic.campaign.objective import Objective
-from frenetic.campaign.twin import Twin
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.profile import Profile
@@ -30,6 +31,16 @@ from frenetic.spec import Spec
 if TYPE_CHECKING:
     from frenetic.campaign.store import CampaignStore
     from frenetic.search.strategy import Strategy
+
+
+from typing import Final
+
+from frenetic.campaign.objective import MOOBD, evaluate
+from frenetic.campaign.tester import RoadTester
+from frenetic.oracle import Result, judge
+from frenetic.road import Road
+from frenetic.search.records import Candidate, Evaluation
+from frenetic.simulators.drive import Drive, Rules
 
 _LEAST_RANKED = 5  # controls from which on the twin's order is compared
 
@@ -203,3 +214,63 @@ def screen_text(config: Mapping[str, Any]) -> str:
         return ""
     profile: Mapping[str, Any] = screen["profile"]
     return f"twin {profile.get('name')}, {profile.get('driver')}, from {screen.get('file')}"
+
+
+_WHOLE: Final = 0.999
+"""Oob tolerance with which a drive ends when the whole car has left its lane."""
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A driver in a fast simulator, which drives on where the rules end a drive.
+
+    A context manager: within it, its simulator is there.
+    """
+
+    tester: RoadTester
+    rules: Rules
+    """The rules by which its drives are judged."""
+
+    @classmethod
+    def of(cls, spec: Spec) -> Self:
+        """The twin of a spec.
+
+        Raises:
+            FreneticError: driver or simulator cannot be made.
+        """
+        tolerance = max(_WHOLE, spec.rules.oob_tolerance)
+        to_the_end = replace(spec, rules=replace(spec.rules, oob_tolerance=tolerance))
+        driver, simulator = to_the_end.make_parts(isolate=True)
+        tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
+        return cls(tester, spec.rules)
+
+    def __enter__(self) -> Self:
+        """Starts the simulator."""
+        self.tester.simulator.__enter__()
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        """Ends the simulator."""
+        self.tester.simulator.__exit__(*raised)
+
+    def placed(self, road: Road) -> tuple[Road | None, str]:
+        """A road in its place on the map; None and the reason if it is INVALID."""
+        fitted, verdict = road.placed(self.tester.map_size, self.tester.margin)
+        if fitted is None or not verdict.valid:
+            return None, verdict.message
+        return fitted, ""
+
+    def drive(self, road: Road) -> tuple[Drive, Result]:
+        """The whole drive along a road in its place, and the verdict by the rules."""
+        drive = self.tester.drive(road)
+        return drive, judge(road, replace(drive, rules=self.rules))
+
+    def evaluation(
+        self, candidate: Candidate, budget_spent: float, objective: str | Objective = MOOBD
+    ) -> Evaluation:
+        """The evaluation of a candidate, as a strategy is told it."""
+        road, verdict = self.tester.fitted(candidate)
+        if road is None or not verdict.valid:
+            return Evaluation(candidate, Outcome.INVALID, None, budget_spent)
+        drive = replace(self.tester.drive(road), rules=self.rules)
+        return evaluate(candidate, road, drive, budget_spent=budget_spent, objective=objective)

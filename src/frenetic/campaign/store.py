@@ -36,13 +36,13 @@ from types import MappingProxyType
 from typing import Any, Final, Literal, Self, TypeAlias, get_args
 from weakref import WeakSet
 
+from frenetic._support.file_locks import FileLock
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic._support.pictures import ShownCampaign
 from frenetic._support.words import present_moment
 from frenetic.campaign.changes import CHANGES, PartChange, present_parts, read_changes
 from frenetic.campaign.counts import StoredCounts, road_key
-from frenetic.campaign.lock import FileLock
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     CHECKSUM,

@@ -1,4 +1,4 @@
-"""The result of a check: findings, and the contents of the database."""
+"""The result of a check: findings, and the contents of the database, as far as they are usable."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import sqlite3
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
 from frenetic.campaign.counts import StoredCounts
+from frenetic.campaign.record import Setting
+from frenetic.spec import Budget
 
 SHOWN: Final = 10
 """Most findings of a subject in detail; the rest are only counted."""
@@ -94,6 +96,34 @@ class FindingCollector:
             yield
         except sqlite3.Error as error:
             self.add(Subject.DATABASE, f"{what} cannot be read to the end: {error}")
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The complete tables of a database, each with its columns."""
+
+    columns: Mapping[str, frozenset[str]]
+
+    def has(self, *names: str) -> bool:
+        """Whether these are among them."""
+        return all(name in self.columns for name in names)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Usable facts of a database about its campaign."""
+
+    created_at: str = ""
+    finished_at: str = ""
+    """Reason of its end, empty if it has not ended by itself."""
+    interrupted: bool = False
+    seconds: float | None = None
+    """Campaign time when it ended, in s."""
+    first_budget: Budget | None = None
+    last_budget: Budget | None = None
+    """The last budget."""
+    setting: Setting | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
 
 
 class State(StrEnum):

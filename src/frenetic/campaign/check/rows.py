@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.check.database import Facts, Tables
-from frenetic.campaign.check.report import FindingCollector, Severity, Subject
+from frenetic.campaign.check.report import Facts, FindingCollector, Severity, Subject, Tables
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     CHECKSUM,

@@ -19,7 +19,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 from urllib.parse import urlsplit
 
-from frenetic.campaign.lock import find_holder
+from frenetic._support.file_locks import find_holder
 from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE, LOCK, CampaignStore
 from frenetic.campaign.watch import CampaignState, CampaignWatcher, Status
