@@ -30,7 +30,6 @@ SIMULATOR: Final = "embedded"
 """The simulator in which every twin drives."""
 
 Positive = Annotated[float, Meta(gt=0.0)]
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 Count = Annotated[int, Meta(ge=0)]
 
 

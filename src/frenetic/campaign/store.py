@@ -694,13 +694,8 @@ class CampaignStore(ShownCampaign):
 
         Raises a `CampaignError` if one is damaged.
         """
-        if not self._has_earlier:
-            return []
-        self.write()
-        with translated(self._path):
-            rows = self._connection.execute(_SELECT_SCREENINGS).fetchall()
         found: list[tuple[Screening | None, Outcome | None, float | None]] = []
-        for number, outcome, moobd, *row in rows:
+        for number, outcome, moobd, *row in self._later(_SELECT_SCREENINGS):
             screening = None
             if row[0] is not None:
                 with self._naming(f"of the screening of candidate {number}"):
@@ -719,13 +714,9 @@ class CampaignStore(ShownCampaign):
 
         There are none if the MOOBD is minimised. Raises a `CampaignError` if one is damaged.
         """
-        if not self._has_earlier:
-            return {}
-        self._write_tests()
-        with translated(self._path):
-            rows = self._connection.execute(
-                "SELECT candidate_id, value, checksum FROM objective ORDER BY candidate_id"
-            ).fetchall()
+        rows = self._later(
+            "SELECT candidate_id, value, checksum FROM objective ORDER BY candidate_id"
+        )
         for row in rows:
             self._require_checksum(row, f"the objective of test {row[0]}")
             if not is_number(row[1]):
@@ -737,12 +728,8 @@ class CampaignStore(ShownCampaign):
 
         Raises a `CampaignError` if one is damaged.
         """
-        if not self._has_earlier:
-            return []
-        with translated(self._path):
-            rows = self._connection.execute(f"{_SELECT_EARLIER} ORDER BY number").fetchall()
         found = []
-        for row in rows:
+        for row in self._later(f"{_SELECT_EARLIER} ORDER BY number"):
             name = f"earlier test {row[0]}"
             with self._naming(f"of {name}"):
                 found.append(read_earlier(row[:-1]))
@@ -875,6 +862,14 @@ class CampaignStore(ShownCampaign):
             (verdict,) = self._connection.execute("PRAGMA quick_check(1)").fetchone()
         if verdict != "ok":
             raise self._damaged(" ".join(verdict.split()))
+
+    def _later(self, select: str) -> list[tuple[Any, ...]]:
+        """Return the rows of a table that came with schema 6; there are none in older ones."""
+        if not self._has_earlier:
+            return []
+        self.write()
+        with translated(self._path):
+            return self._connection.execute(select).fetchall()
 
     def _fetch(self, select: str, candidate_id: int) -> tuple[Any, ...] | None:
         """Return the row with this id, if there is one; SQLite knows no ids beyond 64 bits."""

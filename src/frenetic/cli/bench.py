@@ -6,7 +6,7 @@ import json
 import shlex
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -376,28 +376,20 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
                 markup=False,
             )
 
-        with _bench_progress(log) as show, _go_on_line(the_bench):
+        def progress(now: BenchProgress) -> None:
+            show(now.share, lambda: now.in_words(time.monotonic() - start))
+
+        start = time.monotonic()
+        with live_line(log) as show, _go_on_line(the_bench):
             ends = the_bench.run(
                 resume=resume,
                 workers=workers or capabilities(terms.simulator).usual_workers or available_cores(),
                 on_start=started,
-                on_progress=show,
+                on_progress=progress,
                 on_end=ended,
                 on_interrupt=log.stopping,
             )
     _show_results(the_bench, ends, log, as_json)
-
-
-@contextmanager
-def _bench_progress(log: Log) -> Iterator[Callable[[BenchProgress], None]]:
-    """Shows the progress of a bench."""
-    start = time.monotonic()
-    with live_line(log) as show:
-
-        def update(now: BenchProgress) -> None:
-            show(now.share, lambda: now.in_words(time.monotonic() - start))
-
-        yield update
 
 
 @contextmanager

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 from rich.markup import escape
-from rich.table import Table
 
-from frenetic.cli.console import Log, Results
+from frenetic.cli.console import Log, print_table
 from frenetic.cli.options import complete_campaign, file_option, json_option
 from frenetic.errors import FreneticError
 
@@ -77,7 +76,8 @@ def compare(
     if html is not None:
         from frenetic.report.html.comparison import write_comparison_page
 
-        write_comparison_page(comparison, html, command=_command(places, html))
+        words = ["frenetic", "compare", *places, "--html", str(html)]
+        write_comparison_page(comparison, html, command=shlex.join(words))
     if table is not None:
         write_table(comparison, table)
     if as_json:
@@ -87,10 +87,6 @@ def compare(
     for what, path in (("Picture", plot), ("Page", html), ("Table", table)):
         if path is not None:
             click.echo(f"{what + ':':<8} {path}")
-
-
-def _command(places: tuple[str, ...], html: Path) -> str:
-    return shlex.join(["frenetic", "compare", *places, "--html", str(html)])
 
 
 def grouped(places: tuple[str, ...]) -> dict[str, list[Path]]:
@@ -216,55 +212,49 @@ def _print_by_measure(comparison: Comparison, shown: Sequence[MeasureComparison]
     """A row per measure."""
     from frenetic.analysis.statistics import LEAST_REPEATS
 
-    table = _table("Median (quartiles)", "")
-    for name in comparison.groups:
-        table.add_column(escape(name), justify="right", overflow="fold")
-    several = len(comparison.groups) > 2
-    enough = min(map(len, comparison.groups.values())) >= LEAST_REPEATS
-    if several and enough:
-        table.add_column("K.-Wallis p", justify="right")
-    for by in shown:
-        cells = [by.text(name) for name in comparison.groups]
-        if several and enough:
-            cells.append("" if by.p_overall is None else f"{by.p_overall:.2g}")
-        table.add_row(by.measure.heading, *cells)
-    Results().print(table)
+    groups = comparison.groups
+    has_p = len(groups) > 2 and min(map(len, groups.values())) >= LEAST_REPEATS
+    print_table(
+        ("", *(f">{escape(name)}" for name in groups), *([">K.-Wallis p"] if has_p else [])),
+        [
+            (
+                by.measure.heading,
+                *(by.text(name) for name in groups),
+                *(["" if by.p_overall is None else f"{by.p_overall:.2g}"] if has_p else []),
+            )
+            for by in shown
+        ],
+        title="Median (quartiles)",
+    )
 
 
 def _print_by_group(comparison: Comparison, shown: Sequence[MeasureComparison]) -> None:
     """A row per group, with as many measures side by side as are readable."""
     for start in range(0, len(shown), _MOST_MEASURES):
-        table = _table("Median (quartiles)" if start == 0 else None, "")
-        for by in shown[start : start + _MOST_MEASURES]:
-            table.add_column(by.measure.heading, justify="right", overflow="fold")
-        for name in comparison.headline.order:
-            cells = [by.text(name) for by in shown[start : start + _MOST_MEASURES]]
-            table.add_row(escape(name), *cells)
-        Results().print(table)
-
-
-def _table(title: str | None, *columns: str) -> Table:
-    table = Table(box=None, pad_edge=False, title=title, title_justify="left")
-    for column in columns:
-        table.add_column(column, overflow="fold")
-    return table
+        beside = shown[start : start + _MOST_MEASURES]
+        print_table(
+            ("", *(f">{by.measure.heading}" for by in beside)),
+            [(name, *(by.text(name) for by in beside)) for name in comparison.headline.order],
+            title="Median (quartiles)" if start == 0 else None,
+        )
 
 
 def _print_pairs(telling: Sequence[MeasureComparison], *, several: bool) -> None:
     from frenetic.analysis.comparison import Verdict
 
-    table = _table("Differences", "", "what can be said")
-    for column in ("A12", "effect", "p (Holm)" if several else "p"):
-        table.add_column(column, justify="right")
-    for by in telling:
-        for i, pair in enumerate(by.pairs):
-            is_told = pair.verdict is not Verdict.TOO_FEW
-            table.add_row(
+    print_table(
+        ("", "what can be said", ">A12", ">effect", ">p (Holm)" if several else ">p"),
+        [
+            (
                 "" if i else by.measure.title,
-                escape(by.said(pair)),
+                by.said(pair),
                 f"{pair.a12:.2f}",
-                str(pair.magnitude) if is_told else "-",
-                f"{pair.p_corrected:.2g}" if is_told else "-",
+                str(pair.magnitude) if pair.verdict is not Verdict.TOO_FEW else None,
+                f"{pair.p_corrected:.2g}" if pair.verdict is not Verdict.TOO_FEW else None,
             )
-    Results().print(table)
+            for by in telling
+            for i, pair in enumerate(by.pairs)
+        ],
+        title="Differences",
+    )
     click.echo("A12: chance that a campaign of the first named does better than one of the second")
