@@ -139,7 +139,8 @@ class Dispatcher:
             if self._lookahead:
                 self._tell_in_order()
             else:
-                self._tell_at_once()
+                for candidate_id in list(self._ended):  # in the order of finishing
+                    self._finish(self._outstanding[candidate_id])
             yield from self._report()
             self._log_progress()
 
@@ -265,11 +266,6 @@ class Dispatcher:
             reason=attempt.failure,
             **_traced(attempt.traceback),
         )
-
-    def _tell_at_once(self) -> None:
-        """Tells finished candidates in the order of finishing."""
-        for candidate_id in list(self._ended):
-            self._finish(self._outstanding[candidate_id])
 
     def _tell_in_order(self) -> None:
         """Tells the oldest candidates as long as their results are known, and asks in between."""

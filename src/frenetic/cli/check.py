@@ -13,7 +13,7 @@ from frenetic.cli.console import Log, counted_progress, print_facts, shell
 from frenetic.cli.options import CampaignFolder, json_option
 
 if TYPE_CHECKING:
-    from frenetic.campaign.check import CheckReport, Holdings
+    from frenetic.campaign.check import CheckReport
 
 
 @click.command()
@@ -47,11 +47,12 @@ def _facts(report: CheckReport) -> list[tuple[str, str]]:
     holds = report.holdings
     counts = holds.counts
     per_test = holds.bytes_per_test
+    written_by = "" if holds.writer is None else f": {holds.writer} writes it right now"
     kilobytes = "" if per_test is None else f", {per_test / 1e3:.1f} kB per result"
     return [
         ("campaign", str(report.folder)),
         ("made", holds.created_at.replace("T", " ") or "unknown"),
-        ("state", f"{holds.state}{_written_by(holds)}{_left_to_do(report)}"),
+        ("state", f"{holds.state}{written_by}{_left_to_do(report)}"),
         ("results", counts.in_words()),
         ("waiting", f"{holds.outstanding:,} asked and not told"),
         ("drives", f"{holds.trajectories:,} trajectories"),
@@ -59,10 +60,6 @@ def _facts(report: CheckReport) -> list[tuple[str, str]]:
         ("schema", str(holds.schema)),
         ("versions", ", ".join(f"{name} {version}" for name, version in holds.versions.items())),
     ]
-
-
-def _written_by(holds: Holdings) -> str:
-    return "" if holds.writer is None else f": {holds.writer} writes it right now"
 
 
 def _left_to_do(report: CheckReport) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -39,7 +38,12 @@ def doctor(
     examinations: list[Examination] = []
     with announced_compilation(Log()) as compiled, as_usage_error():
         if simulator is not None:
-            show = _print_check(compiled) if not as_json else None
+
+            def show(check: Check) -> None:
+                compiled()
+                if not as_json:
+                    _print(check)
+
             examinations.append(examine(simulator, dict(simulator_options), on_check=show))
         else:
             for examination in examine_all():
@@ -54,14 +58,6 @@ def doctor(
         click.echo(f"{simulator}: {f'{failed} of the checks failed' if failed else 'all is well'}")
     if any(one.health is Health.BROKEN for one in examinations):
         raise click.exceptions.Exit(1)
-
-
-def _print_check(compiled: Callable[[], None]) -> Callable[[Check], None]:
-    def show(check: Check) -> None:
-        compiled()
-        _print(check)
-
-    return show
 
 
 def _print(check: Check, indent: str = "") -> None:

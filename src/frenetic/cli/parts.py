@@ -89,6 +89,13 @@ def part_choice(
     return lambda command: with_options(options, command)
 
 
+_profile_option: Final = file_option(
+    "--profile",
+    "Drive with the twin of this profile ('frenetic calibrate'): its driver, car and rules, unless"
+    " other options are given.",
+)
+
+
 def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Callable[P, R]:
     """The options that choose a driver, a simulator and the rules.
 
@@ -130,16 +137,7 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
             for number in NUMBERS
         ),
     ]
-    return with_options([profile_option(), *options], beamng_options(command))
-
-
-def profile_option() -> Decorator:
-    """The option for the profile of a twin."""
-    return file_option(
-        "--profile",
-        "Drive with the twin of this profile ('frenetic calibrate'): its driver, car and rules,"
-        " unless other options are given.",
-    )
+    return with_options([_profile_option, *options], beamng_options(command))
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -166,7 +164,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             if number.another
         ),
     ]
-    return with_options([profile_option(), *options], beamng_options(command))
+    return with_options([_profile_option, *options], beamng_options(command))
 
 
 def was_given(context: click.Context, name: str) -> bool:

@@ -92,7 +92,16 @@ def rank(
 def _row(one: RankedRoad) -> tuple[object, ...]:
     prospect = one.prospect
     if prospect.max_oob_share is None or prospect.moobd is None or prospect.distance is None:
-        return one.rank, prospect.outcome, None, None, None, None, None, _named(one)
+        return (
+            one.rank,
+            prospect.outcome,
+            None,
+            None,
+            None,
+            None,
+            None,
+            f"{prospect.name}: {prospect.reason}",
+        )
     return (
         one.rank,
         prospect.outcome,
@@ -103,10 +112,6 @@ def _row(one: RankedRoad) -> tuple[object, ...]:
         one.like,
         prospect.name,
     )
-
-
-def _named(one: RankedRoad) -> str:
-    return f"{one.prospect.name}: {one.prospect.reason}"
 
 
 def _as_json(one: RankedRoad) -> dict[str, object]:

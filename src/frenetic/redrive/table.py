@@ -379,16 +379,12 @@ def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: 
         drive.step,
         None if drive.curvatures is None else drive.curvatures.astype("<f8").tobytes(),
         json.dumps(conditions_document(drive.conditions)),
-        *(float(value) if _is_real(value) else value for value in verdict),
+        # numpy's numbers would be stored as blobs
+        *(value if value is None or isinstance(value, str) else float(value) for value in verdict),
         None if drive.trajectory is None else encode(drive.trajectory),
         drive.difference,
     )
     connection.execute(_INSERT_DRIVE, with_checksum(values))
-
-
-def _is_real(value: object) -> bool:
-    """Whether it is a number, possibly numpy's, which would be stored as a blob."""
-    return value is not None and not isinstance(value, str)
 
 
 # Side files of older versions
