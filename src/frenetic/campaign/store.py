@@ -923,7 +923,7 @@ class CampaignStore(ShownCampaign):
         self._require_checksum(row, name)
         return trajectory
 
-    def _require_checksum(self, row: tuple[Any, ...], name: str) -> None:
+    def _require_checksum(self, row: Sequence[Any], name: str) -> None:
         if fault := checksum_fault(row):
             raise self._damaged(f"{name} {fault}")
 

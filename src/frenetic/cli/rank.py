@@ -92,16 +92,8 @@ def rank(
 def _row(one: RankedRoad) -> tuple[object, ...]:
     prospect = one.prospect
     if prospect.max_oob_share is None or prospect.moobd is None or prospect.distance is None:
-        return (
-            one.rank,
-            prospect.outcome,
-            None,
-            None,
-            None,
-            None,
-            None,
-            f"{prospect.name}: {prospect.reason}",
-        )
+        reason = f"{prospect.name}: {prospect.reason}"
+        return one.rank, prospect.outcome, *[None] * 5, reason
     return (
         one.rank,
         prospect.outcome,
