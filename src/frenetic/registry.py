@@ -20,7 +20,7 @@ import weakref
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -123,6 +123,29 @@ class Entry:
     """One line, if known without an import."""
 
 
+@cache
+def _installed(group: str, path: tuple[tuple[str, int], ...]) -> tuple[Entry, ...]:  # noqa: ARG001
+    """Entries that packages on the module path have installed, in alphabetical order.
+
+    Args:
+        group: of their entry points.
+        path: states of the folders of the module path: installing changes one of them.
+    """
+    from importlib.metadata import entry_points  # takes its time, and no help needs it
+
+    return tuple(
+        Entry(point.name, point.value, point.dist.name if point.dist is not None else "unknown")
+        for point in sorted(entry_points(group=group), key=lambda p: p.name)
+    )
+
+
+def _state(folder: str) -> tuple[str, int]:
+    """A folder of the module path, and when something was last put there or removed, in ns."""
+    with suppress(OSError):
+        return folder, Path(folder).stat().st_mtime_ns
+    return folder, 0
+
+
 @dataclass(frozen=True)
 class Registry:
     """The known names of one kind of part."""
@@ -144,20 +167,18 @@ class Registry:
         Raises:
             FreneticError: an installed package claims a name that is already taken.
         """
-        from importlib.metadata import entry_points  # takes its time, and no help needs it
-
         found = {
             name: Entry(name, target, "built in", summary)
             for name, (target, summary) in self.built_in.items()
         }
-        for point in sorted(entry_points(group=self.group), key=lambda p: p.name):
-            origin = point.dist.name if point.dist is not None else "unknown"
-            if point.name in found:
+        for entry in _installed(self.group, tuple(map(_state, sys.path))):
+            if entry.name in found:
                 raise FreneticError(
-                    f"two {self.kind} entries are named {point.name!r}: one is"
-                    f" {found[point.name].origin}, one comes from {origin}; uninstall one of them"
+                    f"two {self.kind} entries are named {entry.name!r}: one is"
+                    f" {found[entry.name].origin}, one comes from {entry.origin}; uninstall one of"
+                    " them"
                 )
-            found[point.name] = Entry(point.name, point.value, origin)
+            found[entry.name] = entry
         return list(found.values())
 
     def load(self, spec: str) -> Callable[..., Any]:

@@ -34,6 +34,7 @@ from frenetic.search import Candidate, Frenetic2021
 from frenetic.simulators import Drive, EmbeddedSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
+pytestmark = pytest.mark.usefixtures("new_process_server")
 GENERATORS = Path(__file__).parent / "generators"
 SIMULATIONS = 10
 SECONDS_PER_TEST = 36.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import shutil
 import signal
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.cli import main
 from frenetic.registry import own_modules
 
 if TYPE_CHECKING:
@@ -49,24 +49,25 @@ class Stopping(Planner):
     def act(self, observation):
         return super().act(observation)
 """
+OLD, NEW = 1.25, 0.8
+"""Aggressions of the two versions, so different that few roads tell which is better."""
 FEW = ("--fresh", "20", "--top", "3")
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """Two versions of a driver, each in a folder with a neighbour of the same name."""
     folder = tmp_path_factory.mktemp("back-to-back")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        for name, aggression in (("v1", 1.2), ("v2", 0.8)):
+        for name, aggression in (("v1", OLD), ("v2", NEW)):
             Path(name).mkdir()
             Path(name, f"{name}.py").write_text(f"PID = {os.getpid()}\n{DRIVER}")
             Path(name, "gains.py").write_text(f"AGGRESSION = {aggression}\n")
             run = ("run", "--driver", f"{name}/{name}.py:Mine", "--out", f"night-{name}")
             # As in a process of its own.
-            with own_modules(), pytest.raises(SystemExit) as stop:
-                main([*run, "--simulations", "30", "--seed", "3", "--workers", "1", "--json"])
-            assert stop.value.code == 0
+            with own_modules():
+                prepare(*run, "--simulations", "12", "--seed", "3", "--workers", "1")
     return folder
 
 
@@ -79,20 +80,20 @@ def versions(made: Path, tmp_path: Path) -> tuple[str, str]:
 
 def test_the_first_line_says_which_is_better(frenetic: Frenetic, versions: tuple[str, str]) -> None:
     old, new = versions
-    answer = frenetic("back-to-back", old, new, "--fresh", "60")
+    answer = frenetic("back-to-back", old, new, *FEW)
     assert answer.code == 0
     first, *rest = answer.out.splitlines()
     assert first.startswith("new is better but ")
-    assert "slower: of 60 fresh roads, it fails on " in first
+    assert "slower: of 20 fresh roads, it fails on " in first
     for text, line in zip(
         ("old: v1/v1.py:Mine (source ", "new: v2/v2.py:Mine ("), rest, strict=False
     ):
         assert line.startswith(text)
     for text in ("old's failing roads", "Time where both pass", "distinct failures", "Note: "):
         assert text in answer.out
-    turned = frenetic("back-to-back", new, old, "--fresh", "60")
+    turned = frenetic("back-to-back", new, old, *FEW)
     assert turned.code == 1
-    assert turned.out.startswith("new is worse: of 60 fresh roads, it fails on ")
+    assert turned.out.startswith("new is worse: of 20 fresh roads, it fails on ")
 
 
 def test_json_holds_the_answer_and_all_behind_it(
@@ -166,7 +167,7 @@ def test_two_versions_of_one_file_are_told_apart(
     rewrite(Path("v1/gains.py"), "AGGRESSION = 0.7\n", seconds_later=2)
     second = frenetic("back-to-back", old, *driven, "--json")
     assert second.json["sets"][0]["changes"]["fixed"] > 0, "an edited neighbour drives anew"
-    rewrite(Path("v1/gains.py"), "AGGRESSION = 1.2\n", seconds_later=4)
+    rewrite(Path("v1/gains.py"), f"AGGRESSION = {OLD}\n", seconds_later=4)
     edited.write_text(Path("kept/v1.py").read_text())
     assert frenetic("back-to-back", old, *driven).refuses("both versions are the same")
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from command_line import Frenetic
 
 pytest_plugins = ["command_line"]
+pytestmark = pytest.mark.usefixtures("new_process_server")
 
 WIGGLY = """
 import random
@@ -31,6 +32,7 @@ class Wiggly:
             self.executor.execute_test(RoadTestFactory.create_road_test(points))
 """
 SMALL = ("--simulations", "12", "--repeats", "2", "--out", "b")
+LEAST = ("--simulations", "3", "--repeats", "1", "--out", "b")
 
 
 @pytest.fixture
@@ -68,7 +70,7 @@ def test_a_generator_and_a_strategy_are_held_against_each_other(
 
 
 def test_one_alone_is_measured(frenetic: Frenetic, wiggly: str) -> None:
-    ran = frenetic("bench", "--generator", wiggly, "--name", "[/x] mine", *SMALL)
+    ran = frenetic("bench", "--generator", wiggly, "--name", "[/x] mine", *LEAST)
     assert ran.code == 0, ran.err
     assert "[/x] mine" in ran.out
     assert "simulations to first failure" in ran.out
@@ -77,15 +79,15 @@ def test_one_alone_is_measured(frenetic: Frenetic, wiggly: str) -> None:
 
 
 def test_a_module_is_found_in_the_current_folder(frenetic: Frenetic, wiggly: str) -> None:
-    ran = frenetic("bench", "--generator", "wiggly:Wiggly", *SMALL)
+    ran = frenetic("bench", "--generator", "wiggly:Wiggly", *LEAST)
     assert ran.code == 0, ran.err
 
 
 def test_json(frenetic: Frenetic) -> None:
-    ran = frenetic("bench", "--strategy", "random", "--strategy", "frenetic", *SMALL, "--json")
+    ran = frenetic("bench", "--strategy", "random", "--strategy", "frenetic", *LEAST, "--json")
     assert ran.code == 0, ran.err
     assert set(ran.json["groups"]) == {"random", "frenetic"}
-    assert [run["ending"]["end"] for run in ran.json["runs"]] == ["over"] * 4
+    assert [run["ending"]["end"] for run in ran.json["runs"]] == ["over"] * 2
 
 
 def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> None:
@@ -107,7 +109,8 @@ def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> N
 
 
 def test_what_is_missing_is_run(frenetic: Frenetic, wiggly: str) -> None:
-    frenetic("bench", "--generator", wiggly, "--strategy", "random", *SMALL)
+    few = ("--simulations", "3", "--repeats", "2", "--out", "b")
+    frenetic("bench", "--generator", wiggly, "--strategy", "random", *few)
     before = Path("b/wiggly/01/campaign.sqlite").read_bytes()
     kept = Path("b/random/01/campaign.sqlite").stat().st_mtime_ns
     Path("b/wiggly/02/campaign.sqlite").unlink()  # as if it had never been finished
@@ -129,7 +132,7 @@ def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path:
         *("bench", "--generator", "road_maker:Wiggly", "--path", str(theirs), "--name", "Theirs"),
         *("--generator", "random", "--name", "Ours"),
         *("--strategy", "frenetic", "--option", "threshold=-0.2", "--option", "cross_num=4"),
-        *SMALL,
+        *LEAST,
     )
     assert ran.code == 0, ran.err
     kept = json.loads(Path("b/bench.json").read_text())["entrants"]
@@ -196,7 +199,7 @@ def test_mistakes(
 
 
 def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
-    frenetic("bench", "--strategy", "random", *SMALL)
+    frenetic("bench", "--strategy", "random", *LEAST)
     for option in (["--repeats", "3"], ["--strategy", "frenetic"], ["--name", "x"]):
         asked = frenetic("bench", "--resume", "--out", "b", *option)
         assert asked.refuses(option[0], "goes on as it was begun"), asked

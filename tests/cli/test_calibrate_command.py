@@ -24,6 +24,7 @@ def record(frenetic: Frenetic) -> None:
     assert frenetic("run", *how, "--simulations", "12", "--out", "slow").code == 0
 
 
+@pytest.mark.usefixtures("drawn")
 def test_it_prints_a_verdict_and_writes_profile_page_and_picture(frenetic: Frenetic) -> None:
     record(frenetic)
     named = (*FIT, *QUICK, "--name", r"$\of$")  # no formula, in the picture neither
@@ -39,6 +40,7 @@ def test_it_prints_a_verdict_and_writes_profile_page_and_picture(frenetic: Frene
         "twin.json",
         "twin.png",
     ]
+    assert Path("new/twin.png").stat().st_size > 10_000
     page = Path("new/twin.html").read_text(encoding="utf-8")
     assert r"The twin $\of$" in page
     assert "There is one run only" in page

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-
-from frenetic.cli import main
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -17,15 +16,14 @@ pytest_plugins = ["command_line"]
 
 
 @pytest.fixture(scope="session")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def kept(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """Folders f-1, f-2, r-1, r-2 with campaigns of two strategies."""
     parent = tmp_path_factory.mktemp("kept")
     for strategy in ("frenetic", "random"):
         for seed in ("1", "2"):
             how = ("--simulations", "40", "--strategy", strategy, "--seed", seed)
             folder = str(parent / f"{strategy[0]}-{seed}")
-            with pytest.raises(SystemExit):
-                main(["run", *how, "--out", folder, "--workers", "1", "--json"])
+            prepare("run", *how, "--out", folder, "--workers", "1")
     return parent
 
 

@@ -7,6 +7,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
+
 from frenetic.redrive.confirm import read_confirmations
 
 if TYPE_CHECKING:
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 
+@pytest.mark.usefixtures("drawn")
 def test_failing_otherwise_is_no_confirmation(frenetic: Frenetic, campaign: str) -> None:
     answer = frenetic("confirm", campaign, "--simulator-option", "friction=0.8", "--top", "3")
     assert answer.code == 0
@@ -23,6 +26,7 @@ def test_failing_otherwise_is_no_confirmation(frenetic: Frenetic, campaign: str)
     assert "Kept in c/campaign.sqlite" in answer.out
     assert [len(one.tests) for one in read_confirmations(Path(campaign))] == [3]
     (gallery,) = (Path(campaign) / "confirmed").glob("*/gallery.png")
+    assert gallery.stat().st_size > 10_000
     assert f"At a glance: {gallery}" in answer.out
     assert "to see it: frenetic report c" in answer.out
     assert "own simulator" not in answer.err

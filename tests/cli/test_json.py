@@ -21,7 +21,7 @@ pytest_plugins = ["command_line"]
 ROAD: Final = {"curvatures": [0.0, 0.02, 0.03, 0.0, -0.02, -0.02, 0.0, 0.0]}
 ONE: Final = ("--workers", "1")
 CALLS: Final[dict[str, tuple[str, ...]]] = {
-    "init": ("mine.py",),
+    "init": ("keeps_its_lane.py",),
     "run": ("--simulations", "3", "--seed", "1", *ONE, "--out", "new"),
     "resume": ("c", "--simulations", "2", *ONE),
     "watch": ("c",),

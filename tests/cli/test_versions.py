@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from frenetic.campaign import CampaignStore
-from frenetic.cli import main
 from frenetic.registry import USER_MODULE
 
 if TYPE_CHECKING:
@@ -36,7 +35,7 @@ RUN = ("run", "--driver", "mpc.py:Mpc", "--simulations", "12", "--workers", "1",
 
 
 @pytest.fixture(scope="session")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """A campaign of each of two versions of a driver, and the second version there now."""
     folder, path = tmp_path_factory.mktemp("versions"), list(sys.path)
     (folder / "mpc.py").write_text(DRIVER, encoding="utf-8")
@@ -44,9 +43,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.chdir(folder)
         for heading, name in (("0.8", "old"), ("0.9", "new")):
             write_gains(folder, heading)
-            with pytest.raises(SystemExit) as stop:
-                main([*RUN, "3", "--out", name])
-            assert stop.value.code == 0
+            prepare(*RUN, "3", "--out", name)
     forget()
     sys.path[:] = path
     return folder

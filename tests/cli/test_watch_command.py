@@ -170,7 +170,7 @@ def test_a_campaign_that_was_run_can_be_watched(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit):
-        main(["run", "--simulations", "60", "--seed", "3", "--out", "mine", "--json"])
+        main(["run", "--simulations", "3", "--seed", "3", "--out", "mine", "--json"])
     summary = json.loads(capsys.readouterr().out)
     code, out, _ = call(capsys, "mine", "--json")
     seen = json.loads(out)
@@ -255,9 +255,16 @@ def read_until(stream: IO[str] | None, words: str) -> list[str]:
 @pytest.mark.parametrize(
     ("event", "code"), [(Event.FINISHED, 0), (Event.INTERRUPTED, 1), (Event.GAVE_UP, 1)]
 )
-def test_it_follows_line_by_line_and_ends_with_the_campaign(
-    campaign: Path, event: Event, code: int
+def test_it_ends_with_the_campaign_and_says_how(
+    campaign: Path, capsys: pytest.CaptureFixture[str], event: Event, code: int
 ) -> None:
+    end(campaign, event)
+    ended, out, err = call(capsys, "c")
+    assert f"status     {event.replace('_', ' ')}\n" in out
+    assert (ended, err) == (code, "")
+
+
+def test_it_follows_line_by_line_until_the_campaign_ends(campaign: Path) -> None:
     with watching(campaign) as process:
         assert read_until(process.stdout, "test 5 broke")[0] == "campaign   c"
         with CampaignLog(campaign) as log:
@@ -270,11 +277,11 @@ def test_it_follows_line_by_line_and_ends_with_the_campaign(
             log.write(Event.WORKER_LOST, "worker 1 was lost", level="warning")
             (line,) = read_until(process.stdout, "worker 1")
             assert line.endswith(" warning: worker 1 was lost")
-        end(campaign, event)
+        end(campaign, Event.GAVE_UP)
         out, err = process.communicate()
-    assert f"status     {event.replace('_', ' ')}" in out
+    assert "status     gave up" in out
     assert err == ""
-    assert process.returncode == code
+    assert process.returncode == 1
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent by a POSIX signal here")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -38,17 +40,48 @@ class Answer:
 
 Frenetic = Callable[..., Answer]
 
+DRAWINGS = (
+    "frenetic.report.calibration.draw_calibration",
+    "frenetic.report.picture.draw_drive",
+    "frenetic.report.picture.draw_gallery",
+    "frenetic.report.confirmation.draw_pair",
+    "frenetic.report.confirmation.draw_pairs",
+)
+"""What draws pictures into files."""
+
+
+@contextmanager
+def empty_pictures() -> Iterator[None]:
+    """Lets pictures be empty files: drawing them takes most of the time of a short command."""
+
+    def leave_empty(*arguments: Any, **_: Any) -> None:
+        next(one for one in arguments if isinstance(one, Path)).touch()
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in DRAWINGS:
+            patch.setattr(name, leave_empty)
+        yield
+
+
+@pytest.fixture
+def drawn() -> None:
+    """Asked for by a test that looks at pictures, which are empty files otherwise."""
+
 
 @pytest.fixture
 def frenetic(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    request: pytest.FixtureRequest,
 ) -> Frenetic:
     """Runs a command line in an empty folder."""
     monkeypatch.chdir(tmp_path)
+    pictures = nullcontext if "drawn" in request.fixturenames else empty_pictures
 
     def call(*arguments: str) -> Answer:
         capsys.readouterr()
-        with pytest.raises(SystemExit) as stop:
+        with pictures(), pytest.raises(SystemExit) as stop:
             main(list(arguments))
         captured = capsys.readouterr()
         assert isinstance(stop.value.code, int)
@@ -58,13 +91,23 @@ def frenetic(
 
 
 @pytest.fixture(scope="session")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def prepare() -> Callable[..., None]:
+    """Runs a command line that has to succeed, for what several tests share."""
+
+    def call(*arguments: str) -> None:
+        with empty_pictures(), redirect_stdout(StringIO()), pytest.raises(SystemExit) as stop:
+            main(list(arguments))
+        assert stop.value.code == 0
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def searched(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """A campaign with a few failures; not to be written to."""
     folder = tmp_path_factory.mktemp("searched") / "c"
-    search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--json")
-    with pytest.raises(SystemExit) as stop:
-        main([*search, "--out", str(folder), "--delay", "0.05"])
-    assert stop.value.code == 0
+    search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--delay", "0.05")
+    prepare(*search, "--out", str(folder))
     return folder
 
 

@@ -9,22 +9,19 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
-from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
 import msgspec
-import numpy as np
 
 from frenetic._support.file_locks import FileLock
 from frenetic._support.files import write_file
 from frenetic._support.words import counted, format_duration
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
-from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant, folder_names, read_path
 from frenetic.bench.processes import run_all
-from frenetic.bench.runs import Run, RunState, Terms, ending_of, try_out
+from frenetic.bench.runs import Run, RunState, Terms, compile_measures, ending_of, try_out
 from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
 from frenetic.campaign.objective import MOOBD
@@ -33,8 +30,6 @@ from frenetic.errors import FreneticError
 from frenetic.export.tables import Which
 from frenetic.fingerprint import differences, package_versions
 from frenetic.registry import STRATEGIES
-from frenetic.road import Road, check_validity
-from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.spec import Spec, command_faults, describe, listing_1_of_today
 
@@ -194,7 +189,7 @@ class Bench:
         with ExitStack() as stack:
             campaign.prepare(self.terms.simulator)
             compile_kernels()
-            _compile_measures()
+            compile_measures()
             if resume:
                 self._require_same()
             else:
@@ -372,21 +367,6 @@ def _by_entrant(states: Sequence[RunState]) -> dict[str, list[RunState]]:
     for state in states:
         found.setdefault(state.run.entrant.name, []).append(state)
     return found
-
-
-@cache
-def _compile_measures() -> None:
-    """Compiles what runs need beside driving once, before several of them start."""
-    points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
-    for some in (points, points[::10]):
-        Road.from_points(some)
-    check_validity(points)
-    min_radius(interpolate(points))
-    overlaps_itself(points, points + 4.0)
-    segments = [points, 1.5 * points, points[:-4].copy()]
-    competition_sparseness(segments)
-    diversity(segments)
-    edit_distance(segments[0], segments[1])
 
 
 def new_folder() -> Path:

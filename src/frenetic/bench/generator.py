@@ -28,7 +28,7 @@ MOST_LOGGED: Final = 10 * 1024 * 1024
 LONGEST_MESSAGE: Final = 32 * 1024 * 1024
 """Bytes of a message."""
 
-_LEAVING_LIMIT: Final = 5.0  # s
+_LEAVING_LIMIT: Final = 2.0  # s
 _LOOK: Final = 0.5  # s between two looks whether the process is there
 _LEFT_OUT: Final = b"\n[the rest is left out]\n"
 

@@ -23,7 +23,7 @@ from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.registry import load_user_file, user_files
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
-RUNS_PRELOADED: Final = ("frenetic.bench.runs",)
+RUNS_PRELOADED: Final = ("frenetic.bench.preloading",)
 """Modules that the server of runs imports."""
 _REPORT: Final = 0.2  # s between two messages about the progress of a run
 

@@ -6,12 +6,15 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, Self
 
 import msgspec
+import numpy as np
 
+from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.hosting.messages import Assignment
@@ -33,7 +36,8 @@ from frenetic.errors import FreneticError, StrategyError
 from frenetic.export import export_campaign
 from frenetic.export.tables import Which
 from frenetic.registry import STRATEGIES
-from frenetic.road import MAP_SIZE
+from frenetic.road import MAP_SIZE, Road, check_validity
+from frenetic.road.validity import interpolate, min_radius, overlaps_itself
 from frenetic.search import Candidate, Evaluation, SearchEnded, Strategy
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.simulator import Simulator
@@ -313,6 +317,21 @@ def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
         + "".join(f" ({line[:200]})" for line in last)
         + needs
     )
+
+
+@cache
+def compile_measures() -> None:
+    """Compiles what runs need beside driving once, before several of them start."""
+    points = np.column_stack([np.linspace(0.0, 60.0, 31), 5.0 * np.sin(np.linspace(0.0, 6.0, 31))])
+    for some in (points, points[::10]):
+        Road.from_points(some)
+    check_validity(points)
+    min_radius(interpolate(points))
+    overlaps_itself(points, points + 4.0)
+    segments = [points, 1.5 * points, points[:-4].copy()]
+    competition_sparseness(segments)
+    diversity(segments)
+    edit_distance(segments[0], segments[1])
 
 
 def _described(entrant: Entrant, seed: int) -> dict[str, JSONValue]:

@@ -14,5 +14,6 @@ work on Python 3.9; functions that return shapely objects need shapely.
 | loader.py | finding and building the generator |
 | executor.py | the pipeline's executor |
 | clock.py | the virtual time |
+| validity.py | the rules of road tests, imported when they are needed |
 | offered/ | the pipeline's modules |
 """

@@ -17,8 +17,8 @@ from typing import Any, Final
 import frenetic
 from frenetic.bench.hosting import offered
 from frenetic.bench.hosting.messages import Assignment
+from frenetic.bench.hosting.validity import validity
 from frenetic.errors import FreneticError, describe_error
-from frenetic.road import check_validity
 
 _FRENETIC: Final = str(Path(frenetic.__file__).parent)
 
@@ -94,7 +94,7 @@ def build(kind: Callable[..., Any], executor: Any, assignment: Assignment) -> An
 def _make_way(folders: list[str], module: str) -> None:
     """Leave the name `frenetic` to a generator that brings a package or module of that name.
 
-    By then this process has imported all that it needs of ours.
+    All that this process needs of ours is imported before.
     """
     spec = importlib.machinery.PathFinder.find_spec("frenetic", folders)
     if spec is None or (spec.origin is not None and _is_ours(Path(spec.origin))):
@@ -102,7 +102,7 @@ def _make_way(folders: list[str], module: str) -> None:
     # A folder without __init__.py may also be a clone of ours.
     if spec.origin is None and not _holds(spec.submodule_search_locations, module):
         return
-    check_validity([(0.0, 0.0), (0.0, 1.0)])  # what numba has compiled is loaded by name
+    validity().check_validity([(0.0, 0.0), (0.0, 1.0)])  # what numba has compiled is loaded by name
     for name in [n for n in sys.modules if n == "frenetic" or n.startswith("frenetic.")]:
         _hidden.append(sys.modules.pop(name))
     if spec.origin is None:  # an installed package of that name would come first

@@ -24,6 +24,7 @@ from frenetic.bench.hosting.loader import (
 )
 from frenetic.bench.hosting.messages import Assignment, End
 from frenetic.bench.hosting.parent import Parent, leave_with_parent
+from frenetic.bench.hosting.validity import validity
 from frenetic.errors import describe_error
 
 MOST_LINES: Final = 20
@@ -60,6 +61,8 @@ def run(assignment: Assignment, parent: Parent) -> End:
         generator = build(kind, executor, assignment)
     except GeneratorError as error:
         return End("crashed", str(error), _printed(error.__cause__))
+    if assignment.counts_computing:
+        validity()  # its import is not the generator's time
     parent.send({"kind": "ready"})
     executor.start()
     end = _started(generator, executor)

@@ -20,8 +20,8 @@ from frenetic.bench.hosting.offered.given_points import (
 )
 from frenetic.bench.hosting.offered.self_driving.road_polygon import RoadPolygon
 from frenetic.bench.hosting.offered.self_driving.simulation_data import SimulationDataRecord
+from frenetic.bench.hosting.validity import validity
 from frenetic.errors import RoadError
-from frenetic.road.validity import interpolate
 
 GROUND: Final = -28.0
 """Height of the flat map, in m."""
@@ -65,7 +65,7 @@ class RoadTest:
         points = number_pairs(self.road_points)
         if points is None:
             raise RoadError("road points must be a list of pairs x, y of finite numbers")
-        return [(x, y, GROUND, WIDTH) for x, y in interpolate(points).tolist()]
+        return [(x, y, GROUND, WIDTH) for x, y in validity().interpolate(points).tolist()]
 
     @cached_property
     def road_polygon(self) -> RoadPolygon:
@@ -105,7 +105,7 @@ class RoadTest:
         """
         points = np.array(self.interpolated_points)[:, :2]
         if interpolate_road_points:
-            points = interpolate(points)
+            points = validity().interpolate(points)
         steps = np.diff(points, axis=0)
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
 

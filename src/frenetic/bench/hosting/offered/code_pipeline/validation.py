@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Final
 
 from frenetic.bench.hosting.offered.code_pipeline.tests_generation import RoadTest
 from frenetic.bench.hosting.offered.given_points import number_pairs
-from frenetic.road import check_validity, validity
+from frenetic.bench.hosting.validity import validity
 
 WRONG_TYPE: Final = "Wrong type"
 """Message for an object that is no road test, or whose points are no pairs of finite numbers."""
@@ -32,7 +32,7 @@ class TestValidator:
         points = points_of(the_test)
         if points is None:
             return False, WRONG_TYPE
-        verdict = check_validity(points, self.map_size)
+        verdict = validity().check_validity(points, self.map_size)
         return verdict.valid, verdict.message
 
 
@@ -48,4 +48,5 @@ def min_radius(points: Iterable[Sequence[float]]) -> float:
         points: the interpolated points of a test; of each the first two values count, x and y in m.
 
     """
-    return validity.min_radius([(point[0], point[1]) for point in points]) * FEET_PER_METRE
+    radius: float = validity().min_radius([(point[0], point[1]) for point in points])
+    return radius * FEET_PER_METRE

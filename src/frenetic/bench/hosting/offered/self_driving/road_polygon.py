@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from frenetic.bench.hosting.offered.self_driving.road_points import Node, Place, RoadPoints
+from frenetic.bench.hosting.validity import validity
 from frenetic.errors import FreneticError
-from frenetic.road.validity import overlaps_itself
 
 
 class RoadPolygon:
@@ -44,7 +44,9 @@ class RoadPolygon:
         not neighbours must not touch, and neighbours must share only their common edge.
         """
         points = self.road_points
-        return points.moves and not overlaps_itself(np.array(points.left), np.array(points.right))
+        if not points.moves:
+            return False
+        return not validity().overlaps_itself(np.array(points.left), np.array(points.right))
 
     @cached_property
     def polyline(self) -> Any:
