@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numba
 import numpy as np
 import pytest
 
@@ -19,6 +20,15 @@ if TYPE_CHECKING:
 
 SPEC = f"{Path(__file__).parents[2] / 'benchmarks' / 'ribs_search.py'}:RibsSearch"
 ALGORITHMS = ("map-elites", "cma-mae", "cma-es")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _ribs_as_plain_python() -> None:
+    """Compiling what pyribs lets numba compile takes longer than all that is done with it here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numba.config, "DISABLE_JIT", True)
+        import ribs.archives
+        import ribs.emitters  # noqa: F401
 
 
 def peer(algorithm: str, seed: int = 1, **options: object) -> Strategy:

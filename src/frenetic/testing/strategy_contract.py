@@ -16,7 +16,7 @@ from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation, Trace
 from frenetic.search.strategy import Strategy, WarmStartingStrategy
 
-_TESTS = 300
+_TESTS = 150
 """Length of a scripted campaign: long enough for a phase that depends on the budget."""
 
 
@@ -166,11 +166,11 @@ class StrategyContract:
         """A second evaluation of a candidate raises ValueError and leaves no trace."""
         strategy, untroubled = self.make(5), self.make(5)
         moobd = -1.0 if outcome.is_driven else None
-        for count in range(1, 101):
+        for count in range(1, 51):
             candidate, counterpart = strategy.ask(), untroubled.ask()
             _assert_same_road(candidate, counterpart)
-            strategy.tell(_made_up(candidate, count / 200))
-            untroubled.tell(_made_up(counterpart, count / 200))
+            strategy.tell(_made_up(candidate, count / 100))
+            untroubled.tell(_made_up(counterpart, count / 100))
 
             with pytest.raises(ValueError):
                 strategy.tell(Evaluation(candidate, outcome, moobd, 0.5))
