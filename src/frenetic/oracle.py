@@ -196,10 +196,11 @@ def assess(road: Road, drive: Drive) -> Assessment:
         road.lane_width,
         rules_array(drive.rules, road.length),
         drive.car.to_array(),
-        t.time,
-        t.x,
-        t.y,
-        t.heading,
+        # Copies, as kernels are compiled for each kind of array: the rollout's can be written.
+        np.array(t.time),
+        np.array(t.x),
+        np.array(t.y),
+        np.array(t.heading),
     )
     half = 0.5 * road.lane_width
     offset = rows[:, OFFSET] + half

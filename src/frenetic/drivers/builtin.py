@@ -34,6 +34,8 @@ class BuiltIn:
     def act(self, observation: Observation) -> Controls:
         """The law's controls."""
         o = observation
+        # Copies, as kernels are compiled for each kind of array: the rollout has compiled this one.
+        ahead, curvature_ahead = np.array(o.ahead, order="C"), np.array(o.curvature_ahead)
         steering, throttle, brake = laws.decide(
             self.law,
             o.speed,
@@ -41,9 +43,9 @@ class BuiltIn:
             o.distance,
             o.lateral_offset,
             o.heading_error,
-            o.ahead,
-            o.curvature_ahead,
-            len(o.ahead),
+            ahead,
+            curvature_ahead,
+            len(ahead),
             self._parameters,
             self._setup,
             self._memory,
