@@ -36,27 +36,81 @@ def browser() -> Iterator[Browser]:
         launched.close()
 
 
+VIEWPORT = {"width": 1280, "height": 900}
+
+
+class _Shared:
+    """A page for all tests of a module that want nothing else: another one takes half a second."""
+
+    def __init__(self, browser: Browser) -> None:
+        self._browser = browser
+        self._page: Page | None = None
+        self._trouble = Trouble()
+        self._used = False
+
+    def opened(self, trouble: Trouble, viewport: Any, color_scheme: Any) -> Page:
+        """The page as if it were new, of which `trouble` is told from now on."""
+        if self._page is None or self._page.is_closed():
+            self._page = self._browser.new_context().new_page()
+            _watch(self._page, lambda: self._trouble)
+        self._page.set_viewport_size(viewport)
+        self._page.emulate_media(media="null", color_scheme=color_scheme)
+        self._trouble, self._used = trouble, True
+        return self._page
+
+    def clear(self) -> None:
+        """Takes away what a test has left."""
+        for context in self._browser.contexts:
+            if self._page is None or context is not self._page.context:
+                context.close()
+        page, self._used = (self._page if self._used else None), False
+        if page is not None and not page.is_closed():
+            page.evaluate("localStorage.clear()")
+            page.context.clear_permissions()
+            self._trouble = Trouble()
+            page.goto("about:blank")
+            page.mouse.move(0, 0)
+
+
+def _watch(page: Page, trouble: Callable[[], Trouble]) -> None:
+    page.on(
+        "console",
+        lambda m: trouble().errors.append(m.text) if m.type in ("error", "warning") else None,
+    )
+    page.on("pageerror", lambda error: trouble().errors.append(str(error)))
+    page.on("request", lambda request: trouble().requests.append(request.url.split("#")[0]))
+
+
+@pytest.fixture(scope="module")
+def _shared(browser: Browser) -> _Shared:
+    return _Shared(browser)
+
+
 @pytest.fixture
-def show(browser: Browser) -> Iterator[Callable[..., Page]]:
+def show(browser: Browser, _shared: _Shared) -> Iterator[Callable[..., Page]]:
     """Opens a file and, at the end, asserts that nothing was complained about or loaded."""
     trouble = Trouble()
     addresses: list[str] = []
 
-    def opened(path: Path, *, fragment: str = "", **context: Any) -> Page:
-        given = {"viewport": {"width": 1280, "height": 900}, **context}
-        page = browser.new_context(**given).new_page()
-        page.on(
-            "console",
-            lambda m: trouble.errors.append(m.text) if m.type in ("error", "warning") else None,
-        )
-        page.on("pageerror", lambda error: trouble.errors.append(str(error)))
-        page.on("request", lambda request: trouble.requests.append(request.url.split("#")[0]))
+    def opened(
+        path: Path,
+        *,
+        fragment: str = "",
+        viewport: Any = VIEWPORT,
+        color_scheme: Any = "light",
+        **context: Any,
+    ) -> Page:
+        if context or addresses:
+            given = {"viewport": viewport, "color_scheme": color_scheme, **context}
+            page = browser.new_context(**given).new_page()
+            _watch(page, lambda: trouble)
+        else:
+            page = _shared.opened(trouble, viewport, color_scheme)
         addresses.append(path.resolve().as_uri())
         page.goto(addresses[-1] + fragment)
         return page
 
     yield opened
-    for context in browser.contexts:
-        context.close()
+    _shared.clear()
     assert trouble.errors == []
     assert set(trouble.requests) == set(addresses)
