@@ -52,7 +52,8 @@ def store_of(
                     budget_spent=0.0,
                     seconds=2.0,
                     elapsed=None if elapsed is None else told * elapsed,
-                )
+                ),
+                hold=True,
             )
         if facts:
             store.finish(**facts)

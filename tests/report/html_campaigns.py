@@ -9,6 +9,7 @@ import numpy as np
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
 from frenetic.campaign.store import JSONValue
+from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Frenetic2021, Origin
@@ -20,13 +21,13 @@ HOSTILE = (
 """A text that a page must show and never run."""
 
 
-def make_searched(folder: Path) -> Path:
+def make_searched(folder: Path, simulations: int = 150) -> Path:
     """A campaign with failures, random roads, and roads that were made from others."""
     Campaign(
         strategy=Frenetic2021(seed=1, max_redraws=10),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
-        budget=Budget(simulations=300),
+        budget=Budget(simulations=simulations),
         folder=folder,
     ).run()
     return folder
@@ -101,7 +102,7 @@ def make_refused(folder: Path, searched: Path) -> Path:
     return folder
 
 
-def make_large(folder: Path, searched: Path, tests: int = 5000) -> int:
+def make_large(folder: Path, searched: Path, tests: int) -> int:
     """A campaign of so many tests that repeat the drives of another; how many of them failed.
 
     Nine of twenty fail.
@@ -109,7 +110,11 @@ def make_large(folder: Path, searched: Path, tests: int = 5000) -> int:
     with CampaignStore.open(searched) as store:
         config = store.config
         failed, passed = (
-            list(store.tests(outcome, order_by="moobd", with_trajectory=True))
+            [
+                (record, encode(record.trajectory))
+                for record in store.tests(outcome, order_by="moobd", with_trajectory=True)
+                if record.trajectory is not None
+            ]
             for outcome in (Outcome.FAIL, Outcome.PASS)
         )
     failures = 0
@@ -118,8 +123,9 @@ def make_large(folder: Path, searched: Path, tests: int = 5000) -> int:
             fails = number % 20 < 9
             found = failed if fails else passed
             failures += fails
-            like = found[number % len(found)]
+            like, packed = found[number % len(found)]
             candidate = replace(like.candidate, id=number, origin=Origin("random"))
+            record = replace(like, candidate=candidate, told=number, elapsed=0.002 * number)
             store.asked(candidate)
-            store.told(replace(like, candidate=candidate, told=number, elapsed=0.002 * number))
+            store.told(record, packed, hold=True)
     return failures

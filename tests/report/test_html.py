@@ -181,11 +181,11 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
         report = campaign_report(store)
     (headline,) = report.sections[0].blocks
     tiles = {tile.label: tile.value for tile in headline.tiles}  # type: ignore[attr-defined]
-    assert tiles["simulations"] == str(counts.simulations) == "300"
+    assert tiles["simulations"] == str(counts.simulations) == "150"
     assert tiles["failures"] == str(counts.by_outcome[Outcome.FAIL])
     assert tiles["distinct failures"] == str(len(clusters))
     assert tiles["invalid roads"] == str(counts.by_outcome[Outcome.INVALID])
-    assert report.title == f"{len(clusters)} distinct failures in 300 simulations"
+    assert report.title == f"{len(clusters)} distinct failures in 150 simulations"
     assert headline.warning == ""  # type: ignore[attr-defined]
 
 

@@ -83,7 +83,7 @@ def car(page: Page) -> tuple[float, float]:
 
 
 def test_page_has_all_parts(page: Page) -> None:
-    expect(page.locator("h1")).to_contain_text("in 300 simulations")
+    expect(page.locator("h1")).to_contain_text("in 150 simulations")
     titles = page.locator("main h2").all_text_contents()
     assert titles == [
         "Failures over time",
@@ -588,7 +588,7 @@ def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -
     page.mouse.move(grid["x"] + 0.6 * grid["width"], grid["y"] + 60)
     tip = page.locator(".chart-tip")
     at = int(re.findall(r"^(\d+) simulations", tip.locator("p").first.text_content() or "")[0])
-    assert at == pytest.approx(180, abs=2)
+    assert at == pytest.approx(90, abs=2)
     driven = [test for test in tested if test.outcome is not Outcome.INVALID][:at]
     failed = [test.id for test in driven if test.outcome is Outcome.FAIL]
     said = {
@@ -615,8 +615,8 @@ def test_chart_is_enlarged_by_dragging(page: Page) -> None:
     page.mouse.up()
     shown = [int(text) for text in ticks.all_text_contents()]
     assert shown != [int(text) for text in before]
-    assert min(shown) >= 95
-    assert max(shown) <= 205
+    assert min(shown) >= 47
+    assert max(shown) <= 103
     expect(page.get_by_role("dialog")).to_have_count(0)
     page.get_by_role("button", name="Whole range").click()
     assert ticks.all_text_contents() == before

@@ -16,10 +16,10 @@ pytest_plugins = ["browsing"]
 
 @pytest.fixture(scope="module")
 def large(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
-    """The report of a campaign of 5000 tests, and how many of them failed."""
+    """The report of a campaign of 3500 tests, and how many of them failed."""
     folder = tmp_path_factory.mktemp("large")
-    failures = make_large(folder / "large", make_searched(folder / "searched"))
-    assert failures > 2000
+    failures = make_large(folder / "large", make_searched(folder / "searched", 60), 3500)
+    assert failures > 1500
     return write_report(folder / "large"), failures
 
 
@@ -29,10 +29,10 @@ def test_a_large_report_opens_and_maps_every_failure(
     path, failures = large
     assert path.stat().st_size < 5e6
     page = show(path)
-    expect(page.locator("h1")).to_contain_text("in 5000 simulations")
+    expect(page.locator("h1")).to_contain_text("in 3500 simulations")
     expect(page.locator("#map .lead")).to_contain_text(f"All {failures} failures and ")
     expect(page.locator("#map .lead")).to_contain_text(
-        f"of the {5000 - failures} tests that passed, evenly over the campaign, are mapped."
+        f"of the {3500 - failures} tests that passed, evenly over the campaign, are mapped."
     )
     shown = page.locator(".cell").all_text_contents()
     assert sum(int(text or 0) for text in shown) == failures
