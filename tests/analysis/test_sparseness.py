@@ -99,13 +99,13 @@ def test_edit_distance_worked_out_by_hand(one: Steps, other: Steps, edits: float
     assert edit_distance(line(one, 33.0), line(other, -170.0)) == pytest.approx(edits, abs=1e-9)
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(LINES, LINES)
 def test_edit_distance_is_that_of_the_definition(one: FloatArray, other: FloatArray) -> None:
     assert edit_distance(one, other) == pytest.approx(reference(one, other), abs=1e-6)
 
 
-@settings(max_examples=200)
+@settings(max_examples=80)
 @given(LINES, LINES)
 def test_edit_distance_is_symmetric_and_at_most_the_longer_line(
     one: FloatArray, other: FloatArray

@@ -9,15 +9,18 @@ import sqlite3
 import sys
 import threading
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
+from unittest.mock import patch
 
 from faulty import FaultySimulator
 
 from frenetic.campaign import Budget, Campaign, Progress
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers import local as processes
+from frenetic.errors import CampaignError
 from frenetic.search import Frenetic2021
 from frenetic.testing import DummyDriver
 
@@ -66,6 +69,27 @@ def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | N
 
     killer.count("start")
     (one.resume if (folder / DATABASE).exists() else one.run)(report)
+
+
+def run_until(place: str, folder: Path, arguments: Sequence[str]) -> None:
+    """Runs a command line in a folder until it calls what is at a place, where it is killed."""
+    from frenetic.cli import main  # which takes a while, and the other campaigns here need none
+
+    os.chdir(folder)
+    with patch(place, lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)):
+        main(list(arguments))
+
+
+def write_refusals(folder: Path, answers: Path) -> None:
+    """Tries to run and to resume a campaign, and writes down a line for each refusal."""
+    one = campaign(folder, folder)
+    refusals = []
+    for go_on in (one.run, one.resume):
+        try:
+            go_on()
+        except CampaignError as error:
+            refusals.append(f"{error}\n")
+    answers.write_text("".join(refusals), encoding="utf-8")
 
 
 class _Killer:

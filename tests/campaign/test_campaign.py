@@ -228,11 +228,11 @@ def test_same_seed_gives_the_same_database_but_for_times(
             strategy=strategy(seed=seed),
             simulator=EmbeddedSimulator(),
             driver=Planner(),
-            budget=Budget(simulations=150),
+            budget=Budget(simulations=60),
             folder=folder,
         ).run()
     first, second, other = (contents(folder) for folder in folders)
-    assert len(first["test"]) >= 150
+    assert len(first["test"]) >= 60
     assert first == second
     assert first["candidate"] != other["candidate"]
 

@@ -71,7 +71,7 @@ def make_campaign(folder: Path, budget: Budget, **options: Any) -> Campaign:
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("sound") / "c"
-    make_campaign(folder, Budget(simulations=150)).run()
+    make_campaign(folder, Budget(simulations=80)).run()
     return folder
 
 
@@ -139,7 +139,7 @@ def test_nothing_is_found_in_a_sound_campaign(sound: Path) -> None:
     assert holds.state is State.FINISHED
     assert holds.writer is None
     assert holds.schema == len(MIGRATIONS)
-    assert holds.trajectories == 150
+    assert holds.trajectories == 80
     assert holds.outstanding == holds.counts.asked - holds.counts.told
     for outcome in (Outcome.PASS, Outcome.FAIL, Outcome.INVALID, Outcome.DROPPED):
         assert holds.counts.by_outcome[outcome] > 2
@@ -736,7 +736,7 @@ def test_command_on_a_sound_campaign(sound: Path, capsys: pytest.CaptureFixture[
     assert run(str(sound), "--quick", "--json") == 0
     document = json.loads(capsys.readouterr().out)
     assert document["is_sound"] is True
-    assert document["by_outcome"]["PASS"] + document["by_outcome"]["FAIL"] == 150
+    assert document["by_outcome"]["PASS"] + document["by_outcome"]["FAIL"] == 80
 
 
 def test_command_on_a_damaged_campaign(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

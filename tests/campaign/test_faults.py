@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import faulty
+import killing
 import pytest
 from contents import contents
 from faulty import (
@@ -42,6 +43,7 @@ from faulty import (
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 from small_disk import Bounded
 
+from frenetic._support.child_processes import process_context
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
@@ -245,17 +247,18 @@ def test_forks_of_drivers_and_strategies_leave_no_trace(
 # Two at once
 
 
-GO_ON = """
-import sys
-from pathlib import Path
-from frenetic.errors import CampaignError
-from test_faults import campaign
-for go_on in (campaign(Path(sys.argv[1])).run, campaign(Path(sys.argv[1])).resume):
+def exit_code_of(target: Callable[..., object], *arguments: object) -> int | None:
+    """Of a process of its own, which is made as workers are."""
+    context: Any = process_context()
+    process = context.Process(target=target, args=arguments)
+    process.start()
     try:
-        go_on()
-    except CampaignError as error:
-        print(error)
-"""
+        process.join(LIMIT)
+        code: int | None = process.exitcode
+        return code
+    finally:
+        process.kill()
+        process.join()
 
 
 def test_a_second_process_is_refused(tmp_path: Path) -> None:
@@ -263,15 +266,9 @@ def test_a_second_process_is_refused(tmp_path: Path) -> None:
 
     def try_elsewhere(progress: object) -> None:
         if not answers:
-            done = subprocess.run(
-                [sys.executable, "-c", GO_ON, str(tmp_path / "c")],
-                capture_output=True,
-                text=True,
-                check=True,
-                env={**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])},
-                timeout=LIMIT,
-            )
-            answers.extend(done.stdout.splitlines())
+            said = tmp_path / "said"
+            assert exit_code_of(killing.write_refusals, tmp_path / "c", said) == 0
+            answers.extend(said.read_text(encoding="utf-8").splitlines())
 
     summary = campaign(tmp_path / "c").run(try_elsewhere)
     assert summary.simulations == 60
@@ -711,14 +708,8 @@ def test_what_a_kill_after_the_last_result_leaves_is_finished(
     place: str,
     state: str,
 ) -> None:
-    code = (
-        "import os, signal, sys; from unittest.mock import patch; from frenetic.cli import main\n"
-        f"with patch({place!r}, lambda *a, **k: os.kill(os.getpid(), signal.SIGKILL)):\n"
-        "    main(sys.argv[1:])"
-    )
-    run = [sys.executable, "-c", code, *RUN, "--out", "c"]
-    killed = subprocess.run(run, cwd=tmp_path, capture_output=True, check=False, timeout=LIMIT)
-    assert killed.returncode == -signal.SIGKILL
+    run = (*RUN, "--out", "c")
+    assert exit_code_of(killing.run_until, place, tmp_path, run) == -signal.SIGKILL
     monkeypatch.chdir(tmp_path)
     left = contents(Path("c"))
     assert command("check", "c") == 0

@@ -96,7 +96,7 @@ def test_killed_at_random_moments_it_ends_as_if_it_had_not_been(
     killing.campaign(whole, marks, ordered=ordered).run()
     rng = random.Random(11 + workers)
     together = LOOKAHEAD if ordered else 1  # results in one transaction at most
-    for kills in range(1, (25 if endurance else 8) + 1):
+    for kills in range(1, (25 if endurance else 5) + 1):
         blow = random_blow(rng, first=kills == 1)
         exit_code = go_on(folder, marks, workers, ordered, blow)
         assert exit_code == -signal.SIGKILL, f"{blow} has not come"

@@ -350,7 +350,7 @@ def test_lanes_lie_side_by_side_at_constant_distances(lane_width: float) -> None
     place=st.floats(-0.2, 1.2),
     share=st.floats(-0.85, 0.85),
 )
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_projecting_a_point_gives_the_place_that_it_was_made_from(
     seed: int, place: float, share: float
 ) -> None:

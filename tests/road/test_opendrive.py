@@ -748,7 +748,7 @@ OURS = [
 ]
 
 
-@settings(max_examples=300)
+@settings(max_examples=100)
 @given(st.data())
 def test_a_damaged_file_gives_a_road_or_one_line(data: st.DataObject) -> None:
     text = data.draw(st.sampled_from(OURS))

@@ -173,7 +173,7 @@ def test_other_cars_and_centres_of_mass(box: Box) -> None:
     pose=st.tuples(st.floats(-1e4, 1e4), st.floats(-1e4, 1e4), st.floats(-7.0, 7.0)),
     backwards=st.booleans(),
 )
-@settings(max_examples=200)
+@settings(max_examples=80)
 def test_on_a_straight_road_the_share_is_linear_in_the_offset(
     offset: float, lane_width: float, pose: tuple[float, float, float], backwards: bool
 ) -> None:
@@ -261,7 +261,7 @@ def test_the_lane_of_another_leg_does_not_count() -> None:
     d=st.floats(-100.0, 100.0),
     error=st.floats(-10.0, 10.0),
 )
-@settings(max_examples=200)
+@settings(max_examples=80)
 def test_a_share_is_a_share_however_far_away_the_car_is(seed: int, d: float, error: float) -> None:
     rng = np.random.default_rng(seed)
     road = random_road(rng)

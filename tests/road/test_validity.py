@@ -515,7 +515,7 @@ def test_the_node_beyond_the_last_point_does_not_hang_on_a_tiny_last_step() -> N
 
 
 @given(st.floats(-1e6, 1e6) | st.integers(-(10**7), 10**7).map(lambda i: i / 2000))
-@settings(max_examples=2000)
+@settings(max_examples=300)
 def test_millimetres_are_those_of_round(value: float) -> None:
     assert _to_millimetre(value) == round(value, 3)
 
@@ -546,7 +546,7 @@ some_points = st.lists(st.tuples(inner, inner), min_size=2, max_size=9).map(
 
 
 @given(some_points)
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_quarter_turns_and_mirrors_of_the_map_leave_the_verdict(points: FloatArray) -> None:
     verdict = check_validity(points)
     quarter = np.column_stack([200 - points[:, 1], points[:, 0]])
@@ -564,7 +564,7 @@ def test_a_move_within_the_map_leaves_the_verdict(seed: int, move: tuple[int, in
 
 
 @given(st.lists(st.tuples(st.floats(-1e308, 1e308), st.floats(-1e308, 1e308)), max_size=12))
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_every_list_of_finite_points_gets_a_verdict(points: list[tuple[float, float]]) -> None:
     verdict = check_validity(points)
     assert verdict.valid == (verdict.message == "")

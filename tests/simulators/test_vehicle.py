@@ -295,7 +295,7 @@ class TestTyres:
         assert max(force(wet, slip) for slip in slips) == pytest.approx(0.5 * peak, rel=1e-4)
 
     @given(states(), SHARE, SHARE, finite(0.2, 1.5))
-    @settings(max_examples=500)
+    @settings(max_examples=150)
     def test_no_axle_leaves_its_friction_circle(
         self, state: FloatArray, throttle: float, brake: float, friction: float
     ) -> None:
@@ -406,7 +406,7 @@ class TestEnergy:
         assert rates(CAR, at(20.0))[SPEED] == pytest.approx(-expected)
 
     @given(states(), finite(-1.2, 1.2), SHARE)
-    @settings(max_examples=500)
+    @settings(max_examples=150)
     def test_nothing_but_the_engine_adds_energy(
         self, state: FloatArray, steering: float, brake: float
     ) -> None:
@@ -423,7 +423,7 @@ class TestEnergy:
         assert energy[-1] < 1e-6
 
     @given(states(), finite(-1.2, 1.2), SHARE, SHARE)
-    @settings(max_examples=300)
+    @settings(max_examples=100)
     def test_the_engine_gives_no_more_than_its_power(
         self, state: FloatArray, steering: float, throttle: float, brake: float
     ) -> None:
@@ -564,7 +564,7 @@ class TestIntegration:
         assert np.array_equal(moved[:, SPEED:], plain[:, SPEED:])
 
     @given(states(), finite(-1.2, 1.2), SHARE, SHARE)
-    @settings(max_examples=200)
+    @settings(max_examples=80)
     def test_a_step_is_rk4_of_the_derivative(
         self, state: FloatArray, steering: float, throttle: float, brake: float
     ) -> None:
