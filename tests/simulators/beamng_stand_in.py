@@ -586,10 +586,14 @@ def _exactly(client: socket.socket, length: int) -> bytes:
 
 
 def program(home: Path) -> Path:
-    """Makes a folder look like an installation whose program is the stand-in (Linux)."""
+    """Makes a folder look like an installation whose program is the stand-in (Linux).
+
+    It runs without compiled code, which takes longer to load than all drives of a test do.
+    """
     path = home / "BinLinux" / "BeamNG.tech.x64"
     path.parent.mkdir(parents=True)
-    path.write_text(f'#!/bin/sh\nexec "{sys.executable}" "{Path(__file__).resolve()}" "$@"\n')
+    serve = f'exec "{sys.executable}" "{Path(__file__).resolve()}" "$@"'
+    path.write_text(f"#!/bin/sh\nNUMBA_DISABLE_JIT=1 {serve}\n")
     path.chmod(0o755)
     return path
 
