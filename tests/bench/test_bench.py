@@ -546,10 +546,8 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
 
 
 def test_what_is_preloaded_is_there() -> None:
-    for name in (
-        *RUNS_PRELOADED,
-        PRELOADED,
-    ):  # the server of processes would leave it out without a word
+    # The server of processes would leave it out without a word.
+    for name in (*RUNS_PRELOADED, *PRELOADED):
         assert find_spec(name) is not None
 
 

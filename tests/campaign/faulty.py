@@ -15,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -245,6 +246,11 @@ def write_nonsense(marks: Marks) -> None:
 
 def write_log(marks: Marks) -> None:
     logging.getLogger("frenetic.driver").warning("the road is %s", "wet")
+
+
+def send_modules(connection: Connection) -> None:
+    """Sends the names of all modules that its process has."""
+    connection.send(set(sys.modules))
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ from faulty import (
     raise_error,
     refuse_connection,
     roads,
+    send_modules,
     start_process,
     start_thread,
     straight,
@@ -51,6 +52,7 @@ from faulty import (
 )
 from pids import LIMIT, is_running, until, until_gone
 
+from frenetic._support import child_processes
 from frenetic._support.child_processes import Failed, Logged
 from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG, CampaignLog
@@ -73,7 +75,7 @@ from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.road import Pose
 from frenetic.search import Candidate, Origin
-from frenetic.simulators import Simulator
+from frenetic.simulators import Simulator, isolated
 from frenetic.simulators.worlds import Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -452,6 +454,16 @@ def test_a_driver_that_takes_its_worker_with_it(
         assert why in (attempts[0].failure or "")
         assert drive_all(workers, [8])[1].failure is None
     assert "Traceback" not in capfd.readouterr().err
+
+
+@linux_only
+def test_workers_are_forked_with_their_code() -> None:
+    process, connection = child_processes.start_process(
+        child_processes.process_context(), send_modules, name="any"
+    )
+    with connection:
+        assert connection.recv() >= {processes.__name__, isolated.__name__}
+    process.join()
 
 
 @linux_only

@@ -40,8 +40,12 @@ FORKED: Final = 82
 """Exit code of a fork that came out of foreign code."""
 
 _FORKED: Final = "forkserver"
-PRELOADED: Final = "frenetic.simulators.embedded.preloading"
-"""Module that the server of processes imports, so that these have the kernels at once."""
+PRELOADED: Final = (
+    "frenetic.simulators.embedded.preloading",
+    "frenetic.simulators.isolated",
+    "frenetic.campaign.workers.local",
+)
+"""Modules that the server of processes imports, so that these have kernels and code at once."""
 
 
 # In the parent
@@ -58,7 +62,7 @@ def process_context(preloaded: Sequence[str] = ()) -> ForkServerContext | SpawnC
     """
     if platform.system() == "Linux":
         context = multiprocessing.get_context(_FORKED)
-        context.set_forkserver_preload([*preloaded, PRELOADED])
+        context.set_forkserver_preload([*preloaded, *PRELOADED])
         return context
     return multiprocessing.get_context("spawn")
 
