@@ -9,12 +9,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
 import pids
 import pytest
+from bench_parts import Frail, Reluctant
 from pids import LIMIT, descendants, until_gone
 
 from frenetic._support.child_processes import PRELOADED
@@ -26,13 +26,12 @@ from frenetic.bench.results import write_results
 from frenetic.bench.runs import assignment
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.drivers import Driver, Planner
+from frenetic.drivers import Planner
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.search import Candidate, Frenetic2021
-from frenetic.simulators import Drive, EmbeddedSimulator
-from frenetic.testing import DummyDriver, DummySimulator
+from frenetic.simulators import EmbeddedSimulator
+from frenetic.testing import DummyDriver
 
 pytestmark = pytest.mark.usefixtures("new_process_server")
 GENERATORS = Path(__file__).parent / "generators"
@@ -444,7 +443,7 @@ def test_what_a_generator_computes_can_count(tmp_path: Path) -> None:
 
 
 def test_the_time_of_a_strategy_can_count(tmp_path: Path) -> None:
-    lazy = Entrant(name="lazy", spec=f"{__file__}:Lazy", is_strategy=True)
+    lazy = Entrant(name="lazy", spec="bench_parts:Lazy", is_strategy=True)
     bench = bench_of(
         tmp_path / "bench", lazy, budget=6.0, seconds_per_test=0.5, counts_computing=True
     )
@@ -482,19 +481,6 @@ def test_a_generator_that_cannot_be_built_is_said_at_once(
     assert not bench.folder.exists()
 
 
-class Reluctant(DummySimulator):
-    """Does not start while its mark is there."""
-
-    def __init__(self, mark: Path) -> None:
-        super().__init__()
-        self.place = mark  # not by its name, so that its content is none of the simulator's
-
-    def __enter__(self):  # type: ignore[no-untyped-def]
-        if self.place.exists():
-            raise FreneticError("not today")
-        return super().__enter__()
-
-
 def test_a_run_that_fails_is_tried_again_when_the_bench_goes_on(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     mark.touch()
@@ -526,6 +512,7 @@ def test_a_bench_goes_on_with_what_it_was_begun_with(
         tmp_path / "bench",
         Entrant(name="file", spec="sneaky.py:Sneaky"),
         Entrant(name="module", spec="sneaky:Sneaky"),
+        budget=2 * SECONDS_PER_TEST,
     )
     bench.run()
     for run in bench.runs:
@@ -549,21 +536,6 @@ def test_what_is_preloaded_is_there() -> None:
     # The server of processes would leave it out without a word.
     for name in (*RUNS_PRELOADED, *PRELOADED):
         assert find_spec(name) is not None
-
-
-class Frail(DummySimulator):
-    """Takes the process with it in the fifth drive, unless it is told not to."""
-
-    def __init__(self, mark: Path) -> None:
-        super().__init__()
-        self.place = mark  # not by its name, so that its content is none of the simulator's
-        self.drives = 0
-
-    def drive(self, road: Road, driver: Driver) -> Drive:
-        self.drives += 1
-        if self.drives == 5 and self.place.exists():
-            os._exit(9)
-        return super().drive(road, driver)
 
 
 def test_a_run_whose_process_dies_costs_that_run_only(tmp_path: Path) -> None:
@@ -655,19 +627,7 @@ def test_terms_out_of_range(options: dict[str, float], why: str) -> None:
 
 
 def test_a_strategy_of_ones_own_takes_part(tmp_path: Path) -> None:
-    own = Entrant(name="own", spec=f"{__file__}:Eager", is_strategy=True, options={"cross_num": 2})
+    own = Entrant(name="own", spec="bench_parts:Eager", is_strategy=True, options={"cross_num": 2})
     bench = bench_of(tmp_path / "bench", own)
     (end,) = bench.run()
     assert end.ending == Ending(End.OVER), end.trouble
-
-
-class Eager(Frenetic2021):
-    """A strategy of one's own."""
-
-
-class Lazy(Frenetic2021):
-    """A strategy that takes its time."""
-
-    def ask(self) -> Candidate:
-        time.sleep(1.0)
-        return super().ask()

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from frenetic.registry import own_modules
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -24,12 +28,22 @@ PARTS = ("--driver", "mine.py:Bold", "--driver-option", "extra=0.1")
 TERMS = ("--delay", "0.02", "--speed-limit", "75", "--map-size", "210")
 
 
-@pytest.fixture
-def road(frenetic: Frenetic) -> Path:
-    """The file of a road on which a driver of one's own fails."""
-    Path("mine.py").write_text(MINE, encoding="utf-8")
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+    """A campaign with a road on which a driver of one's own fails."""
+    folder = tmp_path_factory.mktemp("bold")
     budget = ("--failures", "1", "--seed", "1", "--workers", "1", "--out", "c")
-    assert frenetic("run", *budget, *PARTS, *TERMS).code == 0
+    with pytest.MonkeyPatch.context() as patch, own_modules():
+        patch.chdir(folder)
+        Path("mine.py").write_text(MINE, encoding="utf-8")
+        prepare("run", *budget, *PARTS, *TERMS)
+    return folder
+
+
+@pytest.fixture
+def road(made: Path, tmp_path: Path, frenetic: Frenetic) -> Path:
+    """The file of the road in a copy of it, in the folder of the command line."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     (found,) = Path("c/failures").glob("test-*.json")
     return found
 

@@ -35,9 +35,9 @@ def failures_of(folder: str) -> list[int]:
 
 
 def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--times", "20", "--rows")
+    answer = frenetic("rerun", campaign, "--times", "20", "--top", "3", "--rows")
     assert answer.code == 0
-    ids = failures_of(campaign)
+    ids = failures_of(campaign)[:3]
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
     assert len(rows) == len(ids), "each fails every time, and in the same way"
     assert "20 drives of each, the same each time" in answer.out

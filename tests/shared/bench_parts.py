@@ -1,0 +1,54 @@
+"""Simulators and strategies that the processes of a bench's runs import, without the tests."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+from frenetic.drivers import Driver
+from frenetic.errors import FreneticError
+from frenetic.road import Road
+from frenetic.search import Candidate, Frenetic2021
+from frenetic.simulators import Drive
+from frenetic.testing import DummySimulator
+
+
+class Reluctant(DummySimulator):
+    """Does not start while its mark is there."""
+
+    def __init__(self, mark: Path) -> None:
+        super().__init__()
+        self.place = mark  # not by its name, so that its content is none of the simulator's
+
+    def __enter__(self):  # type: ignore[no-untyped-def]
+        if self.place.exists():
+            raise FreneticError("not today")
+        return super().__enter__()
+
+
+class Frail(DummySimulator):
+    """Takes the process with it in the fifth drive, unless it is told not to."""
+
+    def __init__(self, mark: Path) -> None:
+        super().__init__()
+        self.place = mark  # not by its name, so that its content is none of the simulator's
+        self.drives = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.drives += 1
+        if self.drives == 5 and self.place.exists():
+            os._exit(9)
+        return super().drive(road, driver)
+
+
+class Eager(Frenetic2021):
+    """A strategy of one's own."""
+
+
+class Lazy(Frenetic2021):
+    """A strategy that takes its time."""
+
+    def ask(self) -> Candidate:
+        time.sleep(1.0)
+        return super().ask()
