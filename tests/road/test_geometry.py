@@ -319,6 +319,15 @@ def test_sampled_points_face_the_centre_line_at_the_offset(
     np.testing.assert_allclose(points, poses[:, :2] + offset * left, rtol=0, atol=1e-9)
 
 
+def test_distances_are_those_of_numpy_linspace_bit_for_bit() -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        road = Road(np.zeros(rng.integers(2, 40)), float(rng.uniform(0.3, 20.0)))
+        found = road.distances(spacing := float(rng.uniform(0.1, 30.0)))
+        assert np.array_equal(found, np.linspace(0.0, road.length, len(found)))
+        assert np.diff(found).max() <= spacing * (1.0 + 1e-9)
+
+
 @pytest.mark.parametrize("lane_width", [4.0, 5.0, 3.25])
 def test_lanes_lie_side_by_side_at_constant_distances(lane_width: float) -> None:
     road = gentle_road(np.random.default_rng(6))

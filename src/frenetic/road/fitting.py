@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,7 @@ MARGIN: Final = 10.0
 """Distance of a road's centre line from the map's edge, in m: half its width and some air."""
 
 _QUARTER: Final = math.pi / 2  # [rad]
+_Number = TypeVar("_Number", float, FloatArray)
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,14 @@ class RigidMotion:
     def apply(self, points: npt.ArrayLike) -> FloatArray:
         """Return the moved points, (N, 2) in m."""
         array = as_points(points)
-        c, s = math.cos(self.rotation), math.sin(self.rotation)
         moved = np.empty_like(array)
-        moved[:, 0] = c * array[:, 0] - s * array[:, 1] + self.dx
-        moved[:, 1] = s * array[:, 0] + c * array[:, 1] + self.dy
+        moved[:, 0], moved[:, 1] = self.moved(array[:, 0], array[:, 1])
         return moved
+
+    def moved(self, x: _Number, y: _Number) -> tuple[_Number, _Number]:
+        """Return the moved point, or points by their coordinates, in m."""
+        c, s = math.cos(self.rotation), math.sin(self.rotation)
+        return c * x - s * y + self.dx, s * x + c * y + self.dy
 
 
 def fit_to_map(

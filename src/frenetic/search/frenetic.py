@@ -416,7 +416,9 @@ class Frenetic:
             if k < 0:
                 return None
             curvatures, operator = self._room[:n].copy(), int(operators[first + k])
-            if fingerprint(curvatures) not in self._proposed and self._is_valid(curvatures, step):
+            mark = fingerprint(curvatures)
+            if mark not in self._proposed and self._is_valid(curvatures, step):
+                self._proposed.add(mark)
                 child = self._issue(curvatures, row, operator)
                 archive.expect(child.id, opposite if operator == MIRROR else side, expected)
                 return child
@@ -438,7 +440,6 @@ class Frenetic:
         parent = self._archive.candidates[row]
         origin = Origin(OPERATORS[operator], (parent.id,), parent.origin.generation + 1)
         child = self._ledger.issue(curvatures, self._roads.step, origin)
-        self._proposed.add(fingerprint(curvatures))
         self._parents[child.id] = _Parent(row, operator)
         self._archive.places["cost"][row] += _USE
         return child
