@@ -102,6 +102,21 @@ def test_listed_failures_get_pictures(store: CampaignStore) -> None:
     assert (folder / "gallery.png").is_file()
 
 
+def test_what_is_there_is_not_drawn_again(store: CampaignStore) -> None:
+    listed = representative_failures(store, 3)
+    write_failures(store, listed)
+    first, second, third = (store.folder / "failures" / f"test-{r.id:05d}.png" for r in listed)
+    for picture in (first, second, third):
+        picture.write_bytes(b"kept")
+    second.unlink()
+    third.with_suffix(".json").write_text("of another test")
+    write_failures(store, listed)
+    assert first.read_bytes() == b"kept"
+    assert b"PNG" in second.read_bytes()[:8]
+    assert b"PNG" in third.read_bytes()[:8]
+    assert read_road(third.with_suffix(".json")).road().length > 0.0
+
+
 def test_folder_that_cannot_be_made_is_one_clear_line(store: CampaignStore) -> None:
     (store.folder / "failures").write_text("in the way")
     with pytest.raises(CampaignError, match="all results are safe in"):

@@ -1,11 +1,13 @@
 """Commands and code that run in processes of their own, yet at once.
 
 A process imports Frenetic and loads its kernels once. Whatever is to run gets a fork of it, so that
-nothing leaks from one to the next, and ends as an interpreter of its own does.
+nothing leaks from one to the next. It ends as an interpreter of its own does, but without freeing
+what it has loaded, which takes longer than most jobs.
 """
 
 from __future__ import annotations
 
+import atexit
 import gc
 import importlib
 import json
@@ -16,6 +18,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import traceback
 import types
 import warnings
@@ -166,8 +169,27 @@ def _do(
     else:
         sys.argv = ["-c"]
     _keep_a_fork_server_ready()
-    exec(compile(code, "<string>", "exec"), main.__dict__)
-    sys.exit()
+    ended = _exit_code(code, main)
+    threading._shutdown()  # type: ignore[attr-defined]
+    atexit._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(ended)
+
+
+def _exit_code(code: str, main: types.ModuleType) -> int:
+    """Runs code; with what an interpreter would end."""
+    try:
+        exec(compile(code, "<string>", "exec"), main.__dict__)
+    except SystemExit as end:
+        if end.code is None or isinstance(end.code, int):
+            return end.code or 0
+        sys.stderr.write(f"{end.code}\n")
+        return 1
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
 
 
 def _keep_a_fork_server_ready() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import replacing
@@ -67,6 +68,7 @@ def write_failures(
 ) -> bool:
     """Writes the failing roads as JSON files and pictures of the listed ones.
 
+    A failure whose file and picture are there already keeps both: going on draws only new ones.
     Pictures of near misses that stood in for failures are removed when there are failures.
 
     Args:
@@ -83,13 +85,17 @@ def write_failures(
     from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib imports slowly
 
     folder = store.folder / FAILURES
+    kept = set()
     try:
         folder.mkdir(exist_ok=True)
         for record in store.tests(Outcome.FAIL, order_by="moobd", limit=MOST_FILES):
-            document = road_document(record, store.parts_of(record.told))
+            document = json.dumps(road_document(record, store.parts_of(record.told))) + "\n"
             path = folder / f"{file_stem(record.candidate.id)}.json"
+            if _holds(path, document):
+                kept.add(record.candidate.id)
+                continue
             with replacing(path) as partial:
-                partial.write_text(json.dumps(document) + "\n", encoding="utf-8")
+                partial.write_text(document, encoding="utf-8")
         for old in folder.glob(f"{_NEAR_MISS}*.png"):
             old.unlink()
     except OSError as error:
@@ -105,7 +111,9 @@ def write_failures(
                 is_near = test.outcome is Outcome.PASS
                 stem = f"{_NEAR_MISS}{test.id:05d}" if is_near else file_stem(test.id)
                 path = folder / f"{stem}.png"
-                draw_drive(test.road, test.drive, path, title=f"Test {test.id}: {record.outcome}")
+                if test.id not in kept or not path.exists():
+                    title = f"Test {test.id}: {record.outcome}"
+                    draw_drive(test.road, test.drive, path, title=title)
                 drawn.append((f"Test {test.id}", test.road, test.drive))
             if interrupt.requested:
                 return False
@@ -114,3 +122,11 @@ def write_failures(
             title = "Nothing failed: the nearest misses" if near else "The most telling failures"
             draw_gallery(drawn, folder / GALLERY, title=title)
     return True
+
+
+def _holds(path: Path, text: str) -> bool:
+    """Whether a file is there and has this text."""
+    try:
+        return path.read_text(encoding="utf-8") == text
+    except (OSError, ValueError):
+        return False
