@@ -396,8 +396,8 @@ def test_each_value_of_the_configuration_of_the_wrong_type(tmp_path: Path, name:
         ("rules", {"patience": 1.0}, "it has no patience"),
         ("car", {"width": "wide"}, "its width has to be a number"),
         ("budget", {"simulations": 0}, "simulations is 0"),
-        ("strategy", {"options": 3}, "its options have to be an object"),
-        ("driver", {"driver": {"options": {}}}, "an object with a class is needed"),
+        ("strategy", {"options": 3}, "options is 3: an object is needed"),
+        ("driver", {"driver": {"options": {}}}, "class is missing"),
     ],
 )
 def test_records_in_the_configuration_are_read_to_the_end(
