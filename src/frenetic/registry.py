@@ -199,7 +199,7 @@ class Registry:
             return self._import(spec, spec, own=True)
         files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
         raise UnknownNameError(
-            f"unknown {self.kind} {spec!r}{_hint(spec, known)} Known: {', '.join(known)};"
+            f"unknown {self.kind} {spec!r}{hint(spec, known)} Known: {', '.join(known)};"
             f" your own goes as package.module:Class or path/to/file.py:Class{files}"
         )
 
@@ -283,7 +283,7 @@ class Registry:
         for given in options:
             if names is not None and given not in names:
                 raise FreneticError(
-                    f"{self.kind} {spec!r} has no option {given!r}{_hint(given, names)}"
+                    f"{self.kind} {spec!r} has no option {given!r}{hint(given, names)}"
                     f" It has: {', '.join(names) or 'none'}"
                 )
 
@@ -312,14 +312,14 @@ class Registry:
         if not callable(found):
             names = [n for n, v in vars(module).items() if inspect.isclass(v) and n[0] != "_"]
             raise FreneticError(
-                f"{self.kind} {spec!r}: {place} has no class {attribute!r}{_hint(attribute, names)}"
+                f"{self.kind} {spec!r}: {place} has no class {attribute!r}{hint(attribute, names)}"
                 f" It has: {', '.join(names) or 'none'}"
             )
         made: Callable[..., Any] = found
         return made
 
 
-def _hint(given: str, known: Iterable[str]) -> str:
+def hint(given: str, known: Iterable[str]) -> str:
     """The end of a sentence: a full stop, or a question for the close match."""
     close = difflib.get_close_matches(given, list(known), n=1)
     return f"; did you mean {close[0]!r}?" if close else "."

@@ -37,7 +37,7 @@ from frenetic.calibration.driving import (
     TwinDriver,
     drive_twin,
 )
-from frenetic.calibration.journal import Journal
+from frenetic.calibration.fitting import Journal
 from frenetic.calibration.loss import Logistic, Loss, scores, with_ties
 from frenetic.calibration.validation import UNFITTED, auc_of, found_by, linear_model, verdict_of
 from frenetic.errors import FreneticError

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, Final
 
 from frenetic.bench.entrants import Entrant
 from frenetic.errors import FreneticError, UnknownNameError
+from frenetic.registry import hint
 
 _SBFT: Final = "sbft-cps-tool-competition/cps-tool-competition, branch tools24"
 _SBST: Final = "se2p/tool-competition-av, pull request {}"
@@ -251,7 +251,7 @@ def find_recipe(name: str) -> Recipe:
         UnknownNameError: there is none.
     """
     if name not in RECIPES:
-        close = difflib.get_close_matches(name, RECIPES, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else "."
-        raise UnknownNameError(f"there is no recipe {name!r}{hint} There are {', '.join(RECIPES)}")
+        raise UnknownNameError(
+            f"there is no recipe {name!r}{hint(name, RECIPES)} There are {', '.join(RECIPES)}"
+        )
     return RECIPES[name]

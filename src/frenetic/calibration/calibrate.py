@@ -22,8 +22,7 @@ from frenetic._support.json_value import plain
 from frenetic.analysis.statistics import ranks
 from frenetic.calibration.determination import Interval, intervals, moved_alone
 from frenetic.calibration.driving import COLUMNS, MOOBD, SHARE, IntArray, TwinDriver, why_broken
-from frenetic.calibration.fitting import Evaluator, Stopped, best, fit
-from frenetic.calibration.journal import Journal
+from frenetic.calibration.fitting import Evaluator, Journal, Stopped, best, fit
 from frenetic.calibration.loss import Logistic, Loss, check_weights, scores
 from frenetic.calibration.parameters import Model
 from frenetic.calibration.recordings import RecordedDrive, Recordings, on_grid
@@ -434,23 +433,14 @@ def _profile(
     options, vehicle, layers = model.options(values)
     driver, simulator = model.make(values, _rules(recordings))
     parts: Any = {"driver": describe(driver), "simulator": describe(simulator)}
-    terms = recordings.terms
-    assert terms.speed_limit is not None
-    assert terms.oob_tolerance is not None
-    assert terms.map_size is not None
-    assert terms.lane_width is not None
+    terms: Any = asdict(recordings.terms)  # all known by now
     return Profile(
         name=name,
         driver=model.driver,
         driver_options=options,
         layers=layers,
         vehicle=vehicle,
-        terms=Terms(
-            speed_limit=terms.speed_limit,
-            oob_tolerance=terms.oob_tolerance,
-            map_size=terms.map_size,
-            lane_width=terms.lane_width,
-        ),
+        terms=Terms(**terms),
         parts=parts,
         fitted=[
             Fitted(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -11,7 +10,7 @@ from typing import Any, Final, Literal, TypeAlias
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import FreneticError
-from frenetic.registry import arguments_of, options_of
+from frenetic.registry import arguments_of, hint, options_of
 from frenetic.simulators.drive import Rules
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
@@ -127,11 +126,10 @@ class Model:
         found = [name for name in known if asked.name in (name, name.partition(".")[2])]
         if not found:
             plain = [name.partition(".")[2] for name in known]
-            close = difflib.get_close_matches(asked.name, [*plain, *known], n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else "."
             own = [name for name in known if name.startswith("driver.")]
             raise FreneticError(
-                f"there is no parameter {asked.name!r} to fit{hint} {self.driver} has:"
+                f"there is no parameter {asked.name!r} to fit{hint(asked.name, [*plain, *known])}"
+                f" {self.driver} has:"
                 f" {', '.join(own) or 'none that is a number'}; beside: layer.delay, and vehicle."
                 f" followed by {', '.join(item.name for item in fields(Vehicle))}"
             )

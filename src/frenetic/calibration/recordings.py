@@ -2,7 +2,8 @@
 
 A folder is a campaign, a folder of campaigns, a folder of test files (JSON, one drive each), or an
 export with a table of tests. A file is a test file or a table: JSON Lines, CSV or Parquet, one row
-per drive. The entries of a row are those of a test file, see `FIELDS`; everything is validated.
+per drive. The entries of a row are those of a test file; docs/calibrating.md lists them. Only a
+road and the outcome are needed, and everything is validated.
 """
 
 from __future__ import annotations
@@ -37,21 +38,6 @@ GRID: Final = 2.0
 """Distance along the road between two places where drives are compared, in m."""
 MAX_ROWS: Final = 200_000
 """Most drives of a table."""
-
-FIELDS: Final[Mapping[str, str]] = {
-    "curvatures": "1/m, list; with step (m, 10), or road_points instead",
-    "pose": "where curvatures begin: [x, y, heading] in m and rad, or x, y and heading",
-    "road_points": "m, list of [x, y]",
-    "outcome": "PASS or FAIL; test_outcome in the competition's files",
-    "run": "text; search and recording, if there, belong to its name",
-    "max_oob_share": "0..1, largest share of the car outside its lane",
-    "mean_oob_distance": "m, mean over the drive",
-    "std_steering": "any unit, standard deviation over the drive",
-    "departure_distance": "m along the road to the place of departure",
-    "trajectory": "columns time (s), x, y (m) and speed (m/s), or rows [time, x, y]",
-    "execution_data": "the competition's records of the drive",
-}
-"""Entry of a drive in a file or row -> what it is. Only a road and the outcome are needed."""
 
 _TABLES: Final = (".jsonl", ".ndjson", ".csv", ".parquet")
 _RUN: Final = ("recording", "search", "run")
@@ -224,21 +210,21 @@ def _campaign(place: Path, folder: Path) -> _Source:
                     continue
                 seen = assess(test.road, drive)
                 n = len(seen.distance)
-                yield replace(
-                    _with_trace(
-                        Trace(seen.distance, seen.lateral_offset, drive.trajectory.speed[:n])
-                    )(
-                        name=f"test {test.id}",
-                        recording=str(place),
-                        run=str(folder),
-                        road=_with_width(test.road, terms),
-                        rules=_rules(terms),
-                        failed=test.outcome is Outcome.FAIL,
-                    ),
+                path = drive.trajectory
+                offset, speed = on_grid(seen.distance, seen.lateral_offset, path.speed[:n])
+                yield RecordedDrive(
+                    name=f"test {test.id}",
+                    recording=str(place),
+                    run=str(folder),
+                    road=_with_width(test.road, terms),
+                    rules=_rules(terms),
+                    failed=test.outcome is Outcome.FAIL,
                     max_oob_share=float(seen.oob_share.max()),
                     mean_oob_distance=float(seen.oob_distance.mean()),
-                    std_steering=float(drive.trajectory.steering[:n].std()),
+                    std_steering=float(path.steering[:n].std()),
                     departure=float(seen.distance[-1]) if seen.end == LEFT_LANE else math.nan,
+                    offset=offset,
+                    speed=speed,
                 )
 
     with CampaignStore.open(folder) as store:
@@ -372,36 +358,40 @@ def _drive_of(
     except RoadError as error:
         raise FreneticError(str(error)) from None
     groups = [str(entries[key]) for key in _RUN if entries.get(key) is not None]
-    made: Any = RecordedDrive
+    path = offset = speed = np.empty(0)
     measured: dict[str, float] = {}
     if (records := entries.get("execution_data")) not in (None, []):
         path, speed, measured = _competition_records(records, where)
-        made = _with_trace(Trace.along(road, path, speed))
     elif (trajectory := entries.get("trajectory")) not in (None, []):
         path, speed = _trajectory(trajectory, where)
-        made = _with_trace(Trace.along(road, path, speed))
-    numbers = {
+    if len(path):
+        along = Trace.along(road, path, speed)
+        offset, speed = on_grid(along.distance, along.lateral_offset, along.speed)
+    measured |= {
         key: _number(entries, key, where)
         for key in ("max_oob_share", "mean_oob_distance", "std_steering")
         if entries.get(key) is not None
     }
-    drive: RecordedDrive = made(
+    rules = _rules(terms)
+    failed = outcome == Outcome.FAIL
+    departure = math.nan
+    seen = np.flatnonzero(np.isfinite(offset))
+    if failed and entries.get("departure_distance") is not None:
+        departure = _number(entries, "departure_distance", where)
+    elif failed and len(seen) and abs(offset[seen[-1]]) > 0.25 * road.lane_width:
+        departure = GRID * float(seen[-1])  # where its record ends, unless it got stuck
+    return RecordedDrive(
         name=name,
         recording=recording,
         run=", ".join([run, *groups]),
         road=road,
-        rules=_rules(terms),
-        failed=outcome == Outcome.FAIL,
+        rules=rules,
+        failed=failed,
+        departure=departure,
+        offset=offset,
+        speed=speed,
+        **measured,
     )
-    departure = math.nan
-    if drive.failed:
-        seen = np.flatnonzero(np.isfinite(drive.offset))
-        if entries.get("departure_distance") is not None:
-            departure = _number(entries, "departure_distance", where)
-        elif len(seen) and abs(drive.offset[seen[-1]]) > 0.25 * road.lane_width:
-            departure = GRID * float(seen[-1])  # where its record ends, unless it got stuck
-    known: dict[str, Any] = {**measured, **numbers}
-    return replace(drive, departure=departure, **known)
 
 
 def _rules(terms: Terms) -> Rules:
@@ -499,12 +489,6 @@ def _competition_records(
         "std_steering": float(arrays[0].std()),
     }
     return places, speed, measures
-
-
-def _with_trace(trace: Trace) -> Callable[..., RecordedDrive]:
-    """A recorded drive with offsets and speeds on the grid."""
-    offset, speed = on_grid(trace.distance, trace.lateral_offset, trace.speed)
-    return lambda **others: RecordedDrive(offset=offset, speed=speed, **others)
 
 
 def on_grid(
