@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from frenetic.campaign import TestRecord
-from frenetic.export.columns import TABLES, TESTS, TRAJECTORIES
+from frenetic.export.tables import TABLES, TESTS, TRAJECTORIES
 from frenetic.simulators import Trajectory
 
 PAGE = Path(__file__).parents[2] / "docs" / "files.md"

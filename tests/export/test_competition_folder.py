@@ -12,7 +12,7 @@ import pytest
 from shapely import LineString, Point
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.export import competition_folder, data_frame, export_campaign
+from frenetic.export import competition, data_frame, export_campaign
 from frenetic.export.competition import SimulationRecord
 from frenetic.outcome import Outcome
 from frenetic.road.validity import check_validity
@@ -158,7 +158,7 @@ def test_some_outcomes_only_change_the_files(
 def test_sparseness_of_too_many_failures_is_left_empty(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(competition_folder, "MOST_COMPARED", 3)
+    monkeypatch.setattr(competition, "MOST_COMPARED", 3)
     folder = export_campaign(campaign, "competition", tmp_path / "out", trajectories="none")
     oob = row(folder / "oob_stats.csv")
     assert int(oob["total_oob"]) > 3

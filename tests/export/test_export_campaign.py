@@ -20,9 +20,8 @@ from frenetic.cli.export import FORMATS, SIDES
 from frenetic.cli.export import TRAJECTORIES as OFFERED
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.export import campaigns, data_frame, export_campaign
-from frenetic.export.columns import TABLES, TESTS, TRAJECTORIES
-from frenetic.export.competition_folder import Sides
-from frenetic.export.tables import Which
+from frenetic.export.competition import Sides
+from frenetic.export.tables import TABLES, TESTS, TRAJECTORIES, Which
 
 pytest_plugins = ["made_campaign"]
 

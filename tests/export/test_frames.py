@@ -15,7 +15,7 @@ import frenetic
 from frenetic.campaign import CampaignStore
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.export import data_frame, tables
-from frenetic.export.columns import TESTS, TRAJECTORIES, Kind
+from frenetic.export.tables import TESTS, TRAJECTORIES, Kind
 from frenetic.outcome import Outcome
 
 pytest_plugins = ["made_campaign"]

@@ -48,6 +48,11 @@ MOVED: Final = {
     "frenetic.campaign.dispatch": "frenetic.campaign.loop",
     "frenetic.campaign.watching": "frenetic.campaign.watch",
     "frenetic.campaign.workers.cluster": "frenetic.campaign.workers.dask.workers",
+    "frenetic.export.columns": "frenetic.export.tables",
+    "frenetic.gym.roads": "frenetic.gym.environment",
+    "frenetic.ranking.roads": "frenetic.road.files",
+    "frenetic.simulators.beamng.errors": "frenetic.simulators.beamng.link",
+    "frenetic.simulators.starting": "frenetic.simulators.simulator",
 }
 """Old path -> new path; a module of a package that moved needs no entry of its own."""
 

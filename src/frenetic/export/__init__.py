@@ -1,7 +1,6 @@
 """Files for other tools."""
 
 from frenetic.export.campaigns import export_campaign
-from frenetic.export.columns import TABLES
 from frenetic.export.competition import (
     SimulationRecord,
     competition_document,
@@ -18,6 +17,7 @@ from frenetic.export.roads import (
     road_format,
     write_road,
 )
+from frenetic.export.tables import TABLES
 
 __all__ = [
     "FORMATS",

@@ -11,11 +11,12 @@ from typing import Final, Literal, TypeAlias, get_args
 
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.export.columns import TESTS, TRAJECTORIES
-from frenetic.export.competition_folder import Sides, write_competition_folder
+from frenetic.export.competition import Sides, write_competition_folder
 from frenetic.export.frames import write_parquet
 from frenetic.export.tables import (
     ALL,
+    TESTS,
+    TRAJECTORIES,
     Batch,
     Which,
     batches_of_tests,
@@ -51,7 +52,7 @@ def export_campaign(
     | json | ``tests.jsonl``: one object per line and test | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
-    `frenetic.export.columns` lists the tables' columns. Memory does not grow with the campaign,
+    `frenetic.export.tables` lists the tables' columns. Memory does not grow with the campaign,
     which may be running: later results are left out.
 
     Args:

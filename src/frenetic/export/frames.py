@@ -15,10 +15,12 @@ import numpy as np
 
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.export.columns import TABLES, Column, Kind
 from frenetic.export.tables import (
     ALL,
+    TABLES,
     Batch,
+    Column,
+    Kind,
     Lists,
     Values,
     batches_of_tests,
@@ -75,7 +77,7 @@ def data_frame(
     """A campaign's tests, or the trajectories of their drives, as a pandas data frame.
 
     The columns are those that ``frenetic export`` writes, see `TESTS` and `TRAJECTORIES` in
-    `frenetic.export.columns`. Tests come in the order of telling. Outcomes, operators, sides and
+    `frenetic.export.tables`. Tests come in the order of telling. Outcomes, operators, sides and
     workers are categories; numbers that may be missing are nullable (``Float64``); curvatures and
     parents are arrays; ``finished_at`` is a time with its zone, UTC.
 

@@ -16,8 +16,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
 from frenetic.campaign.trajectory_codec import RESOLUTIONS
 from frenetic.errors import RoadError
-from frenetic.export.columns import TRAJECTORIES, Column, Kind
-from frenetic.export.tables import Batch, Lists, Values
+from frenetic.export.tables import TRAJECTORIES, Batch, Column, Kind, Lists, Values
 from frenetic.road import Pose, Road
 from frenetic.road.road import START
 
