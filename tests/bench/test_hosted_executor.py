@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 
-from frenetic.bench.hosting.clock import VirtualClock
-from frenetic.bench.hosting.executor import HostedExecutor
+from frenetic.bench.hosting.executor import HostedExecutor, VirtualClock
 from frenetic.bench.hosting.loader import takes_time_budget
 from frenetic.bench.hosting.messages import Assignment
 from frenetic.bench.hosting.offered.code_pipeline.executors import (

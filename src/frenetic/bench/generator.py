@@ -13,7 +13,6 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Final, Self
 
 import frenetic
@@ -100,12 +99,7 @@ class GeneratorProcess:
             self.send(vars(self._assignment))
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Ends the process and the rest of its group."""
         # The process id stays taken until it is waited for, so the group is surely its own.
         kill_process(self._process)

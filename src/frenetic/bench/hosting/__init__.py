@@ -9,11 +9,9 @@ work on Python 3.9; functions that return shapely objects need shapely.
 | --- | --- |
 | main.py | the process's start: private streams, and `frenetic` made importable |
 | session.py | what it does from the first line it is sent to the last it sends |
-| messages.py | what it and the bench say to each other |
-| parent.py | how it talks to the bench |
+| messages.py | what it and the bench say to each other, and how it says it |
 | loader.py | finding and building the generator |
-| executor.py | the pipeline's executor |
-| clock.py | the virtual time |
+| executor.py | the pipeline's executor and its virtual time |
 | validity.py | the rules of road tests, imported when they are needed |
 | offered/ | the pipeline's modules |
 """

@@ -1,4 +1,7 @@
-"""The executor of a hosted generator: the pipeline's interface, with the bench behind it."""
+"""The executor of a hosted generator: the pipeline's interface, with the bench behind it.
+
+Its time is virtual.
+"""
 
 from __future__ import annotations
 
@@ -12,8 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
-from frenetic.bench.hosting.clock import VirtualClock
-from frenetic.bench.hosting.messages import Answer, Assignment
+from frenetic.bench.hosting.messages import Answer, Assignment, Parent
 from frenetic.bench.hosting.offered.code_pipeline.executors import (
     ELSEWHERE,
     AbstractTestExecutor,
@@ -29,7 +31,6 @@ from frenetic.bench.hosting.offered.code_pipeline.validation import (
     points_of,
 )
 from frenetic.bench.hosting.offered.self_driving.simulation_data import SimulationDataRecord
-from frenetic.bench.hosting.parent import Parent
 
 OVER: Final = 123
 """Exit code by which the pipeline ends a generator whose budget is spent."""
@@ -41,6 +42,83 @@ DRIVES: Final = Path("simulations", "beamng_executor")
 
 _COUNTERS: Final = {"PASS": "test_passed", "FAIL": "test_failed", "ERROR": "test_in_error"}
 _TIME_BUDGET: Final = "time-budget"
+_ROUNDING: Final = 1e-12  # share of the budget that rounding may leave
+
+
+class VirtualClock(Shared):
+    """The spent part of a budget, as the bench counts it, which decides whether a test fits.
+
+    Where computing counts, the time since the bench's last answer is added. The bench gets that
+    time with the next test and adds it, too, so the spent part does not jump.
+
+    Args:
+        budget: virtual s.
+        counts_computing: whether the generator's own time counts.
+        timer: tells s of wall time.
+
+    """
+
+    def __init__(
+        self,
+        budget: float,
+        *,
+        counts_computing: bool,
+        timer: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.budget = budget
+        self._counts_computing = counts_computing
+        self._timer = timer
+        self._settled = 0.0
+        self._since: float | None = None  # when the generator began to compute
+        self._ended = False
+
+    @property
+    def spent(self) -> float:
+        """Budget in virtual s."""
+        return self._settled + (self._own_time() if self._counts_computing else 0.0)
+
+    @property
+    def remaining(self) -> float:
+        """Virtual s, at least 0."""
+        return 0.0 if self._ended else max(0.0, self.budget - self.spent)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing remains.
+
+        A remainder too small for a test does not count as spent: the next test then ends the run.
+        """
+        return self.remaining <= _ROUNDING * self.budget
+
+    def start(self) -> None:
+        """Count the generator's time from now on."""
+        self._since = self._timer()
+
+    def stop(self) -> float:
+        """Stop the time while a test is executed.
+
+        Returns:
+            s of wall time since it was let go on; 0 if it never was.
+
+        """
+        seconds = self._own_time()
+        if self._counts_computing:
+            self._settled += seconds
+        self._since = None
+        return seconds
+
+    def settle(self, spent: float) -> None:
+        """Take over the bench's count, and start."""
+        self._settled = spent
+        self.start()
+
+    def end(self) -> None:
+        """Leave nothing of the budget."""
+        self._ended = True
+
+    def _own_time(self) -> float:
+        since = self._since  # which another thread may set to None
+        return 0.0 if since is None else self._timer() - since
 
 
 class RemainingTime(float):

@@ -22,8 +22,7 @@ from frenetic.bench.hosting.loader import (
     prepare_path,
     takes_time_budget,
 )
-from frenetic.bench.hosting.messages import Assignment, End
-from frenetic.bench.hosting.parent import Parent, leave_with_parent
+from frenetic.bench.hosting.messages import Assignment, End, Parent, leave_with_parent
 from frenetic.bench.hosting.validity import validity
 from frenetic.errors import describe_error
 
