@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
-from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING
+from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Controls
 from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
@@ -17,7 +20,6 @@ from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 from frenetic.testing.dummy import DummyDriver
-from frenetic.testing.probes import Broken, Circling, Watch, Weaving
 
 RECORD_RATE = 10.0
 """Least rate of a drive's records, in Hz."""
@@ -413,3 +415,97 @@ def _lies_among(value: npt.ArrayLike, values: FloatArray, slack: float | FloatAr
 def _shown(value: FloatArray) -> str:
     """A number, or the beginning of an array."""
     return np.array2string(value.ravel()[:4], precision=3)
+
+
+# Drivers that record how a simulator treats them
+
+
+class Watch:
+    """Drives as another driver does, and keeps its setups, observations and answers.
+
+    Args:
+        driver: the other driver.
+    """
+
+    def __init__(self, driver: Driver) -> None:
+        self.driver = driver
+        self.setups: list[DriveSetup] = []
+        """Its setups, drive by drive."""
+        self.seen: list[Observation] = []
+        """Its observations in the last drive."""
+        self.given: list[Controls] = []
+        """Its answers in the last drive."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Another drive."""
+        self.setups.append(setup)
+        self.seen, self.given = [], []
+        self.driver.reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        """The other driver's controls."""
+        self.seen.append(observation)
+        self.given.append(self.driver.act(observation))
+        return self.given[-1]
+
+
+class Weaving:
+    """Keeps its lane as another driver does, but weaves in it, and brakes for a while.
+
+    So everything that it sees and does changes.
+
+    Args:
+        driver: the driver that keeps the lane.
+    """
+
+    def __init__(self, driver: Driver) -> None:
+        self.driver = driver
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Another drive."""
+        self.driver.reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        """The other driver's controls, with a little more steering to either side in turn."""
+        controls = self.driver.act(observation)
+        time = observation.time
+        controls = replace(controls, steering=controls.steering + 0.03 * math.sin(math.pi * time))
+        return replace(controls, throttle=0.0, brake=0.3) if 2.5 <= time < 3.5 else controls
+
+
+class Circling:
+    """Drives straight ahead and slowly, then steers to the left and keeps that angle."""
+
+    angle = 0.15
+    """Angle asked of the front wheels, in rad."""
+
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
+        """Another drive."""
+        self.turns = False
+
+    def act(self, observation: Observation) -> Controls:
+        """Keeps to 3 m/s."""
+        speed = observation.speed
+        self.turns = self.turns or speed >= 2.5
+        return Controls(
+            self.angle if self.turns else 0.0,
+            throttle=0.3 if speed < 3.0 else 0.0,
+            brake=0.2 if speed > 3.5 else 0.0,
+        )
+
+
+class Broken:
+    """Raises in the middle of its drive."""
+
+    message = "no idea where I am"
+
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
+        """Another drive."""
+        self.calls = 0
+
+    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
+        """Drives off, then raises."""
+        self.calls += 1
+        if self.calls > 5:
+            raise RuntimeError(self.message)
+        return Controls(0.0, throttle=0.3)
