@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
 from itertools import islice, pairwise
 from statistics import median
 
-from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation, Road
+import numpy as np
+
+from frenetic import Controls, DriveSetup, EmbeddedSimulator, Observation
 from frenetic.drivers.neural import Dave2
-from frenetic.search import RandomSearch
+from frenetic.search.random_search import RandomRoads
 
 
 class Timed:
@@ -61,16 +62,6 @@ class Again:
         return self._controls[len(self.calls) - 1]
 
 
-def random_roads(seed: int) -> Iterator[Road]:
-    """Valid roads, on the map."""
-    search = RandomSearch(seed=seed)
-    while True:
-        candidate = search.ask()
-        road, verdict = Road(candidate.curvatures, candidate.step).placed()
-        if road is not None and verdict.valid:
-            yield road
-
-
 def gaps(calls: list[float]) -> list[float]:
     """Time from each call to the next, in ms."""
     return [1e3 * (later - call) for call, later in pairwise(calls)]
@@ -84,7 +75,7 @@ def main() -> None:
     given = parser.parse_args()
     network = Dave2() if given.max_speed is None else Dave2(max_speed=given.max_speed)
     timed, simulator = Timed(network), EmbeddedSimulator()
-    roads = list(islice(random_roads(given.seed), given.roads))
+    roads = list(islice(RandomRoads().valid(np.random.default_rng(given.seed)), given.roads))
     simulator.drive(roads[0], timed)  # compiles
     steps: list[float] = []
     inference: list[float] = []

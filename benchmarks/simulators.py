@@ -31,6 +31,7 @@ import time
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -45,7 +46,8 @@ from frenetic.drivers.loading import load_driver
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
-from frenetic.search import Frenetic, RandomSearch
+from frenetic.search import Frenetic
+from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
 from frenetic.simulators.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 
@@ -69,14 +71,7 @@ class Driven(NamedTuple):
 
 
 def random_roads(count: int, seed: int) -> list[Road]:
-    strategy = RandomSearch(seed=seed)
-    roads: list[Road] = []
-    while len(roads) < count:
-        candidate = strategy.ask()
-        placed, verdict = Road(candidate.curvatures, candidate.step).placed()
-        if placed is not None and verdict.valid:
-            roads.append(placed)
-    return roads
+    return list(islice(RandomRoads().valid(np.random.default_rng(seed)), count))
 
 
 def failing_roads(count: int, seed: int, driver: Driver) -> list[Road]:

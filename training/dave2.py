@@ -44,7 +44,7 @@ from frenetic import (
     judge,
 )
 from frenetic.drivers.neural import METADATA, Convention, Network
-from frenetic.search import RandomSearch
+from frenetic.search.random_search import RandomRoads
 
 PRESET: Final = "dave2"
 CONVENTION: Final = Convention.of({}, {"preset": PRESET})
@@ -119,12 +119,7 @@ class Pupil:
 
 def random_roads(seed: int) -> Iterator[Road]:
     """Valid random roads, as the search `random` proposes them on the usual map."""
-    search = RandomSearch(seed=seed)
-    while True:
-        candidate = search.ask()
-        road, verdict = Road(candidate.curvatures, candidate.step).placed()
-        if road is not None and verdict.valid:
-            yield road
+    return RandomRoads().valid(np.random.default_rng(seed))
 
 
 def drive(

@@ -47,7 +47,7 @@ from frenetic.analysis import measure_campaign
 from frenetic.drivers.neural import METADATA, Network
 from frenetic.drivers.policy import VECTOR_SIZE
 from frenetic.gym import LaneKeepingVectorEnv
-from frenetic.gym.roads import given_roads
+from frenetic.gym.environment import given_roads
 
 CARS: Final = 64
 ROLLOUT: Final = 256

@@ -276,7 +276,7 @@ def test_steps_that_cannot_be_taken() -> None:
 
 
 def test_a_map_without_room_for_a_road_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("frenetic.gym.roads._MOST_DRAWN", 3)
+    monkeypatch.setattr("frenetic.search.random_search._MOST_REFUSED", 3)
     with pytest.raises(ValueError, match="map_size is 10 m: none of 3 random roads"):
         LaneKeepingEnv(map_size=10.0).reset(seed=1)
 

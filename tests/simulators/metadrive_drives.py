@@ -6,13 +6,14 @@ import hashlib
 import os
 import subprocess
 import sys
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from frenetic.drivers import Controls, DriveSetup, Observation
 from frenetic.road import Pose, Road
-from frenetic.search import RandomSearch
+from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import Drive
 
 STRAIGHT = Road(np.zeros(21), pose=Pose(100.0, 10.0, 1.5))
@@ -23,14 +24,7 @@ WINDING = Road(
 
 
 def random_roads(count: int) -> list[Road]:
-    strategy = RandomSearch(seed=7)
-    roads: list[Road] = []
-    while len(roads) < count:
-        candidate = strategy.ask()
-        placed, verdict = Road(candidate.curvatures, candidate.step).placed()
-        if placed is not None and verdict.valid:
-            roads.append(placed)
-    return roads
+    return list(islice(RandomRoads().valid(np.random.default_rng(7)), count))
 
 
 class Fixed:

@@ -23,8 +23,7 @@ except ImportError as error:
     ) from error
 
 from frenetic.gym.cars import FAILURE
-from frenetic.gym.environment import LaneKeepingEnv
-from frenetic.gym.vector import LaneKeepingVectorEnv
+from frenetic.gym.environment import LaneKeepingEnv, LaneKeepingVectorEnv
 
 __all__ = ["FAILURE", "ID", "LaneKeepingEnv", "LaneKeepingVectorEnv"]
 
@@ -34,5 +33,5 @@ ID: Final = "frenetic/LaneKeeping-v0"
 gymnasium.register(
     ID,
     entry_point="frenetic.gym.environment:LaneKeepingEnv",
-    vector_entry_point="frenetic.gym.vector:LaneKeepingVectorEnv",
+    vector_entry_point="frenetic.gym.environment:LaneKeepingVectorEnv",
 )

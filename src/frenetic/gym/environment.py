@@ -1,4 +1,4 @@
-"""The environment of one car."""
+"""The environments: of one car, and of many that are stepped in one compiled call; their roads."""
 
 from __future__ import annotations
 
@@ -9,16 +9,23 @@ from typing import Any
 import gymnasium
 import numpy as np
 import numpy.typing as npt
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 
+from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
-from frenetic.gym.cars import START, STEP, Cars, Seen, checked_actions, plain_seed
-from frenetic.gym.roads import RoadSource
+from frenetic.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions, plain_seed
 from frenetic.oracle import RUNNING
+from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, Road
+from frenetic.road.files import find_roads
+from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import Drive, EmbeddedSimulator
 
 Vector = npt.NDArray[np.float32]
+Flags = npt.NDArray[np.bool_]
 
 
 class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
@@ -33,7 +40,7 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
     has the ``outcome`` (PASS or FAIL), the ``moobd`` and the ``distance`` along the road in m.
 
     Args:
-        roads: roads to draw from, see `frenetic.gym.roads.RoadSource`; random ones by default. The
+        roads: roads to draw from, see `RoadSource`; random ones by default. The
             seed decides. ``reset(options={"road": road})`` takes this `Road` for one episode.
         map_size: m, side of the map of random roads.
         camera: if given, an observation is a dictionary of the ``vector`` and the camera's
@@ -107,3 +114,212 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
 
 _START, _STEP = np.array([START]), np.array([STEP])
 _NO_ACTION = np.zeros((1, 2))
+
+
+class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
+    """Many cars, each on a road of its own: `LaneKeepingEnv`, stepped in one compiled call.
+
+    With the same seed, its episodes are those of `gymnasium.vector.SyncVectorEnv` over as many
+    `LaneKeepingEnv`, bit for bit.
+
+    Args:
+        num_envs: number of cars.
+        autoreset_mode: `gymnasium.vector.AutoresetMode` or its value: ``NextStep``, ``SameStep`` or
+            ``Disabled``.
+        max_episode_steps: steps after which an episode is truncated; None for the rules' limit.
+        roads, map_size, camera, render_mode, simulator: see `LaneKeepingEnv`.
+
+    Raises:
+        FreneticError: a file or folder of ``roads`` holds no road.
+        ValueError: an option is out of range.
+    """
+
+    def __init__(
+        self,
+        *,
+        num_envs: int = 1,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        roads: Sequence[Road | Path | str] | None = None,
+        map_size: float = MAP_SIZE,
+        camera: Camera | None = None,
+        render_mode: None = None,
+        **simulator: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs is {num_envs}: at least 1 is needed")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps is {max_episode_steps}: at least 1 is needed")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {"render_modes": [], "autoreset_mode": self.autoreset_mode}
+        self._most = max_episode_steps
+        self._source = RoadSource(roads, map_size)
+        self._cars = Cars(num_envs, EmbeddedSimulator(**simulator), camera)
+        self.single_observation_space = self._cars.observation_space
+        self.single_action_space = self._cars.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._has_ended = np.ones(num_envs, np.bool_)  # no episode has begun
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Seen, dict[str, Any]]:
+        """Puts the cars at rest on other roads.
+
+        Args:
+            seed: of the first car, the next one for each other; or one for each car.
+            options: ``reset_mask``, (num_envs,) bool, says which cars; all by default.
+        """
+        seed = plain_seed(seed)
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)))
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
+            raise ValueError(f"reset_mask is {mask!r}: ({self.num_envs},) bool are needed")
+        for k, own in enumerate(self._seeds(seed)):
+            if own is not None and mask[k]:
+                self._generators[k], _ = seeding.np_random(plain_seed(own))
+        self._start(mask)
+        return self._cars.observations(), {}
+
+    def step(
+        self, actions: Vector
+    ) -> tuple[Seen, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]:
+        """Drives on for a control period; cars whose episode has ended are reset as the mode says.
+
+        Raises:
+            ResetNeeded: an episode has ended, and the mode is ``Disabled``; or none has begun.
+            ValueError: the actions are not (num_envs, 2) finite numbers.
+        """
+        given = checked_actions(actions, self.num_envs)
+        resets = self._has_ended
+        if resets.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
+            raise gymnasium.error.ResetNeeded("an episode has ended: call reset() first")
+        self._place(resets)
+        cars = self._cars
+        cars.step(np.where(resets, START, STEP), given)
+        truncated = cars.timed_out
+        if self._most is not None:
+            truncated |= (cars.steps >= self._most) & (cars.ends == RUNNING)
+        terminated = (cars.ends != RUNNING) & ~cars.timed_out
+        self._has_ended = terminated | truncated
+        rewards = cars.rewards.copy()
+        infos: dict[str, Any] = {}
+        ended = _numbers(self._has_ended)
+        is_same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        for k in ended:
+            info = cars.info(k)
+            if is_same_step:
+                info = {"final_obs": cars.observation(k), "final_info": info}
+            infos = self._add_info(infos, info, k)
+        if is_same_step and ended:
+            self._start(self._has_ended)
+        return cars.observations(), rewards, terminated, truncated, infos
+
+    def road(self, k: int) -> Road | None:
+        """The road of car ``k``; None before the first one."""
+        return self._cars.road(k)
+
+    def drive(self, k: int) -> Drive:
+        """The episode of car ``k`` so far as a `Drive`."""
+        return self._cars.drive(k)
+
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> Sequence[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        if isinstance(seed, int):
+            return [seed + k for k in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise ValueError(f"{len(seed)} seeds are given: one for each of {self.num_envs} cars")
+        return seed
+
+    def _start(self, mask: Flags) -> None:
+        """Puts some cars at rest on other roads."""
+        self._place(mask)
+        self._cars.step(np.where(mask, START, WAIT), np.zeros((self.num_envs, 2)))
+        self._has_ended = self._has_ended & ~mask
+
+    def _place(self, mask: Flags) -> None:
+        """Draws roads for some cars."""
+        for k in _numbers(mask):
+            generator = self._generators[k]
+            if generator is None:
+                generator = self._generators[k] = seeding.np_random()[0]
+            self._cars.place(k, self._source.draw(generator))
+
+
+def _numbers(mask: Flags) -> list[int]:
+    """The cars that a mask (n,) names."""
+    numbers: list[int] = mask.nonzero()[0].tolist()
+    return numbers
+
+
+# Roads
+
+
+class RoadSource:
+    """Gives a road for every drive.
+
+    Args:
+        given: roads to draw from, each of them a `Road`, a road file, a folder of road files, or a
+            campaign's folder, which stands for the roads that failed there. None: random roads, as
+            the strategy `random` proposes them, fitted into the map and valid.
+        map_size: m, side of the map of random roads.
+
+    Raises:
+        FreneticError: a file or folder holds no road, or the list is empty.
+        ValueError: `map_size` is out of range.
+    """
+
+    def __init__(
+        self, given: Sequence[Road | Path | str] | None, map_size: float = MAP_SIZE
+    ) -> None:
+        self._roads = None if given is None else given_roads(given)
+        # Refused roads are drawn again here, where they are placed anyway.
+        self._random = RandomRoads(map_size=map_size, max_redraws=0)
+
+    def draw(self, rng: np.random.Generator) -> Road:
+        """A road.
+
+        Raises:
+            ValueError: no road fits the map.
+        """
+        if self._roads is not None:
+            return self._roads[int(rng.integers(len(self._roads)))]
+        return next(self._random.valid(rng))
+
+
+def given_roads(given: Sequence[Road | Path | str]) -> list[Road]:
+    """The roads of a list, see `RoadSource`, in its order.
+
+    Raises:
+        FreneticError: a file or folder holds no road, or the list is empty.
+    """
+    if isinstance(given, (str, Path, Road)):
+        raise FreneticError(f"roads is {given!r}: a list is needed, such as [{given!r}]")
+    roads: list[Road] = []
+    for one in given:
+        if isinstance(one, Road):
+            roads.append(one)
+        elif (Path(one) / DATABASE).exists():
+            roads += _failed(Path(one))
+        else:
+            found = find_roads([Path(one)])
+            roads += [named.road for named in found.roads]
+    if not roads:
+        raise FreneticError("roads is an empty list: at least one road is needed, or None")
+    return roads
+
+
+def _failed(folder: Path) -> list[Road]:
+    """The roads that failed in a campaign."""
+    with CampaignStore.open(folder) as store:
+        roads = [test.road for test in store.tests(Outcome.FAIL)]
+    if not roads:
+        raise FreneticError(f"no road failed in the campaign {folder}")
+    return roads

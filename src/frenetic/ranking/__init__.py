@@ -8,13 +8,13 @@ from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.ranking.ranking import Prospect, RankedRoad, Twin, rank
-    from frenetic.ranking.roads import FoundRoads, NamedRoad, find_roads
+    from frenetic.road.files import FoundRoads, NamedRoad, find_roads
 
 __getattr__ = lazy_names(
     __name__,
     {
         "frenetic.ranking.ranking": ("Prospect", "RankedRoad", "Twin", "rank"),
-        "frenetic.ranking.roads": ("FoundRoads", "NamedRoad", "find_roads"),
+        "frenetic.road.files": ("FoundRoads", "NamedRoad", "find_roads"),
     },
 )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 import numpy as np
@@ -23,6 +23,7 @@ LENGTH_JITTER = 5
 MOST_JITTER = 1000  # that may be asked for
 MAX_LENGTH = 30
 MAX_REDRAWS = 10
+_MOST_REFUSED = 1000  # roads in a row
 
 RANDOM = "random"
 """The operator that a random road's origin names."""
@@ -112,6 +113,7 @@ class RandomRoads:
         )
         require(0 < max_change < math.inf, "max_change", max_change, "positive (1/m)")
         self.step = float(step)
+        self._map_size = map_size
         self._length_jitter = require_whole("length_jitter", length_jitter, 0, MOST_JITTER)
         self._usual_length = min(
             int(map_size // step), require_whole("max_length", max_length, MIN_VALUES)
@@ -128,6 +130,25 @@ class RandomRoads:
     def draw(self, rng: np.random.Generator) -> FloatArray:
         """Return the curvatures of a random road, (N,) 1/m."""
         return self.redrawn(lambda: self._draw_once(rng))
+
+    def valid(self, rng: np.random.Generator) -> Iterator[Road]:
+        """Draw roads, fit them into the map, and yield those that are valid there.
+
+        Raises:
+            ValueError: None of 1000 in a row fits.
+
+        """
+        refused = 0
+        while refused < _MOST_REFUSED:
+            road, verdict = Road(self.draw(rng), self.step).placed(self._map_size)
+            if road is not None and verdict.valid:
+                refused = 0
+                yield road
+            else:
+                refused += 1
+        raise ValueError(
+            f"map_size is {self._map_size:g} m: none of {refused} random roads fits into it"
+        )
 
     def redrawn(self, draw: Callable[[], _Draw]) -> _Draw:
         """Return the road that `draw` returns, drawn again while it is invalid and draws are left.
