@@ -19,9 +19,10 @@ from pids import LIMIT, descendants, until_gone
 
 from frenetic._support.child_processes import PRELOADED
 from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
-from frenetic.bench.bench import endings_in_short, unusual_endings, write_results
+from frenetic.bench.bench import endings_in_short, unusual_endings
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.processes import RUNS_PRELOADED
+from frenetic.bench.results import write_results
 from frenetic.bench.runs import assignment
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.check import check_campaign

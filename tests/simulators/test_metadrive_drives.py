@@ -21,8 +21,8 @@ from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator, Vehicle
 from frenetic.simulators.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
-from frenetic.simulators.metadrive.navigation import EGO_LANE, pieces_of
 from frenetic.simulators.metadrive.policies import make_policy
+from frenetic.simulators.metadrive.world import EGO_LANE, pieces_of
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,8 @@ from frenetic.drivers.camera import Camera, Scene
 from frenetic.drivers.driver import (
     Controls,
     Driver,
-    DriveSetup,
     Observation,
+    OwnLayer,
     camera_of,
     stack_of,
 )
@@ -44,7 +44,7 @@ _TAPS = 7  # places that a blurred pixel is averaged over
 _BANK = 1 << 16  # different beginnings of the grain
 
 
-class CameraLayer:
+class CameraLayer(OwnLayer):
     """A layer that changes what a driver's camera sees.
 
     Args:
@@ -54,8 +54,6 @@ class CameraLayer:
         ValueError: none has a camera.
     """
 
-    BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its effect changes, as a driver's."""
     option: ClassVar[str]
     """Name of its option."""
     name: ClassVar[str]
@@ -78,7 +76,7 @@ class CameraLayer:
             raise ValueError(
                 f"{self.option} is {amount:g}: {self.low:g} to {self.high:g}{unit} is needed"
             )
-        self.driver = driver
+        super().__init__(driver)
         self.amount = float(amount)
         self._camera = camera
 
@@ -91,10 +89,6 @@ class CameraLayer:
     def options(self) -> dict[str, float]:
         """Its options."""
         return {self.name: self.amount}
-
-    def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
-        self.driver.reset(setup)
 
     def act(self, observation: Observation) -> Controls:
         """The driver's controls for what its camera sees now."""

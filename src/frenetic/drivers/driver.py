@@ -7,7 +7,7 @@ import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera
@@ -145,6 +145,35 @@ class DriverLayer(Driver, Protocol):
 
     driver: Driver
     """The driver underneath."""
+
+
+class OwnLayer:
+    """Base of our own layers: a drive begins for the driver underneath, too.
+
+    Args:
+        driver: the driver underneath.
+    """
+
+    BEHAVIOUR: ClassVar[int] = 1
+    """Raised when its effect changes, as a driver's."""
+
+    def __init__(self, driver: Driver) -> None:
+        self.driver = driver
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Prepares for the next drive."""
+        self.driver.reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        """The driver's controls."""
+        return self.driver.act(observation)
+
+
+def under_layers(driver: Driver) -> Driver:
+    """The driver itself, without layers of ours over it."""
+    while isinstance(driver, OwnLayer):
+        driver = driver.driver
+    return driver
 
 
 def inner_driver(driver: object) -> Driver | None:

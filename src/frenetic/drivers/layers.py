@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.drivers.appearance import CameraLayer
 from frenetic.drivers.builtin import BuiltIn
 from frenetic.drivers.driver import (
     AHEAD_POINTS,
@@ -25,6 +24,7 @@ from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
     Observation,
+    OwnLayer,
 )
 
 HEADING_PER_OFFSET: Final = 0.1
@@ -58,7 +58,7 @@ def _amount(value: float, name: str, unit: str, allow_zero: bool = True) -> floa
     return float(value)
 
 
-class Noisy:
+class Noisy(OwnLayer):
     """A driver that errs about its place: Gaussian errors that change slowly.
 
     Both errors are first-order autoregressive with the given standard deviations and correlation
@@ -73,9 +73,6 @@ class Noisy:
         seed: of the errors.
     """
 
-    BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its effect changes, as a driver's."""
-
     def __init__(
         self,
         driver: Driver,
@@ -85,7 +82,7 @@ class Noisy:
         correlation_time: float = 1.0,
         seed: int = 0,
     ) -> None:
-        self.driver = driver
+        super().__init__(driver)
         self.offset = _amount(offset, "offset", "m are")
         self.heading = _amount(heading, "heading", "rad are")
         for name in ("offset", "heading"):
@@ -117,7 +114,7 @@ class Noisy:
 
     def reset(self, setup: DriveSetup) -> None:
         """Starts the errors anew."""
-        self.driver.reset(setup)
+        super().reset(setup)
         self._errors = self.errors(setup.period)
         self._calls = 0
 
@@ -172,7 +169,7 @@ def _autoregress(fresh: FloatArray, last: FloatArray, keep: float) -> FloatArray
     return out
 
 
-class Delayed:
+class Delayed(OwnLayer):
     """A driver whose controls arrive late.
 
     Until the first ones arrive, the car rolls with straight wheels and no pedal.
@@ -182,11 +179,8 @@ class Delayed:
         seconds: the delay, rounded to whole control periods.
     """
 
-    BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its effect changes, as a driver's."""
-
     def __init__(self, driver: Driver, *, seconds: float = 0.1) -> None:
-        self.driver = driver
+        super().__init__(driver)
         self.seconds = _amount(seconds, "seconds", "s are")
         if self.seconds > 10.0:
             raise ValueError(f"seconds is {seconds}: a delay of at most 10 s is allowed")
@@ -207,7 +201,7 @@ class Delayed:
 
     def reset(self, setup: DriveSetup) -> None:
         """Forgets what is on its way."""
-        self.driver.reset(setup)
+        super().reset(setup)
         self._waiting = deque([Controls(0.0)] * self.periods(setup.period))
 
     def act(self, observation: Observation) -> Controls:
@@ -216,7 +210,7 @@ class Delayed:
         return self._waiting.popleft()
 
 
-class LimitedView:
+class LimitedView(OwnLayer):
     """A driver that sees only the next metres of road.
 
     Args:
@@ -224,11 +218,8 @@ class LimitedView:
         distance: m of road; the view is cut to whole points 2 m apart, at least two.
     """
 
-    BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its effect changes, as a driver's."""
-
     def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
-        self.driver = driver
+        super().__init__(driver)
         self.distance = _amount(distance, "distance", "m are", False)
 
     @classmethod
@@ -246,10 +237,6 @@ class LimitedView:
         """Points that remain of a full view."""
         return min(max(int(self.distance / AHEAD_SPACING) + 1, 2), AHEAD_POINTS)
 
-    def reset(self, setup: DriveSetup) -> None:
-        """Prepares for the next drive."""
-        self.driver.reset(setup)
-
     def act(self, observation: Observation) -> Controls:
         """The driver's controls for what it can see."""
         return self.driver.act(
@@ -259,13 +246,6 @@ class LimitedView:
                 curvature_ahead=observation.curvature_ahead[: self.rows],
             )
         )
-
-
-def under_layers(driver: Driver) -> Driver:
-    """The driver itself, without what lies over it."""
-    while isinstance(driver, Noisy | Delayed | LimitedView | CameraLayer):
-        driver = driver.driver
-    return driver
 
 
 @dataclass(frozen=True)
@@ -289,7 +269,7 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
     """
     rows, delay, errors = AHEAD_POINTS, 0, None
     seen = set()
-    while type(driver) in (Noisy, Delayed, LimitedView):
+    while isinstance(driver, OwnLayer) and type(driver) in (Noisy, Delayed, LimitedView):
         if type(driver) in seen:
             return None
         seen.add(type(driver))
@@ -299,7 +279,7 @@ def compiled_form(driver: Driver, period: float) -> Compiled | None:
             delay = driver.periods(period)
         elif isinstance(driver, LimitedView):
             rows = driver.rows
-        driver = driver.driver  # type: ignore[attr-defined]
+        driver = driver.driver
     if not (isinstance(driver, BuiltIn) and type(driver).__module__ == BuiltIn.__module__):
         return None
     return Compiled(driver.law, driver.parameters(), rows, delay, errors)

@@ -246,7 +246,7 @@ class Cars:
         if renderer is None:
             renderer = self._renderers[k] = Renderer(road, self._camera)
         x, y, heading = self._states[k, :3].tolist()
-        return renderer.draw(x, y, heading).copy()
+        return renderer.draw(x, y, heading)
 
     def step(self, tasks: npt.NDArray[np.int64], actions: FloatArray) -> None:
         """Starts cars or moves them on by one period.

@@ -145,7 +145,10 @@ class Observer:
     def observation(
         self, speed: float, yaw_rate: float, steering: float, image: Image | None = None
     ) -> Observation:
-        """The driver's view at the last record (m/s, rad/s, rad), with its camera's picture."""
+        """The driver's view at the last record (m/s, rad/s, rad), with its camera's picture.
+
+        Its arrays become read-only.
+        """
         time, x, y = (float(v) for v in self._places[:, self._seen - 1])
         ahead = np.empty((AHEAD_POINTS, 2))
         curvature_ahead = np.empty(AHEAD_POINTS)
@@ -162,8 +165,9 @@ class Observer:
             ahead,
             curvature_ahead,
         )
-        ahead.setflags(write=False)
-        curvature_ahead.setflags(write=False)
+        for seen in (ahead, curvature_ahead, image):
+            if seen is not None:
+                seen.setflags(write=False)
         return Observation(
             time=time,
             speed=float(speed),

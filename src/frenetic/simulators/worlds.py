@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
-from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, appearance
+from frenetic.drivers import Delayed, Driver, Noisy, appearance
 from frenetic.drivers.appearance import CameraLayer
-from frenetic.drivers.driver import inner_driver
+from frenetic.drivers.driver import OwnLayer
 from frenetic.drivers.layers import HEADING_PER_OFFSET
 from frenetic.errors import FreneticError
 from frenetic.simulators.capabilities import bare, capabilities
-from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.simulator import MAX_START_HEADING, MAX_START_OFFSET, Simulator
 
 
 @dataclass(frozen=True)
@@ -38,36 +38,52 @@ class Quantity:
     """Least value allowed."""
     high: float
     """Largest value allowed."""
-    less: str
-    """Words for a smaller value, such as "less friction"."""
-    more: str
-    attribute: str | None
+    attribute: str | None = None
     """Attribute that the simulator must have, None for a layer over the driver."""
+    words: tuple[str, str] | None = None
+    """Words for a smaller and for a larger value; None for "less" and "more" of its name."""
+
+    @property
+    def less(self) -> str:
+        """Words for a smaller value, such as "less friction"."""
+        return self.words[0] if self.words else f"less {self.name}"
+
+    @property
+    def more(self) -> str:
+        """Words for a larger value."""
+        return self.words[1] if self.words else f"more {self.name}"
+
+
+_SEEN: Final[Mapping[str, tuple[str, tuple[str, str] | None]]] = {
+    "scene": (
+        "seed of the asphalt, land, sky and sun that a camera sees",
+        ("a scene of a lower seed", "a scene of a higher seed"),
+    ),
+    "wear": ("share of the markings' paint that is gone", None),
+    "fog": ("visibility in the fog that a camera sees", ("thicker fog", "thinner fog")),
+    "rain": ("rate of the rain that a camera sees", None),
+    "blur": ("time of a camera's exposure", None),
+    "light": ("factor of the light, 1 is usual", None),
+    "grain": ("standard deviation of a camera's noise, of the values 0 to 255", None),
+}
+"""Layer of `appearance` -> its description and words; unit and bounds are the layer's."""
+_FARTHEST: Final = 100_000.0
+"""Largest value of what has no upper bound."""
 
 
 QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
     {
         quantity.name: quantity
         for quantity in (
-            Quantity(
-                "friction",
-                "friction of the road, 1 is dry",
-                "",
-                0.01,
-                1.5,
-                "less friction",
-                "more friction",
-                "friction",
-            ),
+            Quantity("friction", "friction of the road, 1 is dry", "", 0.01, 1.5, "friction"),
             Quantity(
                 "speed",
                 "speed limit",
                 "km/h",
                 1.0,
                 500.0,
-                "a lower speed limit",
-                "a higher speed limit",
                 "rules",
+                ("a lower speed limit", "a higher speed limit"),
             ),
             Quantity(
                 "noise",
@@ -75,109 +91,36 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
                 "m",
                 0.0,
                 10.0,
-                "less noise",
-                "more noise",
-                None,
             ),
-            Quantity(
-                "delay",
-                "time until the driver's controls arrive",
-                "s",
-                0.0,
-                10.0,
-                "less delay",
-                "more delay",
-                None,
-            ),
+            Quantity("delay", "time until the driver's controls arrive", "s", 0.0, 10.0),
             Quantity(
                 "start",
                 "place of the start, to the left of the lane's centre",
                 "m",
-                -2.0,
-                2.0,
-                "a start further right",
-                "a start further left",
+                -MAX_START_OFFSET,
+                MAX_START_OFFSET,
                 "start_offset",
+                ("a start further right", "a start further left"),
             ),
             Quantity(
                 "heading",
                 "heading at the start, to the left of the road's direction",
                 "rad",
-                -math.pi / 4.0,
-                math.pi / 4.0,
-                "a start turned to the right",
-                "a start turned to the left",
+                -MAX_START_HEADING,
+                MAX_START_HEADING,
                 "start_heading",
+                ("a start turned to the right", "a start turned to the left"),
             ),
-            Quantity(
-                "scene",
-                "seed of the asphalt, land, sky and sun that a camera sees",
-                "",
-                0.0,
-                1000000.0,
-                "a scene of a lower seed",
-                "a scene of a higher seed",
-                None,
-            ),
-            Quantity(
-                "wear",
-                "share of the markings' paint that is gone",
-                "",
-                0.0,
-                1.0,
-                "less wear",
-                "more wear",
-                None,
-            ),
-            Quantity(
-                "fog",
-                "visibility in the fog that a camera sees",
-                "m",
-                2.0,
-                100000.0,
-                "thicker fog",
-                "thinner fog",
-                None,
-            ),
-            Quantity(
-                "rain",
-                "rate of the rain that a camera sees",
-                "mm/h",
-                0.0,
-                200.0,
-                "less rain",
-                "more rain",
-                None,
-            ),
-            Quantity(
-                "blur",
-                "time of a camera's exposure",
-                "s",
-                0.0,
-                0.5,
-                "less blur",
-                "more blur",
-                None,
-            ),
-            Quantity(
-                "light",
-                "factor of the light, 1 is usual",
-                "",
-                0.01,
-                10.0,
-                "less light",
-                "more light",
-                None,
-            ),
-            Quantity(
-                "grain",
-                "standard deviation of a camera's noise, of the values 0 to 255",
-                "",
-                0.0,
-                128.0,
-                "less grain",
-                "more grain",
-                None,
+            *(
+                Quantity(
+                    name,
+                    _SEEN[name][0],
+                    kind.unit,
+                    kind.low,
+                    kind.high if math.isfinite(kind.high) else _FARTHEST,
+                    words=_SEEN[name][1],
+                )
+                for name, kind in appearance.ALL.items()
             ),
         )
     }
@@ -302,7 +245,7 @@ def _layered(conditions: Conditions, driver: Driver) -> Driver:
 
 def _without(kind: type[object], driver: Driver) -> Driver:
     """The driver without its layers of a kind."""
-    if not isinstance(driver, Noisy | Delayed | LimitedView | CameraLayer):
+    if not isinstance(driver, OwnLayer):
         return driver
     inner = _without(kind, driver.driver)
     return inner if isinstance(driver, kind) else _over(driver, inner)
@@ -312,18 +255,14 @@ def _seen_through(
     kind: type[CameraLayer], driver: Driver, amount: float, seed: Mapping[str, int]
 ) -> Driver:
     """The driver under a layer that is in its place among those of one picture."""
-    is_outside = isinstance(driver, Noisy | Delayed | LimitedView) or (
-        isinstance(driver, CameraLayer) and driver.place < kind.place
-    )
-    if is_outside:
-        inner = inner_driver(driver)
-        assert inner is not None
-        return _over(driver, _seen_through(kind, inner, amount, seed))
+    is_inside = isinstance(driver, CameraLayer) and driver.place >= kind.place
+    if isinstance(driver, OwnLayer) and not is_inside:
+        return _over(driver, _seen_through(kind, driver.driver, amount, seed))
     return kind(driver, amount, **seed)
 
 
-def _over(layer: Driver, driver: Driver) -> Driver:
+def _over(layer: OwnLayer, driver: Driver) -> Driver:
     """The same layer over another driver."""
     layer = copy.copy(layer)
-    layer.driver = driver  # type: ignore[attr-defined]
+    layer.driver = driver
     return layer

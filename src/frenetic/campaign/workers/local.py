@@ -41,7 +41,7 @@ from frenetic.registry import load_user_file, user_files
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.copying import pack, unpack
+from frenetic.simulators.isolated import pack, unpack
 
 STARTS: Final = 3
 """Consecutive failed starts after which a worker is given up."""

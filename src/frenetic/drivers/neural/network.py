@@ -77,21 +77,8 @@ class Network:
         lookahead: float | None = None,
         max_speed: float | None = None,
     ) -> None:
-        given = {
-            "preset": preset,
-            "inputs": inputs,
-            "layout": layout,
-            "colour": colour,
-            "mean": mean,
-            "std": std,
-            "crop": crop,
-            "camera": camera,
-            "outputs": outputs,
-            "steering": steering,
-            "steering_sign": steering_sign,
-            "lookahead": lookahead,
-            "max_speed": max_speed,
-        }
+        given = dict(locals())  # the arguments, by now
+        del given["self"], given["model"]
         self._given = {name: value for name, value in given.items() if value is not None}
         self._path = str(model)
         self._data = read_model(self._path)

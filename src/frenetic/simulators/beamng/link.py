@@ -31,9 +31,8 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import kill_tree
 from frenetic.drivers.camera import Camera, Image
-from frenetic.errors import describe_error
+from frenetic.errors import FreneticError, describe_error
 from frenetic.simulators.beamng.car import CarState
-from frenetic.simulators.beamng.errors import BeamngError
 from frenetic.simulators.beamng.scene import MARKING_WIDTH, Scene
 
 DEFAULT_PORT: Final = 25252
@@ -74,6 +73,20 @@ _CORNERS: Final = tuple(
 logger = logging.getLogger(__name__)
 _silence = logging.NullHandler()
 _scenarios = count(1)
+
+
+class BeamngError(FreneticError):
+    """BeamNG.tech cannot be started or reached, or it broke.
+
+    Args:
+        found: what is wrong.
+        remedy: what to do, if known; the message ends with it.
+    """
+
+    def __init__(self, found: str, remedy: str = "") -> None:
+        super().__init__(f"{found}: {remedy}" if remedy else found)
+        self.found = found
+        self.remedy = remedy
 
 
 @dataclass(frozen=True)
@@ -498,9 +511,7 @@ class Link:
                 "BeamNG.tech draws with a graphics card and its licence only, and not with low"
                 " graphics settings",
             )
-        picture: Image = np.array(found, dtype=np.uint8)[..., :3]
-        picture.setflags(write=False)
-        return picture
+        return np.array(found, dtype=np.uint8)[..., :3]
 
     def let_ai_drive(self, speed: float, aggression: float) -> None:
         """Lets BeamNG.AI drive to the road's end in its lane, with a speed limit in m/s."""

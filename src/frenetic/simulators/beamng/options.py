@@ -82,14 +82,13 @@ _LEFT_OUT: Final = frozenset(
 """Options that default to None."""
 
 
-def check_options(**given: object) -> None:
-    """Refuses values that an option does not take.
+def check_options(given: Mapping[str, object]) -> None:
+    """Refuses values that an option does not take, among arguments of which others are none.
 
     Raises:
         ValueError: the message names the option and its valid values.
     """
-    for name, value in given.items():
-        if value is None and name in _LEFT_OUT:
-            continue
-        if not _KINDS[name].fits(value):
-            raise ValueError(f"{name} is {value!r}: {_KINDS[name].allowed} is needed")
+    for name, kind in _KINDS.items():
+        value = given[name]
+        if not (value is None and name in _LEFT_OUT) and not kind.fits(value):
+            raise ValueError(f"{name} is {value!r}: {kind.allowed} is needed")

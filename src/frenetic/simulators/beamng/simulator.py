@@ -13,8 +13,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from frenetic.drivers import BeamngAi, Driver, DriveSetup, appearance
-from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls
-from frenetic.drivers.layers import under_layers
+from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls, under_layers
 from frenetic.errors import DriverError, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.beamng.car import (
@@ -24,8 +23,7 @@ from frenetic.simulators.beamng.car import (
     MeasuredCar,
     measured_box,
 )
-from frenetic.simulators.beamng.errors import BeamngError
-from frenetic.simulators.beamng.link import Link, Place, beamngpy, executable
+from frenetic.simulators.beamng.link import BeamngError, Link, Place, beamngpy, executable
 from frenetic.simulators.beamng.options import RECORD_RATE, check_options
 from frenetic.simulators.beamng.scene import (
     LEVELS,
@@ -135,24 +133,7 @@ class BeamngSimulator:
         reply_limit: float = _REPLY_LIMIT,
         restart_every: int | None = None,
     ) -> None:
-        check_options(
-            home=home,
-            user=user,
-            host=host,
-            port=port,
-            headless=headless,
-            no_gpu=no_gpu,
-            vehicle=vehicle,
-            aggression=aggression,
-            steps_per_second=steps_per_second,
-            level=level,
-            ground=ground,
-            car_length=car_length,
-            car_width=car_width,
-            wall_limit=wall_limit,
-            reply_limit=reply_limit,
-            restart_every=restart_every,
-        )
+        check_options(locals())
         if ground is None and level not in LEVELS:
             raise ValueError(
                 f"level is {level!r}, whose ground is not known: give its height with ground, or"

@@ -614,7 +614,7 @@ class Renderer:
         )
 
     def draw(self, x: float, y: float, heading: float) -> Image:
-        """The picture from a car at this place (m, m, rad), (height, width, 3); read-only."""
+        """The picture from a car at this place (m, m, rad), (height, width, 3)."""
         projection, paint = _projection(self.camera), _paint(self._scene.seed)
         image = np.empty(self.camera.shape, dtype=np.uint8)
         _draw(
@@ -638,5 +638,4 @@ class Renderer:
             self._layers,
             image,
         )
-        image.setflags(write=False)
         return image

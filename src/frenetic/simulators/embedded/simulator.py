@@ -45,7 +45,7 @@ from frenetic.simulators.embedded.vehicle import (
     Y,
 )
 from frenetic.simulators.observing import Observer
-from frenetic.simulators.starting import StartingPlace
+from frenetic.simulators.simulator import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 SLOW: Final = 0.1
@@ -176,19 +176,7 @@ class EmbeddedSimulator(StartingPlace):
 
     def setup(self, road: Road) -> DriveSetup:
         """The setup of a drive along the road for its driver."""
-        car = self.vehicle
-        return DriveSetup(
-            speed_limit=self.rules.speed_limit / 3.6,
-            lane_width=road.lane_width,
-            period=kernels.PERIOD,
-            front_axle=car.front_axle,
-            rear_axle=car.rear_axle,
-            car_length=car.length,
-            car_width=car.width,
-            max_steering=car.steering_limit,
-            max_acceleration=car.engine_acceleration,
-            max_deceleration=car.brake_deceleration,
-        )
+        return self.vehicle.setup(self.rules, road, kernels.PERIOD)
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road."""

@@ -44,7 +44,9 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
-from frenetic.simulators.drive import CarBody
+from frenetic.drivers.driver import DriveSetup
+from frenetic.road import Road
+from frenetic.simulators.drive import CarBody, Rules
 
 GRAVITY: Final = 9.81
 """m/s²."""
@@ -333,6 +335,21 @@ class Vehicle:
             length=self.length,
             width=self.width,
             centre_ahead=0.5 * (self.front_axle - self.rear_axle) + self.body_shift,
+        )
+
+    def setup(self, rules: Rules, road: Road, period: float) -> DriveSetup:
+        """Return the setup of a drive with one decision every ``period`` s, for its driver."""
+        return DriveSetup(
+            speed_limit=rules.speed_limit / 3.6,
+            lane_width=road.lane_width,
+            period=period,
+            front_axle=self.front_axle,
+            rear_axle=self.rear_axle,
+            car_length=self.length,
+            car_width=self.width,
+            max_steering=self.steering_limit,
+            max_acceleration=self.engine_acceleration,
+            max_deceleration=self.brake_deceleration,
         )
 
     def to_array(self) -> FloatArray:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from frenetic.drivers.driver import DriveSetup
-from frenetic.road import Road
-from frenetic.simulators.drive import Rules
 from frenetic.simulators.embedded.vehicle import Vehicle
 
 PERIOD: Final = 0.05
@@ -58,19 +55,3 @@ class Decision(NamedTuple):
         if self.brake > 0.0:
             return steering, -min(self.brake * FULL_BRAKE, 1.0)
         return steering, self.throttle
-
-
-def drive_setup(rules: Rules, road: Road) -> DriveSetup:
-    """The setup of a drive along the road for its driver."""
-    return DriveSetup(
-        speed_limit=rules.speed_limit / 3.6,
-        lane_width=road.lane_width,
-        period=PERIOD,
-        front_axle=VEHICLE.front_axle,
-        rear_axle=VEHICLE.rear_axle,
-        car_length=VEHICLE.length,
-        car_width=VEHICLE.width,
-        max_steering=VEHICLE.steering_limit,
-        max_acceleration=VEHICLE.engine_acceleration,
-        max_deceleration=VEHICLE.brake_deceleration,
-    )

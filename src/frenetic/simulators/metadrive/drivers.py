@@ -10,7 +10,7 @@ import math
 from typing import ClassVar, NoReturn
 
 from frenetic.drivers import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.layers import under_layers
+from frenetic.drivers.driver import under_layers
 from frenetic.errors import DriverError
 from frenetic.simulators.simulator import Simulator
 

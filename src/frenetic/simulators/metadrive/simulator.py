@@ -23,12 +23,11 @@ from frenetic.simulators.metadrive.car import (
     STEPS_PER_PERIOD,
     VEHICLE,
     Decision,
-    drive_setup,
 )
 from frenetic.simulators.metadrive.drawing import check_drawing, drawn_region
 from frenetic.simulators.metadrive.drivers import MetaDriveDriver, PolicySimulator, metadrive_driver
 from frenetic.simulators.observing import Observer, wrap
-from frenetic.simulators.starting import StartingPlace
+from frenetic.simulators.simulator import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 if TYPE_CHECKING:
@@ -196,7 +195,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
             with wall_limit(self.wall_limit):
                 if own is None:
                     with blaming_driver():
-                        driver.reset(drive_setup(self.rules, road))
+                        driver.reset(VEHICLE.setup(self.rules, road, PERIOD))
                     look = None if camera is None else world.picture
                     self._follow(world, road, _asking(driver, look), rows)
                 else:
