@@ -24,6 +24,11 @@ def present_moment() -> str:
     return datetime.now(timezone.utc).isoformat(timespec="milliseconds")  # noqa: UP017  # for 3.9
 
 
+def signed(value: float | None, digits: int = 2, none: str = "–") -> str:
+    """A number with a proper minus sign; a word of its own for none."""
+    return none if value is None else f"{value:.{digits}f}".replace("-", "−")
+
+
 def rate_words(rate: float | None) -> str:
     """Tests per second, or per minute or hour where they are few."""
     if rate is None:

@@ -11,8 +11,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from frenetic._support.arrays import FloatArray
-from frenetic._support.words import capitalised, counted
+from frenetic._support.arrays import FloatArray, evenly
+from frenetic._support.words import capitalised, counted, signed
 from frenetic.calibration import Calibration
 from frenetic.calibration.driving import FAILED, OFFSET_MEDIAN, SHARE
 from frenetic.calibration.recordings import GRID
@@ -105,11 +105,11 @@ def _headline(calibration: Calibration) -> Headline:
     tiles = [
         Tile(
             "AUC",
-            _number(twin.auc),
+            signed(twin.auc),
             "" if interval is None else f"{interval[0]:.2f} to {interval[1]:.2f}",
             _ROLE_OF.get(validation.verdict),
         ),
-        Tile("rank correlation", _number(twin.rank_correlation), "of the largest oob share"),
+        Tile("rank correlation", signed(twin.rank_correlation), "of the largest oob share"),
         Tile("top tenth", _times(twin.top_tenth), "fails as often as all"),
     ]
     if twin.offset_error is not None:
@@ -159,7 +159,7 @@ def _outcomes(calibration: Calibration) -> Iterator[Block]:
         lines = []
         for (name, score), role in zip(_rankings(calibration).items(), _ROLES, strict=True):
             roads, found = found_by(score, failed)
-            keep = _thinned(len(roads))
+            keep = evenly(len(roads), _LINES)
             lines.append(
                 Series(
                     name,
@@ -210,24 +210,16 @@ def _outcomes(calibration: Calibration) -> Iterator[Block]:
 def _row(name: str, one: Figures) -> tuple[str, ...]:
     return (
         name,
-        _number(one.auc),
-        _number(one.rank_correlation),
+        signed(one.auc),
+        signed(one.rank_correlation),
         _times(one.top_tenth),
         "–" if one.early_half is None else percent(one.early_half),
         "–" if one.agreement is None else percent(one.agreement),
     )
 
 
-def _number(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f}".replace("-", "−")
-
-
 def _times(value: float | None) -> str:
     return "–" if value is None else f"{value:.1f} ×"
-
-
-def _thinned(n: int) -> FloatArray:
-    return np.unique(np.linspace(0, n - 1, min(n, _LINES)).round()).astype(np.int64)
 
 
 # Drives
@@ -240,8 +232,7 @@ def _chosen(calibration: Calibration) -> list[int]:
     if not len(known):
         return []
     ordered = known[np.argsort(errors[known], kind="stable")]
-    places = np.linspace(0, len(ordered) - 1, min(_SHOWN, len(ordered))).round().astype(int)
-    return [int(ordered[i]) for i in dict.fromkeys(places.tolist())]
+    return [int(ordered[i]) for i in evenly(len(ordered), _SHOWN)]
 
 
 def _drives(calibration: Calibration) -> Iterator[Block]:
@@ -252,8 +243,8 @@ def _drives(calibration: Calibration) -> Iterator[Block]:
     shapes = calibration.settings.shapes
     unit = "of the mean speed" if shapes else "m/s"
     yield Paragraph(
-        f"The median absolute error of a drive is {_number(twin.offset_error)} m of lateral offset"
-        f" and {_number(twin.speed_error)} {unit} in the median over the drives, along the distance"
+        f"The median absolute error of a drive is {signed(twin.offset_error)} m of lateral offset"
+        f" and {signed(twin.speed_error)} {unit} in the median over the drives, along the distance"
         " that both cars come."
     )
     for i in chosen:
@@ -357,9 +348,9 @@ def _runs(calibration: Calibration) -> Table:
             run,
             str(one.drives),
             str(one.failures),
-            _number(one.auc),
-            _number(one.rank_correlation),
-            _number(one.offset_error),
+            signed(one.auc),
+            signed(one.rank_correlation),
+            signed(one.offset_error),
         )
         for run, one in calibration.by_run().items()
     ]

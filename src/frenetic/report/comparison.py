@@ -119,10 +119,15 @@ def draw_curves(axes: Any, comparison: Comparison) -> None:
     axes.set_xlim(0, max(longest, 1))
     most = max(c.failures_after[-1] for campaigns in comparison.groups.values() for c in campaigns)
     axes.set_ylim(-0.02 * max(most, 1), 1.05 * max(most, 1))  # a curve at 0 can be seen
-    axes.set_xlabel("simulations")
-    axes.set_ylabel("failures, median and quartiles")
-    axes.xaxis.set_major_locator(MaxNLocator(steps=_STEPS, integer=True))
-    axes.yaxis.set_major_locator(MaxNLocator(steps=_STEPS, integer=True))
+    frame_counts(axes, "simulations", "failures, median and quartiles")
+
+
+def frame_counts(axes: Any, across: str, up: str) -> None:
+    """Titles, a quiet grid and whole numbers, as in every chart of counts."""
+    axes.set_xlabel(across)
+    axes.set_ylabel(up)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(steps=_STEPS, integer=True))
     axes.grid(color=FAINT, linewidth=0.5, alpha=0.6)
     axes.set_axisbelow(True)
     for side in ("top", "right"):

@@ -13,7 +13,9 @@ from frenetic._support.interrupt import catch_interrupt
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.errors import CampaignError
+from frenetic.oracle import Result
 from frenetic.outcome import Outcome
+from frenetic.road import Road
 from frenetic.spec import DRIVEN, drive_record
 
 FAILURES: Final = "failures"
@@ -32,6 +34,29 @@ def file_stem(candidate_id: int) -> str:
     return f"test-{candidate_id:05d}"
 
 
+def verdict_entries(result: Result | TestRecord) -> dict[str, Any]:
+    """The entries of a road's document that say how it was driven."""
+    return {
+        "test_outcome": str(result.outcome),
+        "description": result.reason,
+        "moobd": result.moobd,
+        "max_oob_share": result.max_oob_share,
+        "duration": result.duration,
+        "departure": None if result.departure is None else asdict(result.departure),
+    }
+
+
+def road_entries(road: Road) -> dict[str, Any]:
+    """The entries of a road's document that say what it is."""
+    return {
+        "step": road.step,
+        "curvatures": road.curvatures.tolist(),
+        "pose": list(road.pose),
+        "lane_width": road.lane_width,
+        "road_points": road.road_points.round(6).tolist(),
+    }
+
+
 def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[str, Any]:
     """A test as a JSON object that `frenetic drive` and the competition's tools can read."""
     candidate, road = record.candidate, record.road
@@ -40,12 +65,7 @@ def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[s
         "id": candidate.id,
         "is_valid": record.outcome is not Outcome.INVALID,
         "validation_message": record.reason if record.outcome is Outcome.INVALID else "",
-        "test_outcome": str(record.outcome),
-        "description": record.reason,
-        "moobd": record.moobd,
-        "max_oob_share": record.max_oob_share,
-        "duration": record.duration,
-        "departure": None if record.departure is None else asdict(record.departure),
+        **verdict_entries(record),
         "origin": {
             "operator": candidate.origin.operator,
             "parents": list(candidate.origin.parents),
@@ -54,11 +74,7 @@ def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[s
         "driver": config.get("driver"),
         "rules": config.get("rules"),
         **({} if driven is None else {DRIVEN: driven}),
-        "step": road.step,
-        "curvatures": road.curvatures.tolist(),
-        "pose": list(road.pose),
-        "lane_width": road.lane_width,
-        "road_points": road.road_points.round(6).tolist(),
+        **road_entries(road),
     }
 
 

@@ -14,6 +14,7 @@ from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.fingerprint import differences
 from frenetic.redrive.minimise import OPERATOR, Minimised
+from frenetic.report.failures import road_entries, verdict_entries
 from frenetic.spec import DRIVEN
 
 MINIMISED: Final = "minimised"
@@ -73,18 +74,12 @@ def minimised_document(
         driven: its `frenetic.spec.drive_record`, if the parts have names.
     """
     smallest = minimised.smallest
-    road, result = smallest.road, smallest.result
     parents: list[int] = [] if test_id is None else [test_id]
     return {
         **({} if test_id is None else {"id": test_id}),
         "is_valid": True,
         "validation_message": "",
-        "test_outcome": str(result.outcome),
-        "description": result.reason,
-        "moobd": result.moobd,
-        "max_oob_share": result.max_oob_share,
-        "duration": result.duration,
-        "departure": None if result.departure is None else asdict(result.departure),
+        **verdict_entries(smallest.result),
         "origin": {"operator": OPERATOR, "parents": parents},
         "driver": driver,
         "simulator": simulator,
@@ -99,11 +94,7 @@ def minimised_document(
             "guard": guard,
             "ending": str(minimised.ending),
         },
-        "step": road.step,
-        "curvatures": road.curvatures.tolist(),
-        "pose": list(road.pose),
-        "lane_width": road.lane_width,
-        "road_points": road.road_points.round(6).tolist(),
+        **road_entries(smallest.road),
     }
 
 

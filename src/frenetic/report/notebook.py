@@ -13,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from frenetic._support.words import signed
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import Clusters, Failure
 from frenetic.campaign.campaign import Campaign
@@ -28,7 +29,6 @@ from frenetic.report.picture import (
     facts_of_drive,
     facts_of_road,
     sheet_row,
-    signed,
 )
 from frenetic.report.plots import failures_to_show, opened
 from frenetic.report.scene import (

@@ -23,6 +23,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
+from frenetic._support.words import signed
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.report.orientation import turn_of
@@ -214,11 +215,6 @@ def facts_of_road(road: Road) -> list[Fact]:
         ("Smallest radius", f"{1.0 / sharpest:.1f} m" if sharpest > 1e-4 else "straight", ""),
         ("Samples", f"{len(road.curvatures)}", f"every {road.step:g} m"),
     ]
-
-
-def signed(value: float, digits: int) -> str:
-    """A number with a proper minus sign."""
-    return f"{value:.{digits}f}".replace("-", "−")
 
 
 # --- The page --------------------------------------------------------------------------------

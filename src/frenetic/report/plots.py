@@ -17,9 +17,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.ticker import MaxNLocator
 
-from frenetic._support.words import counted
+from frenetic._support.words import counted, signed
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import Feature, feature, features_of
@@ -27,11 +26,11 @@ from frenetic.analysis.segments import segment_of
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
-from frenetic.report.comparison import draw_curves
+from frenetic.report.comparison import draw_curves, frame_counts
 from frenetic.report.html.feature_map import choose_mapped
 from frenetic.report.html.tests import TestSummary
 from frenetic.report.html.timeline import timeline_of
-from frenetic.report.picture import draw_sheet, sheet_row, signed
+from frenetic.report.picture import draw_sheet, sheet_row
 from frenetic.report.scene import (
     ALARM,
     Box,
@@ -244,22 +243,10 @@ def plot_progress(campaign: Campaign | CampaignStore | Path | str, ax: Axes | No
                         label=f"{name}, if all roads were random",
                     )  # fmt: skip
             axes.legend(loc="upper left", frameon=False, fontsize=8.5)
-        _frame(axes, "simulations", "found")
+        axes.set_xlim(left=0.0)
+        axes.set_ylim(bottom=0.0)
+        frame_counts(axes, "simulations", "found")
     return axes
-
-
-def _frame(axes: Axes, across: str, up: str) -> None:
-    """Titles, a quiet grid and whole numbers from 0 on, as in every chart of counts."""
-    axes.set_xlabel(across)
-    axes.set_ylabel(up)
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(steps=(1, 2, 5, 10), integer=True))
-    axes.grid(color=FAINT, linewidth=0.5, alpha=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
 
 
 def plot_feature_map(

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
+from frenetic._support.words import signed
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle import assess
@@ -93,7 +94,7 @@ def _blocks(store: CampaignStore, confirmation: Confirmation) -> Iterator[Block]
         ""
         if correlation is None
         else f" MOOBDs go together with a rank correlation of"
-        f" {_two_digits(correlation.spearman)}"
+        f" {signed(correlation.spearman)}"
         f" (p {correlation.p:.2g}, {correlation.pairs} roads)."
     )
     yield Paragraph(
@@ -104,8 +105,8 @@ def _blocks(store: CampaignStore, confirmation: Confirmation) -> Iterator[Block]
     rows = tuple(
         (
             str(test.test_id),
-            _two_digits(test.recorded.moobd),
-            _two_digits(test.other.moobd),
+            signed(test.recorded.moobd, none=""),
+            signed(test.other.moobd, none=""),
             str(test.agreement),
             str(test.match or ""),
             test.reason,
@@ -131,7 +132,3 @@ def _pictures(store: CampaignStore, confirmation: Confirmation, room: int) -> Co
         drives.append(OtherDrive(test.test_id, test.verdict, test.reason, moobd, columns))
     names = names_of(store, confirmation)
     return Confirmed(names.recorded, names.other, tuple(drives))
-
-
-def _two_digits(value: float | None) -> str:
-    return "" if value is None else f"{value:.2f}".replace("-", "−")

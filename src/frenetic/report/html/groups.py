@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final
@@ -110,13 +109,13 @@ class Spread:
     """The values of a group."""
 
     group: Group
-    values: tuple[float | None, ...]
-    """One value per campaign, ascending; None for one that is worse than any number."""
+    values: tuple[float, ...]
+    """One value per campaign, ascending; infinite for one that is worse than any number."""
     texts: tuple[str, ...]
     """The same, for people."""
     median: str
     """The median, for people."""
-    quartiles: tuple[float | None, float | None, float | None] | None
+    quartiles: tuple[float, float, float] | None
     """First, median and third; None if there are too few values."""
 
 
@@ -361,15 +360,11 @@ def _one_spread(by: MeasureComparison, group: Group) -> Spread:
     enough = found.n >= LEAST_REPEATS
     return Spread(
         group,
-        tuple(_finite(value) for value in values),
+        tuple(values),
         tuple(by.measure.text(value) for value in values),
         by.measure.text(found.median),
-        (_finite(found.low), _finite(found.median), _finite(found.high)) if enough else None,
+        (found.low, found.median, found.high) if enough else None,
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Pairs:

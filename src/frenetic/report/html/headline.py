@@ -8,7 +8,7 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from frenetic._support.words import counted, format_duration
+from frenetic._support.words import counted, format_duration, signed
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import in_words
@@ -98,7 +98,7 @@ def headline(
             ", ".join(text for text in (before, most) if text),
             "fail" if len(clusters) else None,
         ),
-        Tile("lowest MOOBD", "–" if least is None else f"{least:.2f} m".replace("-", "−")),
+        Tile("lowest MOOBD", "–" if least is None else f"{signed(least)} m"),
         Tile(
             "invalid roads",
             str(counts.invalid),
