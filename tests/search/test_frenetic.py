@@ -18,8 +18,10 @@ from frenetic.search import speed_model as speeds
 from frenetic.search.approach import (
     BEHIND,
     SIZE,
+    alike_before,
     as_vector,
     is_near,
+    is_near_at,
     lay_road,
     lower_squares,
     nearest_square,
@@ -303,6 +305,16 @@ def test_kernels_compute_the_same_without_numba() -> None:
     assert nearest_square(known, vector, 16.0) == plain_of(nearest_square)(known, vector, 16.0)
     for square in (1.0, 5.0, 9.0):
         assert is_near(known, vector, square) == plain_of(is_near)(known, vector, square)
+    table, ds, _ = table_around(curvatures, 10.0, 60.0, 140.0)
+    laid, rows, squares = known[0].copy(), np.empty(50, dtype=np.int64), np.empty(50)
+    for place in np.linspace(60.0, 140.0, 17):
+        lay_road(known[0], table, ds, place + 0.3)
+        lay_road(laid, table, ds, place)
+        least = nearest_square(known, laid, 1e3)
+        for square in (0.5 * least, least, np.nextafter(least, 2e3), 1.5 * least):
+            count = alike_before(known, laid, square, rows, squares)
+            found = is_near_at(known, rows[:count], squares[:count], table, ds, place, square)
+            assert found == is_near(known, laid, square) == (square > least)
     sides, squares, others = np.zeros(50, dtype=np.int64), np.full(50, 16.0), np.full(50, 16.0)
     lower_squares(squares, sides, known, 0, vector)
     plain_of(lower_squares)(others, sides, known, 0, vector)

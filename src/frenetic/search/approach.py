@@ -161,6 +161,67 @@ def is_near(vectors: FloatArray, vector: FloatArray, square: float) -> bool:
 
 
 @njit()
+def alike_before(
+    vectors: FloatArray, vector: FloatArray, most: float, rows: IntArray, squares: FloatArray
+) -> int:
+    """Number of (n, 64) approaches whose states differ from another one's by a lesser square.
+
+    Fill `rows` with their numbers and `squares` with these squares. A road adds to them, so the
+    others are not near, wherever on it the place is.
+    """
+    count = 0
+    for i in range(len(vectors)):
+        square = 0.0
+        for k in range(SIZE - 1, ROAD_SIZE - 1, -1):
+            change = vectors[i, k] - vector[k]
+            square += change * change
+            if square >= most:
+                break
+        if square < most:
+            rows[count] = i
+            squares[count] = square
+            count += 1
+    return count
+
+
+@njit()
+def is_near_at(
+    vectors: FloatArray,
+    rows: IntArray,
+    squares: FloatArray,
+    table: FloatArray,
+    ds: float,
+    place: float,
+    most: float,
+) -> bool:
+    """As `is_near` after `lay_road`, of the rows that `alike_before` has found.
+
+    No more of the road is laid than it takes to tell them all apart.
+    """
+    x0, y0, cosine, sine, _ = frame_at(table, ds, place)
+    left, sums = rows.copy(), squares.copy()
+    count = len(left)
+    for i in range(_POINTS - 1, -1, -1):
+        x, y, _, _, _ = frame_at(table, ds, place - BEHIND + i * SPACING)
+        ahead = ((x - x0) * cosine + (y - y0) * sine) * _POINT_SCALE
+        aside = ((y - y0) * cosine - (x - x0) * sine) * _POINT_SCALE
+        kept = 0
+        for k in range(count):
+            change = vectors[left[k], 2 * i + 1] - aside
+            square = sums[k] + change * change
+            change = vectors[left[k], 2 * i] - ahead
+            square += change * change
+            if square < most:
+                left[kept] = left[k]
+                sums[kept] = square
+                kept += 1
+        count = kept
+        if count == 0:
+            return False
+    return True
+
+
+@njit()
 def lower_squares(
     squares: FloatArray, sides: IntArray, vectors: FloatArray, side: int, vector: FloatArray
 ) -> None:

@@ -19,7 +19,8 @@ from frenetic.search.approach import (
     ROAD_SIZE,
     STATE_SCALE,
     STATES,
-    is_near,
+    alike_before,
+    is_near_at,
     lay_road,
     table_around,
 )
@@ -241,6 +242,8 @@ def draw_child(
     if len(weights):
         predict(weights, parent, step, place - BEHIND, before)
     site = int(place / step)
+    rows = np.empty(max(len(known), len(opposite)), np.int64)
+    squares = np.empty(len(rows))
     for k in range(len(operators)):
         n, moved = vary(
             operators[k],
@@ -267,12 +270,15 @@ def draw_child(
                 expected[ROAD_SIZE + STATES + i] += (after[i] - before[i]) * STATE_SCALE
         table, ds, start = table_around(child[:n], step, there + min(WAYS), there + max(WAYS))
         there -= start
+        count = alike_before(failures, expected, same * same, rows, squares)
         is_new = True
-        for way in WAYS:
-            lay_road(expected, table, ds, there + way)
-            if is_near(failures, expected, same * same):
-                is_new = False
-                break
+        if count > 0:
+            for way in WAYS:
+                if is_near_at(
+                    failures, rows[:count], squares[:count], table, ds, there + way, same * same
+                ):
+                    is_new = False
+                    break
         if is_new:
             lay_road(expected, table, ds, there)
             return k, n
