@@ -26,7 +26,7 @@ def made_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
         strategy=Frenetic2021(seed=3),
         simulator=EmbeddedSimulator(),
         driver=Planner(),
-        budget=Budget(simulations=120),
+        budget=Budget(simulations=60),
         folder=folder,
         ordered=True,
     ).run()

@@ -212,7 +212,7 @@ def test_what_is_there_is_refused_in_one_line(campaign: Path, tmp_path: Path) ->
 def test_nothing_is_left_of_an_export_that_broke(
     damaged: Callable[[str], Path], tmp_path: Path
 ) -> None:
-    folder = damaged("UPDATE test SET finished_at = 'now' WHERE told = 90")
+    folder = damaged("UPDATE test SET finished_at = 'now' WHERE told = 50")
     for name in ("parquet", "csv", "json"):
         with pytest.raises(CampaignError, match="finished_at"):
             export_campaign(folder, name, tmp_path / "out" / name)
