@@ -42,7 +42,8 @@ def run_page(page: Path, interpreter: Interpreter, folder: Path) -> None:
             run_python(text, interpreter, folder)
         elif kind == "sh":
             for line in text.splitlines():
-                run_command(line.split("  # ")[0].strip(), interpreter, folder)
+                command = line.split("  # ")[0].strip()
+                run_command(command, interpreter, folder, pictures=page.name in DRAWN)
         else:
             assert kind in SHOWN, f"{page.name}: nobody runs a block of kind {kind!r}"
 
@@ -72,6 +73,9 @@ def tutorial_keeps_its_promises(folder: Path) -> None:
 PROMISES = {"index.md": start_keeps_its_promises, "tutorial.md": tutorial_keeps_its_promises}
 """Name of a page -> the check of what it promises, in the folder in which it ran."""
 IN_FULL = {"index.md", "regression.md"}
+"""Pages whose campaigns are not shortened."""
+DRAWN = {"README.md", "calibrating.md", "files.md"}
+"""Pages whose commands draw pictures, of each kind: they take most of a short search's time."""
 
 
 def run_python(text: str, interpreter: Interpreter, folder: Path) -> None:
@@ -85,12 +89,12 @@ def run_python(text: str, interpreter: Interpreter, folder: Path) -> None:
         run_tests(name[1], interpreter, folder)
 
 
-def run_command(line: str, interpreter: Interpreter, folder: Path) -> None:
+def run_command(line: str, interpreter: Interpreter, folder: Path, *, pictures: bool) -> None:
     if not line or line.startswith(SET_UP):
         return
     program, *arguments = shlex.split(line)
     assert program == "frenetic", f"a page asks for {line!r}, which no test runs"
-    ended = interpreter.frenetic(*arguments, folder=folder)
+    ended = interpreter.frenetic(*arguments, folder=folder, pictures=pictures)
     assert ended.code == 0, f"{line}\n{ended.output}"
 
 

@@ -23,12 +23,14 @@ import traceback
 import types
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from multiprocessing import util
 from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
+from command_line import empty_pictures
 
 import frenetic
 
@@ -58,9 +60,9 @@ class Ended:
 class Interpreter:
     """Runs each job in an interpreter that is started for it; works everywhere."""
 
-    def frenetic(self, *arguments: str, folder: Path) -> Ended:
-        """Runs a command line of Frenetic in a folder."""
-        return self._run({"arguments": arguments}, folder)
+    def frenetic(self, *arguments: str, folder: Path, pictures: bool = True) -> Ended:
+        """Runs a command line of Frenetic in a folder; its pictures may be empty files."""
+        return self._run({"arguments": arguments, "pictures": pictures}, folder)
 
     def python(self, code: str, *, folder: Path) -> Ended:
         """Runs code in a folder as `python -W error -c` does; files of the folder are modules."""
@@ -149,7 +151,11 @@ def _fork() -> int:
 
 
 def _do(
-    folder: str, output: str, arguments: list[str] | None = None, code: str | None = None
+    folder: str,
+    output: str,
+    arguments: list[str] | None = None,
+    code: str | None = None,
+    pictures: bool = True,
 ) -> NoReturn:
     """Becomes what an interpreter that was started for this job would be."""
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -169,7 +175,8 @@ def _do(
     else:
         sys.argv = ["-c"]
     _keep_a_fork_server_ready()
-    ended = _exit_code(code, main)
+    with nullcontext() if pictures else empty_pictures():
+        ended = _exit_code(code, main)
     threading._shutdown()  # type: ignore[attr-defined]
     atexit._run_exitfuncs()
     sys.stdout.flush()
