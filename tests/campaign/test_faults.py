@@ -521,6 +521,7 @@ def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Ma
     with Running(tmp_path, marks, "after=5", "deed=start_process") as running:
         running.until_marks("driving")
         running.until(lambda: running.told() == 5, "five results")
+        running.until(lambda: len(marks.pids()) == 4, "processes that the drivers started")
         running.press_ctrl_c()
         running.until(lambda: "Finishing what runs" in running.err.read_text(), "it is noticed")
         start = time.monotonic()
@@ -531,7 +532,6 @@ def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Ma
     assert "Traceback" not in running.err.read_text()
     assert running.told() == 5
     assert check_campaign(running.folder).findings == ()
-    assert len(marks.pids()) == 4  # with the processes that the drivers started
 
 
 @posix_only
