@@ -41,13 +41,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
-    """Three processes per two cores for all tests; none for chosen ones, which begin at once so.
+    """Two processes per core for all tests; none for chosen ones, which begin at once so.
 
-    About a third of the time a test waits: for a process that it starts, kills or lets time out.
+    About half of the time a test waits: for a process that it starts, kills or lets time out.
     """
     chosen = {Path(name).resolve() for name in config.args}
     cores = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-    return 3 * cores // 2 if chosen & {HERE, HERE.parent} else 0
+    return 2 * cores if chosen & {HERE, HERE.parent} else 0
 
 
 def pytest_configure(config: pytest.Config) -> None:
