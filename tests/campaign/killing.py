@@ -9,14 +9,16 @@ import sqlite3
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 from unittest.mock import patch
 
 from faulty import FaultySimulator
+from pids import LIMIT
 
+from frenetic._support.child_processes import process_context
 from frenetic.campaign import Budget, Campaign, Progress
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers import local as processes
@@ -37,6 +39,20 @@ class Blow:
     """Of the instruction of SQLite within transactions, of the transaction, or of the result."""
     delay: float = 0.0
     """s after that."""
+
+
+def exit_code_of(target: Callable[..., object], *arguments: object) -> int | None:
+    """Of a process of its own; it is made as workers are, since the server is the same."""
+    context: Any = process_context()
+    process = context.Process(target=target, args=arguments, name="campaign")
+    process.start()
+    try:
+        process.join(LIMIT)
+        code: int | None = process.exitcode
+        return code
+    finally:
+        process.kill()
+        process.join()
 
 
 def campaign(folder: Path, marks: Path, *, workers: int = 1, ordered: bool = False) -> Campaign:

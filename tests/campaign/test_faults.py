@@ -43,7 +43,6 @@ from faulty import (
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 from small_disk import Bounded
 
-from frenetic._support.child_processes import process_context
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
@@ -247,27 +246,13 @@ def test_forks_of_drivers_and_strategies_leave_no_trace(
 # Two at once
 
 
-def exit_code_of(target: Callable[..., object], *arguments: object) -> int | None:
-    """Of a process of its own, which is made as workers are."""
-    context: Any = process_context()
-    process = context.Process(target=target, args=arguments)
-    process.start()
-    try:
-        process.join(LIMIT)
-        code: int | None = process.exitcode
-        return code
-    finally:
-        process.kill()
-        process.join()
-
-
 def test_a_second_process_is_refused(tmp_path: Path) -> None:
     answers: list[str] = []
 
     def try_elsewhere(progress: object) -> None:
         if not answers:
             said = tmp_path / "said"
-            assert exit_code_of(killing.write_refusals, tmp_path / "c", said) == 0
+            assert killing.exit_code_of(killing.write_refusals, tmp_path / "c", said) == 0
             answers.extend(said.read_text(encoding="utf-8").splitlines())
 
     summary = campaign(tmp_path / "c").run(try_elsewhere)
@@ -709,7 +694,7 @@ def test_what_a_kill_after_the_last_result_leaves_is_finished(
     state: str,
 ) -> None:
     run = (*RUN, "--out", "c")
-    assert exit_code_of(killing.run_until, place, tmp_path, run) == -signal.SIGKILL
+    assert killing.exit_code_of(killing.run_until, place, tmp_path, run) == -signal.SIGKILL
     monkeypatch.chdir(tmp_path)
     left = contents(Path("c"))
     assert command("check", "c") == 0

@@ -19,9 +19,8 @@ import pytest
 from checksums import forget_checksums
 from contents import contents
 from faulty import Marks
-from pids import LIMIT, until_gone
+from pids import until_gone
 
-from frenetic._support.child_processes import process_context
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
@@ -129,18 +128,7 @@ def go_on(
     folder: Path, marks: Path, workers: int, ordered: bool, blow: killing.Blow | None
 ) -> int | None:
     """Goes on with a campaign in a process of its own; returns its exit code."""
-    context: Any = process_context()  # as workers are made, since the server is the same
-    process = context.Process(
-        target=killing.go_on, args=(folder, marks, workers, ordered, blow), name="campaign"
-    )
-    process.start()
-    try:
-        process.join(LIMIT)
-        exit_code: int | None = process.exitcode
-        return exit_code
-    finally:
-        process.kill()
-        process.join()
+    return killing.exit_code_of(killing.go_on, folder, marks, workers, ordered, blow)
 
 
 def size(path: Path) -> int:

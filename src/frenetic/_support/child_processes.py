@@ -243,7 +243,7 @@ class Failed(NamedTuple):
 
 
 class LogSender(logging.Handler):
-    """Sends log records to the parent, say."""
+    """Passes log records on, as messages that can be sent."""
 
     def __init__(self, send: Callable[[Logged], None]) -> None:
         super().__init__(logging.INFO)

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from PIL import Image as Pictures
 
+from frenetic._support.arrays import evenly
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers import appearance
@@ -100,7 +101,7 @@ class DriverCamera:
         path, road = record.drive.trajectory, record.road
         renderer = Renderer(road, eye.camera, appearance.scene_of(eye.layered))
         critical = _critical(record, path)
-        taken = np.linspace(0, len(path) - 1, min(MOST_PICTURES, len(path))).round().astype(int)
+        taken = evenly(len(path), MOST_PICTURES)
         taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))
         pictures = [eye.seen(renderer, path, int(i)) for i in taken]
         small = [_shrunk(one) for one in pictures]
