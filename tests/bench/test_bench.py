@@ -403,6 +403,29 @@ def test_the_plug_in_does_as_the_strategy_does(tmp_path: Path) -> None:
     assert len(outcomes["strategy"]) == 40
 
 
+@pytest.mark.parametrize(("given", "seen"), [(None, "1"), ("3", "3")])
+def test_libraries_of_a_generator_take_one_thread_unless_the_user_wants_more(
+    given: str | None, seen: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    if given is not None:
+        monkeypatch.setenv("OMP_NUM_THREADS", given)
+    (tmp_path / "counting.py").write_text(
+        "import os\n"
+        "class Counting:\n"
+        "    def __init__(self, executor=None, map_size=None): pass\n"
+        "    def start(self): raise ValueError(os.environ['OMP_NUM_THREADS'])\n",
+        encoding="utf-8",
+    )
+    entrant = Entrant(name="counting", spec=str(tmp_path / "counting.py:Counting"))
+    bench = bench_of(tmp_path, entrant)
+    told = assignment(entrant, bench.terms, 1, tmp_path, tmp_path)
+    with GeneratorProcess(told, folder=tmp_path / "work", log=tmp_path / "log") as process:
+        messages = [process.receive(LIMIT), process.receive(LIMIT)]
+    assert messages[1] is not None
+    assert messages[1]["detail"] == f"ValueError: {seen}"
+
+
 def test_a_seed_repeats_a_run(tmp_path: Path) -> None:
     runs = []
     for name in ("one", "other"):

@@ -22,6 +22,8 @@ from frenetic.competition.pipeline import SEED
 
 HOST: Final = Path(frenetic.__file__).parent / "bench" / "hosting" / "main.py"
 """The script of the process."""
+ONE_THREAD: Final = {"OMP_NUM_THREADS": "1"}
+"""For torch, BLAS and the like, unless the user sets another number: runs have the other cores."""
 MOST_LOGGED: Final = 10 * 1024 * 1024
 """Most bytes kept of a generator's output."""
 LONGEST_MESSAGE: Final = 32 * 1024 * 1024
@@ -78,7 +80,7 @@ class GeneratorProcess:
         self._process = subprocess.Popen(  # noqa: S603 - the user's own interpreter, no shell
             [python, "-u", str(HOST)],
             cwd=self._folder,
-            env=os.environ | {"PYTHONHASHSEED": seed, SEED: seed},
+            env=ONE_THREAD | os.environ | {"PYTHONHASHSEED": seed, SEED: seed},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
