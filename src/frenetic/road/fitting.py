@@ -105,7 +105,8 @@ def fit_to_map(
     rotation = 0.0
     if max(high_x - low_x, high_y - low_y) > room:
         hull = _convex_hull(line[np.lexsort((line[:, 1], line[:, 0]))])
-        rotation, size = _smallest_square(hull)
+        # Sorted here: numba takes a second to compile a sort.
+        rotation, size = _smallest_square(hull, np.sort(_edge_rotations(hull)))
         if size > room:
             return None
         low_x, low_y, high_x, high_y = _box(RigidMotion(rotation, 0.0, 0.0).apply(hull))
@@ -159,26 +160,31 @@ def _convex_hull(points: FloatArray) -> FloatArray:
 
 
 @njit()
-def _smallest_square(hull: FloatArray) -> tuple[float, float]:
+def _edge_rotations(hull: FloatArray) -> FloatArray:
+    """Return the rotations in 0..90 degrees that lay an edge along an axis, (H,) rad."""
+    n = len(hull)
+    rotations = np.empty(n)
+    for k in range(n):
+        dx = hull[(k + 1) % n, 0] - hull[k, 0]
+        dy = hull[(k + 1) % n, 1] - hull[k, 1]
+        rotations[k] = -math.atan2(dy, dx) % _QUARTER
+    return rotations
+
+
+@njit()
+def _smallest_square(hull: FloatArray, bounds: FloatArray) -> tuple[float, float]:
     """Return the rotation in (-45, 45] degrees, in rad, that needs the smallest square; its side.
 
     Args:
         hull: (H, 2) corners of a convex polygon, counter-clockwise, in m.
+        bounds: (H,) rad, ascending: `_edge_rotations` of the hull.
     """
     n = len(hull)
-    bounds = np.empty(n + 1)  # [rad] rotations that lay an edge along an axis
-    for k in range(n):
-        dx = hull[(k + 1) % n, 0] - hull[k, 0]
-        dy = hull[(k + 1) % n, 1] - hull[k, 1]
-        bounds[k] = -math.atan2(dy, dx) % _QUARTER
-    bounds[:n].sort()
-    bounds[n] = bounds[0] + _QUARTER
-
     best = 0.0
     smallest = math.inf
     right = top = left = bottom = 0
     for k in range(n):
-        begin, end = bounds[k], bounds[k + 1]
+        begin, end = bounds[k], bounds[k + 1] if k + 1 < n else bounds[0] + _QUARTER
         # The extreme corners are the same on the whole interval; its middle tells them best.
         c, s = math.cos((begin + end) / 2.0), math.sin((begin + end) / 2.0)
         right = _farthest(hull, c, -s, right)

@@ -301,7 +301,7 @@ def _chord_parameters(points: FloatArray) -> tuple[FloatArray, float]:
 
 @njit()
 def _increasing(parameters: FloatArray) -> bool:
-    return bool((np.diff(parameters) > 0.0).all())
+    return bool((parameters[1:] > parameters[:-1]).all())
 
 
 @njit()
@@ -314,13 +314,13 @@ def _nodes(points: FloatArray, parameters: FloatArray, length: float) -> FloatAr
     # On segment j: x(u) = x_j + t (m_j + t (c_j + t d_j)) with t = u - u_j. The first two segments
     # have their polynomial in common, and so have the last two (not-a-knot): there the longer one
     # is used. A tiny one has few digits of c and d, too few to go on beyond the last point.
-    gaps = np.diff(parameters)
+    gaps = parameters[1:] - parameters[:-1]
     last = len(gaps) - 1
     first_choice = 1 if last > 0 and gaps[1] > gaps[0] else 0
     last_choice = last - 1 if last > 0 and gaps[last - 1] > gaps[last] else last
     for axis in range(2):
         x = points[:, axis].copy()
-        secants = np.diff(x) / gaps
+        secants = (x[1:] - x[:-1]) / gaps
         slopes = _slopes(gaps, secants)
         segment = 0
         for i in range(len(nodes)):
@@ -447,6 +447,7 @@ def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
 
     centres = np.empty((quads, 2))
     reach = np.empty(quads)  # [m] from its centre, how far a quad extends
+    longest_reach = 0.0
     hop = 0.0  # [m] the largest distance between consecutive centres
     for i in range(quads):
         x = 0.25 * (left[i, 0] + left[i + 1, 0] + right[i, 0] + right[i + 1, 0])
@@ -458,9 +459,10 @@ def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
         centres[i, 0] = x
         centres[i, 1] = y
         reach[i] = math.sqrt(farthest)
+        longest_reach = max(longest_reach, reach[i])
         if i > 0:
             hop = max(hop, math.hypot(x - centres[i - 1, 0], y - centres[i - 1, 1]))
-    longest_reach = reach.max() + 1e-6  # more than all rounding here
+    longest_reach += 1e-6  # more than all rounding here
 
     for i in range(quads - 2):
         near = reach[i] + longest_reach
@@ -548,7 +550,9 @@ def _quads_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
     a = _corners(left, right, i)
     b = _corners(left, right, j)
     for axis in range(2):
-        if a[:, axis].max() < b[:, axis].min() or b[:, axis].max() < a[:, axis].min():
+        a0, a1, a2, a3 = a[0, axis], a[1, axis], a[2, axis], a[3, axis]
+        b0, b1, b2, b3 = b[0, axis], b[1, axis], b[2, axis], b[3, axis]
+        if max(a0, a1, a2, a3) < min(b0, b1, b2, b3) or max(b0, b1, b2, b3) < min(a0, a1, a2, a3):
             return False
     for k in range(4):
         for m in range(4):
@@ -561,10 +565,11 @@ def _quads_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
 @njit()
 def _corners(left: FloatArray, right: FloatArray, i: int) -> FloatArray:
     corners = np.empty((4, 2))
-    corners[0] = left[i]
-    corners[1] = left[i + 1]
-    corners[2] = right[i + 1]
-    corners[3] = right[i]
+    for axis in range(2):
+        corners[0, axis] = left[i, axis]
+        corners[1, axis] = left[i + 1, axis]
+        corners[2, axis] = right[i + 1, axis]
+        corners[3, axis] = right[i, axis]
     return corners
 
 

@@ -76,14 +76,31 @@ _MIN_VALUES = 5
 
 
 @njit()
-def _whole(u: float, low: int, high: int) -> int:
-    """A whole number from `low` to `high`, from a uniform random one."""
-    return low + int(u * (high - low + 1))
+def _whole(u: float, low: float, high: float) -> int:
+    """A whole number from `low` to `high`, whole too, from a uniform random one.
+
+    They are floats, because numba compiles a form for every literal of an int.
+    """
+    return int(low) + int(u * (high - low + 1.0))
 
 
 @njit()
 def _between(u: float, low: float, high: float) -> float:
     return low + u * (high - low)
+
+
+@njit()
+def _copy(values: FloatArray, first: int, child: FloatArray, at: int, end: int) -> None:
+    """Copy values from index `first` on to at..end-1 of a child."""
+    # A loop, since numba takes two seconds to compile the assignment of a slice.
+    for i in range(at, end):
+        child[i] = values[first + i - at]
+
+
+@njit()
+def _scale(child: FloatArray, first: int, end: int, by: float) -> None:
+    for i in range(first, end):
+        child[i] *= by
 
 
 @njit()
@@ -129,62 +146,63 @@ def vary(
     n, moved = len(parent), 0
     bound = limits[0]
     if operator == REDRAW:  # the road after the place, or from shortly before it
-        keep = max(site + 1 - _whole(u[0], 0, 2), 2)
+        keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
         n = max(length, keep + MIN_REST)
         if n <= most:
-            child[:keep] = parent[:keep]
+            _copy(parent, 0, child, 0, keep)
             _draw(child, keep, n, child[keep - 1], u, limits)
     elif operator == PREFIX:  # another way to the place
-        start = max(site - _whole(u[0], 3, 6), 0)
-        new = _whole(u[1], 3, 15)
+        start = max(site - _whole(u[0], 3.0, 6.0), 0)
+        new = _whole(u[1], 3.0, 15.0)
         moved = new - start
         n = min(len(parent) + moved, max(length, site + moved + MIN_REST))
         if n <= most:
             _draw(child, 0, new, 0.0, u, limits)
-            child[new:n] = parent[start : start + n - new]
+            _copy(parent, start, child, new, n)
     elif operator == SPLICE:  # the other's road from its place on
-        keep = max(site + 1 - _whole(u[0], 0, 2), 2)
-        start = max(other_site - _whole(u[1], 2, 6), 0)
+        keep = max(site + 1 - _whole(u[0], 0.0, 2.0), 2)
+        start = max(other_site - _whole(u[1], 2.0, 6.0), 0)
         n = min(keep + len(other) - start, max(length, keep + MIN_REST))
         if n <= most:
-            child[:keep] = parent[:keep]
-            child[keep:n] = other[start : start + n - keep]
+            _copy(parent, 0, child, 0, keep)
+            _copy(other, start, child, keep, n)
     elif operator == STRAIGHT:  # in front of the bend
-        start = max(site - _whole(u[0], 1, 3), 0)
-        moved = _whole(u[1], 2, 5)
+        start = max(site - _whole(u[0], 1.0, 3.0), 0)
+        moved = _whole(u[1], 2.0, 5.0)
         n = min(len(parent) + moved, max(length, site + moved + MIN_REST))
         if n <= most:
-            child[:start] = parent[:start]
-            child[start : start + moved] = 0.0
-            child[start + moved : n] = parent[start : n - moved]
+            _copy(parent, 0, child, 0, start)
+            for i in range(start, start + moved):
+                child[i] = 0.0
+            _copy(parent, start, child, start + moved, n)
     elif n <= most:
-        child[:n] = parent
+        _copy(parent, 0, child, 0, n)
         if operator == SHIFT:  # 1 to 3 values just after the place
-            first = min(site + _whole(u[0], 0, 1), n - 1)
+            first = min(site + _whole(u[0], 0.0, 1.0), n - 1)
             by = _between(u[1], 0.02, 0.06)
             by = by if u[2] < 0.5 else -by
-            for i in range(first, min(first + _whole(u[3], 1, 3), n)):
+            for i in range(first, min(first + _whole(u[3], 1.0, 3.0), n)):
                 child[i] += by
         elif operator == JITTER:
             width = _between(u[0], 0.005, 0.035)
             for i in range(n):
                 child[i] += width * (2.0 * u[PARAMETERS + i] - 1.0)
         elif operator == LOCAL:  # 1 to 3 values around the place
-            for k in range(_whole(u[0], 1, 3)):
-                i = min(max(site + _whole(u[1 + 2 * k], -5, 3), 0), n - 1)
+            for k in range(_whole(u[0], 1.0, 3.0)):
+                i = min(max(site + _whole(u[1 + 2 * k], -5.0, 3.0), 0), n - 1)
                 child[i] += _between(u[2 + 2 * k], -0.05, 0.05)
         elif operator == APPROACH:  # 3 to 6 values before the place
-            end = max(site - _whole(u[0], 0, 2), 1)
-            start = max(end - _whole(u[1], 3, 6), 0)
+            end = max(site - _whole(u[0], 0.0, 2.0), 1)
+            start = max(end - _whole(u[1], 3.0, 6.0), 0)
             _draw(child, start, end, child[start - 1] if start > 0 else 0.0, u, limits)
         elif operator == SCALE:
-            child[:n] *= _between(u[0], 0.8, 1.25)
+            _scale(child, 0, n, _between(u[0], 0.8, 1.25))
         elif operator == AMPLIFY:  # the bend
-            child[max(site - 3, 0) : min(site + 3, n)] *= _between(u[0], 1.1, 1.6)
+            _scale(child, max(site - 3, 0), min(site + 3, n), _between(u[0], 1.1, 1.6))
         elif operator == FLATTEN:  # the approach, which makes it faster
-            child[max(site - 9, 0) : max(site - 2, 0)] *= _between(u[0], 0.2, 0.8)
+            _scale(child, max(site - 9, 0), max(site - 2, 0), _between(u[0], 0.2, 0.8))
         elif operator == MIRROR:
-            child[:n] *= -1.0
+            _scale(child, 0, n, -1.0)
     if not _MIN_VALUES <= n <= most:
         return 0, 0
     for i in range(n):
@@ -239,16 +257,17 @@ def draw_child(
 
     """
     before, after = np.empty(STATES), np.empty(STATES)
+    own = parent.copy()  # may be written to, like `child`: kernels are compiled for such alone
     if len(weights):
-        predict(weights, parent, step, place - BEHIND, before)
-    site = int(place / step)
+        predict(weights, own, step, place - BEHIND, before)
+    site = min(int(place / step), len(parent) - 1)
     rows = np.empty(max(len(known), len(opposite)), np.int64)
     squares = np.empty(len(rows))
     for k in range(len(operators)):
         n, moved = vary(
             operators[k],
             u[k],
-            parent,
+            own,
             site,
             others[k, : other_sizes[k]],
             other_sites[k],
@@ -258,11 +277,11 @@ def draw_child(
         )
         if n == 0:
             continue
-        expected[:] = vector
+        _copy(vector, 0, expected, 0, len(vector))
         there = place + moved * step
         failures = known
         if operators[k] == MIRROR:
-            expected[ROAD_SIZE : ROAD_SIZE + STATES] *= -1.0
+            _scale(expected, ROAD_SIZE, ROAD_SIZE + STATES, -1.0)
             failures = opposite
         elif len(weights):
             predict(weights, child[:n], step, there - BEHIND, after)
