@@ -1,4 +1,4 @@
-"""RILaST behind the pipeline's interface, see benchmarks/rilast_generator.py.
+"""RILaST behind the pipeline's interface.
 
 What stands for RILaST here has the gaps of the published one, and no search.
 """
@@ -10,13 +10,12 @@ from textwrap import dedent
 
 import pytest
 
-from frenetic.bench import Bench, End, Ending, Entrant, Terms
+from frenetic.bench import Bench, End, Ending, Terms, find_recipe
 from frenetic.campaign import CampaignStore
 from frenetic.drivers import Planner
 from frenetic.simulators import EmbeddedSimulator
 
 pytestmark = pytest.mark.usefixtures("new_process_server")
-SPEC = f"{Path(__file__).parents[2] / 'benchmarks' / 'rilast_generator.py'}:RILaST"
 
 FILES = {
     "__init__": """
@@ -96,7 +95,7 @@ def test_it_searches_with_the_benchs_executor_and_seed(tmp_path: Path) -> None:
     terms = Terms(simulator=EmbeddedSimulator(), driver=Planner(), budget=3 * 36.0)
     roads = []
     for name in ("one", "again"):
-        entrant = Entrant(name=name, spec=SPEC, path=package.parent)
+        entrant = find_recipe("rilast-2025").entrant(package.parent)
         bench = Bench(entrants=(entrant,), terms=terms, repeats=1, folder=tmp_path / name)
         (end,) = bench.run(workers=1)
         assert end.ending == Ending(End.OVER), end

@@ -15,6 +15,7 @@ from frenetic.registry import hint
 _SBFT: Final = "sbft-cps-tool-competition/cps-tool-competition, branch tools24"
 _SBST: Final = "se2p/tool-competition-av, pull request {}"
 _FRENETIC: Final = ("pandas==1.3.5",)
+_ADAPTERS: Final = Path(__file__).parent / "hosting" / "offered"
 _PICT: Final = "Microsoft's PICT as a program for this system: pict MODEL /o:N /r /e:SEEDS"
 
 
@@ -22,8 +23,8 @@ _PICT: Final = "Microsoft's PICT as a program for this system: pict MODEL /o:N /
 class Recipe:
     """A published generator.
 
-    All have run unmodified on Python 3.9 with numpy 1.21.6, scipy 1.7.3, shapely 1.8.5 and
-    matplotlib 3.5.3, beside their own packages.
+    All have run unmodified, on Python 3.9 with numpy 1.21.6, scipy 1.7.3, shapely 1.8.5 and
+    matplotlib 3.5.3, beside their own packages, unless these and the note say otherwise.
     """
 
     name: str
@@ -33,6 +34,8 @@ class Recipe:
     """GitHub repository and branch or pull request whose files the folder holds."""
     spec: str
     """``package.module:Class``."""
+    adapter: str = ""
+    """``file.py:Class`` of ours, beside the pipeline's modules, that gives it their interface."""
     path: str = "."
     """Folder on the module path, in that one."""
     copy: str | None = None
@@ -69,7 +72,7 @@ class Recipe:
                 raise FreneticError(f"{self.title} needs {str(folder / file)!r}: {what}")
         return Entrant(
             name=self.title if name is None else name,
-            spec=self.spec,
+            spec=str(_ADAPTERS / self.adapter) if self.adapter else self.spec,
             path=folder / self.path,
             copy=None if self.copy is None else folder / self.copy,
             python=python,
@@ -81,7 +84,7 @@ class Recipe:
         needs = [*self.packages, *(f"{file} ({what})" for file, what in self.files.items())]
         if self.seconds_per_test:
             needs.append(f"--seconds-per-test {self.seconds_per_test:g}")
-        return ", ".join(needs) + (f"; {self.note}" if self.note else "")
+        return "; ".join(filter(None, (", ".join(needs), self.note)))
 
     def as_json(self) -> dict[str, Any]:
         """The recipe as a JSON object."""
@@ -237,6 +240,20 @@ RECIPES: Final[Mapping[str, Recipe]] = MappingProxyType(
                 source=_SBFT,
                 spec="optangle.src.optangle:OptAngleGenerator",
                 packages=("pymoo==0.6.1",),
+            ),
+            Recipe(
+                name="rilast-2025",
+                title="RILaST 2025",
+                source="swat-lab-optimization/RILaST",
+                spec="rilast.test_generators.latent_lkas_test_generator:LatentLKASTestGenerator",
+                adapter="rilast_generator.py:RILaST",
+                packages=(
+                    *("numpy==1.23.2", "scipy==1.11.3", "shapely==1.8.4", "matplotlib==3.8.4"),
+                    *("pymoo==0.6.1.1", "torch==2.5.1", "torchvision==0.20.1", "descartes==1.1.0"),
+                    *("tqdm", "similaritymeasures", "PyYAML"),
+                ),
+                note="Python 3.10; it does not run as published: what is mended in its process"
+                " stands in frenetic/bench/hosting/offered/rilast_generator.py",
             ),
         )
     }

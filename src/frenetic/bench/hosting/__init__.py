@@ -13,5 +13,5 @@ work on Python 3.9; functions that return shapely objects need shapely.
 | loader.py | finding and building the generator |
 | executor.py | the pipeline's executor and its virtual time |
 | validity.py | the rules of road tests, imported when they are needed |
-| offered/ | the pipeline's modules |
+| offered/ | the pipeline's modules, and what gives RILaST their interface |
 """

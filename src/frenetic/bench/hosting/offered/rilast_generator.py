@@ -1,7 +1,4 @@
-"""RILaST in our bench: its search behind the interface of the competition's pipeline.
-
-    frenetic bench --generator benchmarks/rilast_generator.py:RILaST --path ~/RILaST \
-        --python ~/rilast/bin/python --strategy frenetic
+"""RILaST behind the interface of the competition's pipeline, see the recipe `rilast-2025`.
 
 RILaST (GitHub: swat-lab-optimization/RILaST) is no generator of the competition but a program of
 its own: a genetic algorithm in the latent space of an autoencoder that was trained on roads of much
@@ -15,6 +12,8 @@ does not use, reads ``nDim`` before it sets it, assigns to a property, and expec
 an argument that pymoo leaves out unless it is told to pass it: that much is mended here, also in
 its process. Aerialist, which it needs for drones only, is left out.
 """
+
+from __future__ import annotations
 
 import importlib
 import random
@@ -78,7 +77,7 @@ def _configuration(name: str, yaml: Any) -> dict[str, Any]:
 
 def _seed() -> int:
     """A seed that the bench's seed repeats."""
-    return random.randrange(2**31)
+    return random.randrange(2**31)  # noqa: S311 - a search, no secret
 
 
 def _with_algorithm(problem: Any) -> Any:
