@@ -123,6 +123,14 @@ def test_a_generator_works_in_a_copy_of_its_folder(
     assert entrant.words()[2:6] == ["--path", str(entrant.path), "--copy", str(entrant.copy)]
 
 
+@pytest.mark.parametrize("workers", [0, -1, 1.5, True])
+def test_a_number_of_workers_that_runs_nothing_is_refused(tmp_path: Path, workers: float) -> None:
+    bench = bench_of(tmp_path / "bench", Entrant(name="random", spec="random", is_strategy=True))
+    with pytest.raises(ValueError, match=f"^workers is {workers}: a whole number of at least 1 is"):
+        bench.run(workers=workers)  # type: ignore[arg-type]
+    assert not bench.folder.exists()
+
+
 def test_a_copy_leaves_out_what_holds_it(tmp_path: Path) -> None:
     (tmp_path / ".git").mkdir()
     (tmp_path / "venv").mkdir()

@@ -31,7 +31,7 @@ from frenetic.export.tables import Which
 from frenetic.fingerprint import differences, package_versions
 from frenetic.registry import STRATEGIES
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import Spec, command_faults, describe, listing_1_of_today
+from frenetic.spec import Spec, command_faults, describe, listing_1_of_today, require_count
 
 BENCHES: Final = Path("benches")
 """Default parent of benches' folders."""
@@ -183,9 +183,11 @@ class Bench:
             on_interrupt: called at the first Ctrl-C, after which no run begins.
 
         Raises:
+            ValueError: ``workers`` is no whole number of at least 1.
             FreneticError: the folder holds something else, another process uses it, a generator
                 cannot be built, or the simulator does not start.
         """
+        require_count("workers", workers)
         with ExitStack() as stack:
             campaign.prepare(self.terms.simulator)
             compile_kernels()
