@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
+from typing import NoReturn
 
 
 class Outcome(str, Enum):  # noqa: UP042  # Python 3.9 runs `frenetic.competition`
@@ -20,6 +21,11 @@ class Outcome(str, Enum):  # noqa: UP042  # Python 3.9 runs `frenetic.competitio
     """The simulator or the driver broke; nothing is known about the road."""
     DROPPED = "DROPPED"
     """The strategy lost interest in the road before it was driven; nothing is known about it."""
+
+    @classmethod
+    def _missing_(cls, value: object) -> NoReturn:
+        known = ", ".join(cls)
+        raise ValueError(f"outcome is {value!r}: one of {known} is needed")
 
     @property
     def is_driven(self) -> bool:

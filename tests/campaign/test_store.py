@@ -327,8 +327,23 @@ def test_unknown_ids_are_answered_with_those_there_are(store: CampaignStore) -> 
 def test_queries_are_checked_at_once(store: CampaignStore) -> None:
     with pytest.raises(ValueError, match="order_by is 'id'"):
         store.tests(order_by="id")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="limit is -1"):
-        store.tests(limit=-1)
+    for limit in (-1, 1.5):
+        with pytest.raises(ValueError, match=f"limit is {limit}: a whole number of at least 0"):
+            store.tests(limit=limit)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="outcome is 'fail': one of PASS, FAIL, INVALID"):
+        store.tests("fail")  # type: ignore[arg-type]
+    for value in (1.5, "1"):
+        with pytest.raises(ValueError, match=f"id is {value!r}: a whole number is needed"):
+            store.test(value)  # type: ignore[arg-type]
+
+
+def test_ids_and_limits_may_be_numpy_numbers(store: CampaignStore) -> None:
+    tell(store, 1, 2, 3)
+    number = np.int64(1)
+    assert store.test(number).id == store.candidate(number).id == 1  # type: ignore[arg-type]
+    assert store.trajectory(number) is not None  # type: ignore[arg-type]
+    found = store.tests(limit=number, after=number)  # type: ignore[arg-type]
+    assert [record.id for record in found] == [2]
 
 
 def test_a_test_is_told_once_after_being_asked(store: CampaignStore) -> None:

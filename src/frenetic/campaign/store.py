@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import operator
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -70,7 +71,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Screening
 from frenetic.simulators.drive import Trajectory
-from frenetic.spec import is_number
+from frenetic.spec import is_number, require_count
 
 Order: TypeAlias = Literal["told", "moobd"]
 
@@ -630,17 +631,17 @@ class CampaignStore(ShownCampaign):
         without one last. Later tests do not show up. Without `with_trajectory` their trajectory is
         None.
 
-        Raises a `ValueError` for an unknown order or a negative limit; taking a damaged test raises
-        a `CampaignError`.
+        Raises a `ValueError` for an unknown outcome or order, or a limit that is no whole number
+        from 0; taking a damaged test raises a `CampaignError`.
         """
         if order_by not in get_args(Order):
             raise ValueError(f"order_by is {order_by!r}: one of {get_args(Order)} is needed")
-        if limit is not None and limit < 0:
-            raise ValueError(f"limit is {limit}: a number from 0 is needed")
+        if limit is not None:
+            require_count("limit", limit, 0)
         # A stored test never changes, so the ids are a snapshot, and no transaction stays open
         # between two tests.
-        only = None if outcome is None else str(outcome)
-        wanted = (after, only, only, -1 if limit is None else limit)
+        only = None if outcome is None else str(Outcome(outcome))
+        wanted = (int(after), only, only, -1 if limit is None else int(limit))
         self._write_tests()
         with translated(self._path):
             ids = self._connection.execute(_SELECT_IDS[order_by], wanted).fetchall()
@@ -649,7 +650,8 @@ class CampaignStore(ShownCampaign):
     def test(self, id: int, with_trajectory: bool = True) -> TestRecord:  # noqa: A002
         """Return the test of the candidate with this `id`.
 
-        Raises a `CampaignError` if there is none (naming the existing ids) or if it is damaged.
+        Raises a `CampaignError` if there is none (naming the existing ids) or if it is damaged, and
+        a `ValueError` if the id is no whole number.
         """
         self._write_tests()
         return self._read_test(id, with_trajectory)
@@ -872,10 +874,17 @@ class CampaignStore(ShownCampaign):
             return self._connection.execute(select).fetchall()
 
     def _fetch(self, select: str, candidate_id: int) -> tuple[Any, ...] | None:
-        """Return the row with this id, if there is one; SQLite knows no ids beyond 64 bits."""
-        if not 0 < candidate_id < 2**63:
+        """Return the row with this id, if there is one; SQLite knows no ids beyond 64 bits.
+
+        Raises a `ValueError` if the id is no whole number.
+        """
+        try:
+            number = operator.index(candidate_id)  # of numpy, too
+        except TypeError:
+            raise ValueError(f"id is {candidate_id!r}: a whole number is needed") from None
+        if not 0 < number < 2**63:
             return None
-        row: tuple[Any, ...] | None = self._connection.execute(select, (candidate_id,)).fetchone()
+        row: tuple[Any, ...] | None = self._connection.execute(select, (number,)).fetchone()
         return row
 
     def _unknown(self, what: str, candidate_id: int, select_range: str) -> CampaignError:

@@ -137,12 +137,7 @@ class Evaluation:
     """Source of `trace`."""
 
     def __post_init__(self) -> None:
-        try:
-            outcome = Outcome(self.outcome)
-        except ValueError:
-            known = ", ".join(Outcome)
-            raise ValueError(f"outcome is {self.outcome!r}: one of {known} is needed") from None
-        object.__setattr__(self, "outcome", outcome)
+        object.__setattr__(self, "outcome", Outcome(self.outcome))
 
     @property
     def severity(self) -> float | None:
