@@ -15,6 +15,7 @@ from frenetic.cli.console import Log, print_table, shell, two_digits
 from frenetic.cli.options import AskedRange, CampaignFolder, GroupedCommand, Range, count_option
 from frenetic.cli.redrive import (
     chosen_tests,
+    interrupted,
     recorded_spec,
     redriving_options,
     rows_option,
@@ -110,7 +111,8 @@ def robustness(
     driver, simulator = spec.make_parts(isolate=workers == 1, drive_limit=drive_limit)
     variations = [variation(one, simulator) for one in asked]
     log = Log()
-    left = interrupts = 0
+    left: int | None = None
+    interrupts = 0
 
     def stopping() -> None:
         nonlocal interrupts
@@ -137,31 +139,34 @@ def robustness(
             **{**hooks, "on_progress": progress, "on_interrupt": stopping},
         )
     is_judged = any(one.judged for one in reruns)
+    is_cut = bool(interrupts) and left != 0
     if as_json:
         from frenetic.redrive.robustness import rerun_document
 
         click.echo(json.dumps([rerun_document(one) for one in reruns]))
     elif reruns:
-        _print(reruns, times, variations, with_rows)
+        most = f"{'up to ' if is_cut else ''}{counted(times, 'drive')} of each"
+        _print(reruns, most, variations, with_rows)
         if is_judged:
             kept = campaign / DATABASE
             click.echo(f"Kept in {kept}; to see it: frenetic report {shell(campaign)}")
     elif not interrupts:
         click.echo(f"{campaign} holds no failure")
-    if interrupts and (left or not reruns):
-        raise click.exceptions.Exit(130)
+    if is_cut:
+        what = "no drive was finished" if left is None else f"{counted(left, 'drive')} to go"
+        raise interrupted(log, f"{what}; the same command begins again")
     if reruns and not is_judged:
         raise click.exceptions.Exit(1)
 
 
 def _print(
-    reruns: Sequence[Rerun], times: int, variations: Sequence[Variation], with_rows: bool
+    reruns: Sequence[Rerun], most: str, variations: Sequence[Variation], with_rows: bool
 ) -> None:
     from frenetic.redrive.record import matches_text
     from frenetic.redrive.robustness import Stability
 
     how = ", ".join(str(one) for one in variations) or "the same each time"
-    click.echo(f"{counted(len(reruns), 'test')}, {times} drives of each, {how}")
+    click.echo(f"{counted(len(reruns), 'test')}, {most}, {how}")
     counts = [(kind, sum(one.stability is kind for one in reruns)) for kind in Stability]
     if any(number for _, number in counts):
         click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
@@ -176,7 +181,9 @@ def _print(
         click.echo(f"No failure in the campaign, so neither robust nor fragile: {', '.join(fine)}")
     troubles = [drive.trouble for drive in drives if drive.trouble]
     if troubles:
-        click.echo(f"{len(troubles)} drives could not be judged, the first one: {troubles[0]}")
+        click.echo(
+            f"{counted(len(troubles), 'drive')} could not be judged, the first one: {troubles[0]}"
+        )
     if with_rows:
         _print_rows(reruns)
     else:
