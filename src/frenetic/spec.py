@@ -19,6 +19,7 @@ import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from numbers import Real
 from pathlib import Path, PurePath
 from types import FunctionType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
@@ -843,10 +844,13 @@ def shown(value: object) -> str:
 
 
 def is_number(value: object) -> bool:
-    """Whether it is a finite number."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    """Whether it is a finite number, of numpy too."""
+    if isinstance(value, bool) or not isinstance(value, Real):
         return False
-    return abs(value) <= sys.float_info.max  # a whole number may be too large for a float
+    try:
+        return math.isfinite(float(value))
+    except OverflowError:  # a whole number may be too large for a float
+        return False
 
 
 def read_part(name: str, value: Any) -> Any:

@@ -319,6 +319,27 @@ def test_map_sizes_have_to_agree(tmp_path: Path) -> None:
         campaign(tmp_path, strategy, Budget(failures=1), map_size=200.0)
 
 
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("lane_width", 0, "lane_width is 0: a positive number of metres"),
+        ("lane_width", float("nan"), "lane_width is nan: a number of metres"),
+        ("lane_width", "4", "lane_width is '4': a number of metres"),
+        ("margin", -1.0, "margin is -1: a number of at least 0"),
+        ("margin", None, "margin is None: a number of metres"),
+        ("map_size", "wide", "map_size is wide, but the strategy was made for 200"),
+        ("map_size", True, "map_size is True"),
+    ],
+)
+def test_sizes_are_checked_before_anything_is_written(
+    tmp_path: Path, option: str, value: object, words: str
+) -> None:
+    with pytest.raises(ValueError, match=words) as refused:
+        campaign(tmp_path / "c", RandomSearch(seed=1), Budget(simulations=1), **{option: value})
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "c").exists()
+
+
 def test_no_computer_has_so_many_workers(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="workers is 1025: at most 1024 are allowed"):
         campaign(tmp_path / "c", Scripted(BENT), Budget(simulations=1), workers=1025)

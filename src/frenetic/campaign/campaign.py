@@ -57,6 +57,7 @@ from frenetic.spec import (
     decode_budget,
     describe,
     describe_terms,
+    number_word,
     require_count,
 )
 
@@ -167,8 +168,8 @@ class Campaign(ShownCampaign):
             map_size = MAP_SIZE if theirs is None else theirs
         elif theirs is not None and theirs != map_size:
             raise ValueError(
-                f"map_size is {map_size:g}, but the strategy was made for {theirs:g}: they have to"
-                " agree"
+                f"map_size is {number_word(map_size)}, but the strategy was made for"
+                f" {number_word(theirs)}: they have to agree"
             )
         if isinstance(strategy, ObservingStrategy) and (workers > 1 or cluster is not None):
             raise ValueError("the strategy observes drives: it needs one worker, in this process")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -18,13 +17,14 @@ from frenetic.errors import RoadError, describe_raised, traceback_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
-from frenetic.road.road import MAX_COORDINATE
+from frenetic.road.road import MAX_COORDINATE, checked_lane_width
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.isolated import BrokenDriveError
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions, in_conditions
+from frenetic.spec import is_number, shown
 
 logger = logging.getLogger(__name__)
 
@@ -44,7 +44,8 @@ class RoadTester:
 
     Raises:
         DriverError: the driver cannot drive in the simulator.
-        ValueError: the map is too small for its margin, or too large.
+        ValueError: the map is too small for its margin, or too large; the margin is negative, or a
+            lane has no width that can be represented.
     """
 
     simulator: Simulator
@@ -57,7 +58,13 @@ class RoadTester:
     """Width of each lane, in m."""
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.map_size) and self.map_size > 2.0 * self.margin >= 0.0):
+        for name in ("map_size", "margin", "lane_width"):
+            if not is_number(value := getattr(self, name)):
+                raise ValueError(f"{name} is {shown(value)}: a number of metres is needed")
+        checked_lane_width(self.lane_width)
+        if self.margin < 0.0:
+            raise ValueError(f"margin is {self.margin:g}: a number of at least 0 is needed")
+        if not self.map_size > 2.0 * self.margin:
             raise ValueError(
                 f"map_size is {self.map_size:g}: more than twice the margin of"
                 f" {self.margin:g} m is needed"
