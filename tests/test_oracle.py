@@ -102,6 +102,16 @@ def test_a_drive_that_stops_just_before_the_goal_has_not_passed() -> None:
     assert judged(STRAIGHT, [0.0, goal - 1e-6]).outcome is Outcome.ERROR
 
 
+@pytest.mark.parametrize(("lane_width", "goal"), [(16.0, 8.0), (40.0, 8.0), (4.0, 1.0)])
+def test_the_roads_end_is_reached_however_far_from_its_last_point(
+    lane_width: float, goal: float
+) -> None:
+    road = Road(np.zeros(11), lane_width=lane_width)
+    result = judged(road, steady(road), rules=Rules(goal_distance=goal))
+    assert result.outcome is Outcome.PASS
+    assert result.moobd == pytest.approx(lane_width / 2.0)
+
+
 def test_passing_by_the_roads_end_early_on_is_no_pass() -> None:
     """A circle ends where it starts."""
     circle = Road(np.full(13, 2.0 * math.pi / 120.0))

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from frenetic.errors import FreneticError
-from frenetic.registry import DRIVERS, STRATEGIES, Entry
+from frenetic.registry import DRIVERS, OBJECTIVES, STRATEGIES, Entry, Registry
 
 
 @pytest.fixture
@@ -50,3 +50,43 @@ def test_what_is_installed_is_read_once(site: Path, monkeypatch: pytest.MonkeyPa
     DRIVERS.load("stanley")
     monkeypatch.setattr(importlib.metadata, "entry_points", None)
     DRIVERS.load("planner")
+
+
+@pytest.mark.parametrize(
+    ("registry", "spec", "option", "message"),
+    [
+        (STRATEGIES, "frenetic", {"use_archive": "False"}, "use_archive is 'False': true or false"),
+        (STRATEGIES, "frenetic", {"learn_shares": 7}, "learn_shares is 7: true or false"),
+        (STRATEGIES, "frenetic", {"threshold": "abc"}, "threshold is 'abc': a number"),
+        (STRATEGIES, "frenetic-2021", {"random_budget": "abc"}, "random_budget is 'abc': a number"),
+        (STRATEGIES, "random", {"is_valid": "abc"}, "is_valid must be a function"),
+        (DRIVERS, "own.py:Own", {"gain": "abc"}, "gain is 'abc': a number"),
+    ],
+)
+def test_an_option_of_the_wrong_kind_is_named_with_what_is_needed(
+    registry: Registry,
+    spec: str,
+    option: dict[str, object],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text(
+        "class Own:\n    def __init__(self, gain: float = 1.0, mode='fast'): 2.0 * gain + 1.0\n"
+        "    def reset(self, setup): pass\n    def act(self, observation): pass\n"
+    )
+    with pytest.raises(FreneticError, match=message):
+        registry.make_from(spec, option, {"seed": 1} if registry is STRATEGIES else {})
+    DRIVERS.make("own.py:Own", gain=2, mode="slow")
+
+
+def test_an_objective_of_ones_own_is_a_function(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.py").write_text("class Other: pass\ndef near(road, drive): return 0.0\n")
+    with pytest.raises(FreneticError, match=r"no function 'far'\. It has: near$"):
+        OBJECTIVES.load("own.py:far")
+    with pytest.raises(FreneticError, match=r"goes as package.module:Function"):
+        OBJECTIVES.load("far")

@@ -14,6 +14,7 @@ import importlib
 import importlib.util
 import inspect
 import os
+import re
 import sys
 import sysconfig
 import weakref
@@ -160,6 +161,8 @@ class Registry:
     """Methods that an object of this kind must have."""
     files: Mapping[str, str] = field(default_factory=dict)
     """End of a file's name -> ``module:Class`` that is made of such a file, its first argument."""
+    target: str = "class"
+    """Word for what a user's own spec names: class or function."""
 
     def entries(self) -> list[Entry]:
         """All names: the built-in ones, then the installed ones in alphabetical order.
@@ -198,9 +201,10 @@ class Registry:
         if ":" in spec:
             return self._import(spec, spec, own=True)
         files = "".join(f" or path/to/file{suffix}" for suffix in self.files)
+        word = self.target.capitalize()
         raise UnknownNameError(
             f"unknown {self.kind} {spec!r}{hint(spec, known)} Known: {', '.join(known)};"
-            f" your own goes as package.module:Class or path/to/file.py:Class{files}"
+            f" your own goes as package.module:{word} or path/to/file.py:{word}{files}"
         )
 
     def is_harmless(self, spec: str, options: Mapping[str, Any]) -> bool:
@@ -230,6 +234,8 @@ class Registry:
                 made = factory(**options)
         except (TypeError, ValueError, ArithmeticError) as error:
             # An error about a type seldom names the option.
+            if isinstance(error, TypeError) and self.option_names(factory) is not None:
+                self._check_kinds(factory, spec, options, {"int", "float", "None"}, "a number")
             given = ", ".join(f"{name}={value!r}" for name, value in options.items())
             which = f" with {given}" if isinstance(error, TypeError) and given else ""
             place = f" ({at})" if (at := place_of(error)) else ""
@@ -286,6 +292,31 @@ class Registry:
                     f"{self.kind} {spec!r} has no option {given!r}{hint(given, names)}"
                     f" It has: {', '.join(names) or 'none'}"
                 )
+        if names is not None:
+            self._check_kinds(factory, spec, options, {"bool", "None"}, "true or false")
+
+    def _check_kinds(
+        self,
+        factory: Callable[..., Any],
+        spec: str,
+        options: Mapping[str, Any],
+        kinds: set[str],
+        needed: str,
+    ) -> None:
+        """Refuses texts, and numbers for truth values, where a parameter takes these kinds only."""
+        refused = (str, int) if "bool" in kinds else str
+        for parameter in inspect.signature(factory).parameters.values():
+            # A text where annotations are not evaluated.
+            wanted = inspect.formatannotation(parameter.annotation).strip("'")
+            value = options.get(parameter.name)
+            if (
+                kinds.issuperset(re.split(r"[ |]+", wanted))
+                and isinstance(value, refused)
+                and not isinstance(value, bool)
+            ):
+                raise FreneticError(
+                    f"{self.kind} {spec!r}: {parameter.name} is {value!r}: {needed} is needed"
+                )
 
     def _import(self, target: str, spec: str, own: bool = False) -> Callable[..., Any]:
         place, _, attribute = target.rpartition(":")
@@ -310,10 +341,11 @@ class Registry:
             ) from error
         found = getattr(module, attribute, None)
         if not callable(found):
-            names = [n for n, v in vars(module).items() if inspect.isclass(v) and n[0] != "_"]
+            is_one = inspect.isclass if self.target == "class" else inspect.isfunction
+            names = [n for n, v in vars(module).items() if is_one(v) and n[0] != "_"]
+            which = f"no {self.target} {attribute!r}{hint(attribute, names)}"
             raise FreneticError(
-                f"{self.kind} {spec!r}: {place} has no class {attribute!r}{hint(attribute, names)}"
-                f" It has: {', '.join(names) or 'none'}"
+                f"{self.kind} {spec!r}: {place} has {which} It has: {', '.join(names) or 'none'}"
             )
         made: Callable[..., Any] = found
         return made
@@ -500,6 +532,7 @@ OBJECTIVES: Final = Registry(
         ),
     },
     (),
+    target="function",
 )
 
 SIMULATORS: Final = Registry(

@@ -602,3 +602,12 @@ def test_the_parts_are_recorded(campaign: Path) -> None:
     (kept,) = read_reruns(campaign)
     assert str(kept.driver["class"]).endswith(":Planner")
     assert kept.simulator["options"]["vehicle"]["friction"] == 0.95  # type: ignore[index,call-overload]
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", None, 2**63])
+def test_a_seed_is_a_whole_number(seed: Any) -> None:
+    with pytest.raises(ValueError, match=r"^seed must be a whole number of at least 0"):
+        draw_conditions((), 2, seed)
+    if seed != 2**63:
+        with pytest.raises(ValueError, match=r"a whole number of at least 0 is needed$"):
+            Noisy(Planner(), seed=seed)

@@ -42,8 +42,9 @@ def rate_words(rate: float | None) -> str:
 
 
 _UNITS: Final = {"h": 3600.0, "m": 60.0, "s": 1.0}
+_NUMBER: Final = r"\d+(?:\.\d+)?"
 _PATTERN: Final = re.compile(
-    r"(?:(?P<h>\d+(?:\.\d+)?)h)?(?:(?P<m>\d+(?:\.\d+)?)m)?(?:(?P<s>\d+(?:\.\d+)?)s?)?"
+    rf"(?:(?P<h>{_NUMBER})h)?(?:(?P<m>{_NUMBER})m)?(?:(?P<s>{_NUMBER})s)?|(?P<alone>{_NUMBER})"
 )
 
 
@@ -67,6 +68,7 @@ def parse_duration(text: object) -> float:
     if match is None or not any(match.groups()):
         raise ValueError(f"{text!r} is not a time: write 90s, 10m or 1h30m")
     seconds = sum(float(match[unit] or 0.0) * factor for unit, factor in _UNITS.items())
+    seconds += float(match["alone"] or 0.0)
     if not (math.isfinite(seconds) and seconds > 0.0):
         raise ValueError(f"{text!r} is no time: more than 0 s is needed")
     return seconds

@@ -8,6 +8,7 @@ stays inside the compiled rollout.
 from __future__ import annotations
 
 import math
+import operator
 from collections import deque
 from dataclasses import dataclass, replace
 from typing import Final
@@ -91,7 +92,12 @@ class Noisy(OwnLayer):
                     f"{name} is {getattr(self, name):g}: at most {_LARGEST_ERROR:g} is allowed"
                 )
         self.correlation_time = _amount(correlation_time, "correlation_time", "s are", False)
-        self.seed = seed
+        try:
+            self.seed = operator.index(seed)
+        except TypeError:
+            self.seed = -1
+        if self.seed < 0:
+            raise ValueError(f"seed is {seed!r}: a whole number of at least 0 is needed")
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Noisy:

@@ -11,6 +11,7 @@ from msgspec import convert
 
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
+from frenetic.search.strategy import require_whole
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import QUANTITIES, SEEDED, USUAL, Conditions, check_can_vary
 from frenetic.spec import require_count
@@ -113,9 +114,11 @@ def draw_conditions(
     share is, if anything, too wide. With noise, each drive has its own errors.
 
     Raises:
-        ValueError: ``times`` is no positive whole number, or a quantity is there twice.
+        ValueError: ``times`` is no positive whole number, the seed none from 0 to 2⁶³ - 1, or a
+            quantity is there twice.
     """
     require_count("times", times)
+    seed = require_whole("seed", seed, 0, 2**63 - 1)
     names = [variation.quantity for variation in variations]
     for name in names:
         if names.count(name) > 1:

@@ -105,7 +105,7 @@ def fit_to_map(
     rotation = 0.0
     if max(high_x - low_x, high_y - low_y) > room:
         hull = _convex_hull(line[np.lexsort((line[:, 1], line[:, 0]))])
-        # Sorted here: numba takes a second to compile a sort.
+        # Sorted here: numba's sorts take a second to compile, and two cached ones get mixed up.
         rotation, size = _smallest_square(hull, np.sort(_edge_rotations(hull)))
         if size > room:
             return None

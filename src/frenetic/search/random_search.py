@@ -46,9 +46,14 @@ class MapCheck:
         map_size: m, side of the square map.
         is_valid: A check of the user's own, which takes the place of all this.
 
+    Raises:
+        ValueError: `is_valid` is no function.
+
     """
 
     def __init__(self, map_size: float, is_valid: RoadCheck | None) -> None:
+        function = is_valid is None or callable(is_valid)
+        require(function, "is_valid", is_valid, "a function, which only Python can give")
         self._map_size = map_size
         self._is_valid = is_valid
         self._margin = MARGIN
