@@ -297,6 +297,17 @@ def test_place_that_cannot_be_written_is_found_out_before_driving(frenetic: Fren
         "cannot be made",
         "--out",
     )
+    Path("folder").mkdir()
+    Path("name.png").mkdir()
+    for out in ("folder", "name.json"):
+        answer = frenetic("minimise", "bend.json", "--out", out)
+        refused(answer, "cannot be written: Is a directory; choose another file with --out")
+    assert sorted(path.name for path in Path().iterdir()) == [
+        "bend.json",
+        "file",
+        "folder",
+        "name.png",
+    ]
 
 
 def test_campaign_without_a_failure(frenetic: Frenetic) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -41,6 +42,32 @@ def write_file(
         raise error(f"{path} cannot be written: {reason.strerror or reason}; {remedy}") from None
 
 
+def check_writable(path: Path, *, remedy: str) -> None:
+    """Refuses a file that cannot be written, before its content is worked out; writes nothing.
+
+    Args:
+        path: the file.
+        remedy: what the user can do if it cannot be written.
+
+    Raises:
+        FreneticError: its folder is missing or takes no file, or a folder has its name.
+    """
+    reason = ""
+    try:
+        if path.is_dir():
+            reason = os.strerror(errno.EISDIR)
+        elif not path.parent.is_dir():
+            reason = f"there is no folder {path.parent}"
+        else:
+            partial = _partial(path)
+            partial.touch()
+            partial.unlink()
+    except OSError as error:
+        reason = error.strerror or str(error)
+    if reason:
+        raise FreneticError(f"{path} cannot be written: {reason}; {remedy}")
+
+
 @contextmanager
 def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
     """Gives the path of a new file beside ``path``, which replaces it at the end.
@@ -50,7 +77,7 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
     Raises:
         OSError: the file cannot be written.
     """
-    partial = path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
+    partial = _partial(path)
     try:
         yield partial
         if durable:
@@ -60,6 +87,10 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
         with suppress(OSError):
             partial.unlink()
         raise
+
+
+def _partial(path: Path) -> Path:
+    return path.with_name(f".{path.name[:80]}-{os.getpid()}.part")
 
 
 def flush(path: Path) -> None:

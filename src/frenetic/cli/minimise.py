@@ -146,7 +146,8 @@ def minimise(
     if source.is_dir():
         with CampaignStore.open(source) as store:
             warn_of_versions(store, simulator, driver)
-    works[0].files.make_folder()  # before hours are spent on what cannot be written
+    for work in works:  # before hours are spent on what cannot be written
+        work.files.prepare()
 
     done: list[Done] = []
     failed = False

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic._support.files import write_file
+from frenetic._support.files import check_writable, write_file
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
@@ -19,6 +19,7 @@ from frenetic.spec import DRIVEN
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""
+_REMEDY: Final = "choose another file with --out"
 
 
 @dataclass(frozen=True)
@@ -38,20 +39,21 @@ class MinimisedFiles:
         name = road.name.removesuffix(".json")
         return cls(road, road.with_name(f"{name}.png"), road.with_name(f"{name}-before-after.png"))
 
-    def make_folder(self) -> None:
-        """Makes their folder.
+    def prepare(self) -> None:
+        """Makes their folder, and makes sure that they can be written.
 
         Raises:
-            FreneticError: it cannot be made.
+            FreneticError: it cannot be made, or a file not be written.
         """
         folder = self.road.parent
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise FreneticError(
-                f"the folder {folder} cannot be made: {error.strerror or error}; choose another"
-                " place with --out"
+                f"the folder {folder} cannot be made: {error.strerror or error}; {_REMEDY}"
             ) from None
+        for file in (self.road, self.picture, self.comparison):
+            check_writable(file, remedy=_REMEDY)
 
 
 def minimised_document(
@@ -141,7 +143,7 @@ def write_minimised(
     """
     from frenetic.report.picture import draw_drive, draw_gallery  # matplotlib imports slowly
 
-    write_file(files.road, json.dumps(document) + "\n", remedy="check its folder's permissions")
+    write_file(files.road, json.dumps(document) + "\n", remedy=_REMEDY)
     before, after = minimised.original, minimised.smallest
     draw_drive(after.road, after.drive, files.picture, title=f"{name}, minimised")
     draw_gallery(
