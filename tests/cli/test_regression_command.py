@@ -7,6 +7,8 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from frenetic.redrive.regression import read_replays
+
 if TYPE_CHECKING:
     from command_line import Frenetic
 
@@ -149,5 +151,9 @@ def test_ctrl_c_exits_130_and_leaves_no_report_that_looks_complete(
 def test_mistakes_are_one_line(frenetic: Frenetic, campaign: str) -> None:
     assert frenetic("replay", "nowhere").refuses("nowhere does not exist")
     assert frenetic("replay", campaign, "--junit", "no/such/a.xml").refuses("no folder")
+    Path("folder").mkdir()
+    answer = frenetic("replay", campaign, "--junit", "folder")
+    assert answer.refuses("--junit", "folder cannot be written: Is a directory")
+    assert read_replays(campaign) == (), "nothing is driven before that"
     assert frenetic("replay", campaign, "--speed-limit", "-3").refuses("speed_limit is -3")
     assert frenetic("replay", campaign, "--driver-option", "courage=1").refuses("courage")

@@ -13,7 +13,9 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
+from frenetic._support.files import check_writable
 from frenetic._support.words import parse_duration, read_setting
+from frenetic.errors import FreneticError
 from frenetic.spec import MAX_WORKERS
 
 DATABASE: Final = "campaign.sqlite"
@@ -60,6 +62,33 @@ class Folder(click.ParamType):  # type: ignore[type-arg]
         if not str(value):
             self.fail("an empty name; write . for the current folder", param, ctx)
         return Path(value)
+
+
+class NewFile(click.Path):
+    """A file to be written, refused before any work if it cannot be; an existing one is replaced.
+
+    Args:
+        is_picture: whether its suffix has to be that of a picture.
+    """
+
+    def __init__(self, *, is_picture: bool = False) -> None:
+        super().__init__(path_type=Path)
+        self.is_picture = is_picture
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Its path."""
+        path = Path(super().convert(value, param, ctx))
+        if ctx is not None and ctx.resilient_parsing:  # a shell completes the line
+            return path
+        try:
+            if self.is_picture:
+                from frenetic.report.style import form_of  # matplotlib imports slowly
+
+                form_of(path)
+            check_writable(path, remedy="choose another file")
+        except FreneticError as error:
+            self.fail(str(error), param, ctx)
+        return path
 
 
 class CampaignFolder(click.Path):

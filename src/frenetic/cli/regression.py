@@ -10,7 +10,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli.console import Log, print_table, two_digits
-from frenetic.cli.options import CampaignFolder, GroupedCommand, file_option
+from frenetic.cli.options import CampaignFolder, GroupedCommand, NewFile, file_option
 from frenetic.cli.redrive import (
     interrupted,
     recorded_spec,
@@ -31,7 +31,7 @@ NAMED: Final = 10
 @click.option(
     "--all", "everything", is_flag=True, help="All roads that were driven, not only the failures."
 )
-@file_option("--junit", "Write the results as JUnit XML, one test case per road.")
+@file_option("--junit", "Write the results as JUnit XML, one test case per road.", type=NewFile())
 @rows_option
 @redriving_options
 def regression(
@@ -54,8 +54,6 @@ def regression(
     from frenetic.redrive.regression import replay as replay_campaign
     from frenetic.redrive.regression import write_junit
 
-    if junit is not None and not junit.absolute().parent.is_dir():
-        raise click.UsageError(f"--junit {junit}: there is no folder {junit.parent}")
     with CampaignStore.open(campaign) as store:
         spec = recorded_spec(store, given)
     driver, simulator = spec.make_parts(isolate=workers == 1, drive_limit=drive_limit)
@@ -71,6 +69,8 @@ def regression(
             drive_limit=drive_limit,
             **{**hooks, "on_progress": lambda now: show(now.tests, now.total)},
         )
+    if junit is not None and not replayed.missing:
+        write_junit(replayed, junit)
     if as_json:
         from frenetic.redrive.regression import replay_document
 
@@ -80,8 +80,6 @@ def regression(
         _print(replayed, everything, is_the_same_drive, with_rows)
     if replayed.missing:
         raise interrupted(log, f"{replayed.missing} roads were not driven")
-    if junit is not None:
-        write_junit(replayed, junit)
     if not replayed.passed:
         raise click.exceptions.Exit(1)
 
