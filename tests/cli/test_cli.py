@@ -535,9 +535,10 @@ def test_drive_draws_a_picture(frenetic: Frenetic, suffix: str) -> None:
 
 @pytest.mark.usefixtures("drawn")
 def test_drive_refuses_a_picture_of_an_unknown_kind(frenetic: Frenetic) -> None:
-    write("road.json", BENT)
-    refused(frenetic("drive", "road.json", "--plot", "picture.doc"), "png")
-    refused(frenetic("drive", "road.json", "--plot", "no/such/folder/p.png"), "no/such/folder")
+    for plot, word in (("picture.doc", "png"), ("no/such/p.png", "there is no folder no/such")):
+        answer = frenetic("drive", "nowhere.json", "--plot", plot)
+        refused(answer, "--plot", word)
+        assert "nowhere" not in answer.err, "the name is checked before anything else"
 
 
 def test_invalid_road_is_not_driven_unless_asked_for(frenetic: Frenetic) -> None:

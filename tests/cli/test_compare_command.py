@@ -166,7 +166,7 @@ def test_json_holds_everything_and_no_infinity(frenetic: Frenetic) -> None:
         (["a=", "runs"], ("'a=' is not NAME=FOLDER",)),
         (["a=runs/f-1,runs/f-1", "runs/r-1"], ("runs", "is there twice")),
         (["Frenetic=runs/r-1", "runs/r-2", "runs/f-1"], ("two groups are called Frenetic",)),
-        (["runs", "--plot", "a.gif"], ("must end with .png",)),
+        (["nowhere", "--plot", "a.gif"], ("must end with .png",)),
         (["runs", "--table", "a.txt"], ("must end with .csv or .md",)),
         (["runs", "--html", "nowhere/a.html"], ("cannot be written",)),
     ],

@@ -14,7 +14,7 @@ import click
 from rich.markup import escape
 
 from frenetic.cli.console import Log, print_table
-from frenetic.cli.options import complete_campaign, file_option, json_option
+from frenetic.cli.options import NewFile, complete_campaign, file_option, json_option
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
@@ -34,9 +34,16 @@ _MOST_MEASURES: Final = 4
 @file_option(
     "--plot",
     "Draw failures over simulations, and all measures, into this PNG, SVG or PDF file.",
+    type=NewFile(is_picture=True),
 )
-@file_option("--html", "Write a page with tables, curves, ranks and all pairs into this file.")
-@file_option("--table", "Write medians and quartiles into this CSV or Markdown (.md) file.")
+@file_option(
+    "--html",
+    "Write a page with tables, curves, ranks and all pairs into this file.",
+    type=NewFile(),
+)
+@file_option(
+    "--table", "Write medians and quartiles into this CSV or Markdown (.md) file.", type=NewFile()
+)
 @click.option("--all", "with_all", is_flag=True, help="Print all measures, and all pairs by each.")
 @json_option
 def compare(

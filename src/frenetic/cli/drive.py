@@ -12,6 +12,7 @@ import click
 from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
 from frenetic.cli.options import (
     GroupedCommand,
+    NewFile,
     check_map_size,
     file_option,
     json_option,
@@ -28,7 +29,9 @@ if TYPE_CHECKING:
 @click.command(cls=GroupedCommand)
 @click.argument("road", type=click.Path(path_type=Path))
 @recorded_options
-@file_option("--plot", "Draw the drive into this PNG, SVG or PDF file.")
+@file_option(
+    "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
+)
 @lane_option
 @click.option("--anyway", is_flag=True, help="Drive the road even if it is invalid.")
 @json_option

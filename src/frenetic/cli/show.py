@@ -24,6 +24,7 @@ from frenetic.cli.console import (
 from frenetic.cli.options import (
     AskedRange,
     CampaignFolder,
+    NewFile,
     Range,
     as_usage_error,
     count_option,
@@ -67,7 +68,11 @@ LISTED_TESTS: Final = 20
     " duration or a feature (largest first). [default: severity]",
 )
 @count_option("--limit", "List N tests at most. [default: 20; with --json all]")
-@file_option("--plot", "Where to draw the test. [default: in the campaign's folder]")
+@file_option(
+    "--plot",
+    "Where to draw the test. [default: in the campaign's folder]",
+    type=NewFile(is_picture=True),
+)
 @json_option
 def show(
     campaign: Path,
