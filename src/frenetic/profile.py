@@ -238,7 +238,7 @@ class Profile(Record, frozen=True, kw_only=True):
             )
         Vehicle.of(self.vehicle)
 
-    def write(self, path: Path) -> None:
+    def write(self, path: Path | str) -> None:
         """Writes the profile; the file is replaced whole.
 
         Raises:

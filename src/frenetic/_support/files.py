@@ -12,7 +12,7 @@ from frenetic.errors import FreneticError
 
 
 def write_file(
-    path: Path,
+    path: Path | str,
     content: str | bytes,
     *,
     remedy: str,
@@ -33,6 +33,7 @@ def write_file(
     Raises:
         FreneticError: the file cannot be written; of the class ``error``.
     """
+    path = Path(path)
     try:
         if parents:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -298,7 +298,7 @@ class Comparison(Shown):
         }
 
 
-def compare(groups: Mapping[str, Sequence[Path]]) -> Comparison:
+def compare(groups: Mapping[str, Sequence[Path | str]]) -> Comparison:
     """Compares groups of campaigns.
 
     Args:
@@ -396,7 +396,7 @@ def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
 
 
 def _drivers_differ(
-    groups: Mapping[str, Sequence[Path]], parts: Mapping[str, Sequence[Mapping[str, Any]]]
+    groups: Mapping[str, Sequence[Path | str]], parts: Mapping[str, Sequence[Mapping[str, Any]]]
 ) -> Iterator[str]:
     """A note if groups have different drivers, about which a comparison of searches says little."""
     (first, (own, *_)), *others = parts.items()

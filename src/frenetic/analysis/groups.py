@@ -32,12 +32,13 @@ PARTS: Final = (
 that were accepted when a campaign was resumed."""
 
 
-def find_campaigns(place: Path) -> list[Path]:
+def find_campaigns(place: Path | str) -> list[Path]:
     """The campaigns in a place: the folder of one campaign, or a folder that holds several.
 
     Raises:
         CampaignError: there is none.
     """
+    place = Path(place)
     if (place / DATABASE).is_file():
         return [place]
     if not place.is_dir():
@@ -53,7 +54,7 @@ def find_campaigns(place: Path) -> list[Path]:
     return found
 
 
-def group_campaigns(folders: Iterable[Path]) -> dict[str, list[Path]]:
+def group_campaigns(folders: Iterable[Path | str]) -> dict[str, list[Path]]:
     """Campaigns grouped that differ only in the seed, under names that tell the groups apart.
 
     A name is made of the groups' differences, most often the strategy.
@@ -67,12 +68,12 @@ def group_campaigns(folders: Iterable[Path]) -> dict[str, list[Path]]:
         parts = parts_of(folder)
         key = json.dumps(parts, sort_keys=True)
         configurations[key] = parts
-        members.setdefault(key, []).append(folder)
+        members.setdefault(key, []).append(Path(folder))
     names = _names(list(configurations.values()))
     return dict(zip(names, members.values(), strict=True))
 
 
-def parts_of(folder: Path) -> dict[str, Any]:
+def parts_of(folder: Path | str) -> dict[str, Any]:
     """The values of `PARTS`, which a campaign shares with its repeats.
 
     Raises:

@@ -507,7 +507,7 @@ MEASURES: Final[Mapping[str, Measure]] = MappingProxyType(
 """Name -> measure, in the order in which they are shown."""
 
 
-def measure_campaign(folder: Path) -> CampaignMeasures:
+def measure_campaign(folder: Path | str) -> CampaignMeasures:
     """Measures a campaign.
 
     Raises:

@@ -78,13 +78,13 @@ def write_table(comparison: Comparison, path: Path | str) -> Path:
     return path
 
 
-def table_form(path: Path) -> Callable[[Comparison], str]:
+def table_form(path: Path | str) -> Callable[[Comparison], str]:
     """The writer of a table, by the suffix of its file.
 
     Raises:
         FreneticError: another suffix.
     """
-    form = FORMS.get(path.suffix.lower())
+    form = FORMS.get(Path(path).suffix.lower())
     if form is None:
         raise FreneticError(f"a table is written to {path}: the name must end with .csv or .md")
     return form

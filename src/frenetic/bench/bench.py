@@ -88,8 +88,10 @@ class Bench:
     repeats: int = 10
     seed: int = 1
     folder: Path = field(default_factory=lambda: new_folder())
+    """Its folder; a text is taken, too."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "folder", Path(self.folder))
         for name, least in (("repeats", 1), ("seed", 0)):
             value = getattr(self, name)
             if isinstance(value, bool) or value != int(value) or value < least:
@@ -106,12 +108,13 @@ class Bench:
                 STRATEGIES.make_from(entrant.spec, entrant.options, available)
 
     @classmethod
-    def open(cls, folder: Path) -> Self:
+    def open(cls, folder: Path | str) -> Self:
         """The bench in a folder.
 
         Raises:
             FreneticError: there is none, it is damaged, or it was begun from Python.
         """
+        folder = Path(folder)
         document, path = read_bench(folder), folder / BENCH
         if document.get("command") == {}:
             raise FreneticError(
@@ -393,13 +396,13 @@ class _Recorded:
     objective: str = MOOBD
 
 
-def read_bench(folder: Path) -> Mapping[str, Any]:
+def read_bench(folder: Path | str) -> Mapping[str, Any]:
     """The description in a bench's folder.
 
     Raises:
         FreneticError: there is none, or it is damaged or of a newer version.
     """
-    path = folder / BENCH
+    path = Path(folder) / BENCH
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -25,7 +25,7 @@ LONGEST_NAME = 60
 
 @dataclass(frozen=True, kw_only=True)
 class Entrant:
-    """A participant of a bench."""
+    """A participant of a bench. Its paths may be texts, too."""
 
     name: str
     """Name in tables and folders."""
@@ -44,6 +44,9 @@ class Entrant:
     """Options of a strategy."""
 
     def __post_init__(self) -> None:
+        for name in ("path", "copy", "python"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, Path(given))
         if not self.name.strip() or len(self.name) > LONGEST_NAME or not self.name.isprintable():
             raise FreneticError(
                 f"the name {self.name!r} cannot be used: 1 to {LONGEST_NAME} printable characters"

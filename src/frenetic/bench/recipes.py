@@ -49,7 +49,7 @@ class Recipe:
     note: str = ""
 
     def entrant(
-        self, folder: Path, *, python: Path | None = None, name: str | None = None
+        self, folder: Path | str, *, python: Path | str | None = None, name: str | None = None
     ) -> Entrant:
         """The entrant of a bench.
 
@@ -61,6 +61,7 @@ class Recipe:
         Raises:
             FreneticError: the folder lacks something.
         """
+        folder = Path(folder)
         place = (folder / self.path).joinpath(*self.spec.partition(":")[0].split("."))
         if not place.with_suffix(".py").is_file():
             raise FreneticError(
@@ -75,7 +76,7 @@ class Recipe:
             spec=str(_ADAPTERS / self.adapter) if self.adapter else self.spec,
             path=folder / self.path,
             copy=None if self.copy is None else folder / self.copy,
-            python=python,
+            python=None if python is None else Path(python),
         )
 
     @property

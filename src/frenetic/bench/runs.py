@@ -164,7 +164,7 @@ def run_entrant(
     terms: Terms,
     *,
     seed: int,
-    folder: Path,
+    folder: Path | str,
     on_progress: OnProgress | None = None,
 ) -> Ending:
     """Runs an entrant until its budget is spent, or until it ends otherwise.
@@ -182,6 +182,7 @@ def run_entrant(
     Raises:
         FreneticError: the simulator does not start, or the folder cannot be written.
     """
+    folder = Path(folder)
     _clear(folder)
     clock = VirtualTime(
         terms.budget, terms.seconds_per_test, counts_computing=terms.counts_computing

@@ -139,7 +139,7 @@ def calibrate(
     name: str = "twin",
     workers: int = 1,
     drive_limit: float | None = None,
-    state: Path | None = None,
+    state: Path | str | None = None,
     on_progress: Callable[[int, int], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
     version: str = "",

@@ -64,8 +64,8 @@ class Journal:
         settings: digest of all that the results depend on. A file of other settings is replaced.
     """
 
-    def __init__(self, path: Path | None, settings: str) -> None:
-        self._path = path
+    def __init__(self, path: Path | str | None, settings: str) -> None:
+        self._path = None if path is None else Path(path)
         self._settings = settings
         self._known: dict[str, FloatArray] = {}
         self._file: Any = None

@@ -107,7 +107,7 @@ class Recordings:
         return list(dict.fromkeys(drive.run for drive in self.drives))
 
 
-def read_recordings(places: Sequence[Path], given: Terms | None = None) -> Recordings:
+def read_recordings(places: Sequence[Path | str], given: Terms | None = None) -> Recordings:
     """Reads recorded drives.
 
     Args:
@@ -122,7 +122,7 @@ def read_recordings(places: Sequence[Path], given: Terms | None = None) -> Recor
     digests: dict[str, str] = {}
     found: dict[Terms, str] = {}
     skipped = 0
-    for place in places:
+    for place in map(Path, places):
         if str(place) in digests:
             raise FreneticError(f"{place} is given twice: once is enough")
         digest = hashlib.sha256()

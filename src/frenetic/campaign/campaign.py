@@ -71,8 +71,9 @@ LOOKAHEAD: Final = 16
 _START_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
-def new_folder(parent: Path = CAMPAIGNS) -> Path:
+def new_folder(parent: Path | str = CAMPAIGNS) -> Path:
     """A new folder in `parent`, named after the date and time."""
+    parent = Path(parent)
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     folder = parent / stamp
     for number in range(2, 1000):

@@ -346,7 +346,7 @@ class CampaignStore(ShownCampaign):
     @classmethod
     def create(
         cls,
-        folder: Path,
+        folder: Path | str,
         config: Mapping[str, JSONValue],
         earlier: Iterable[EarlierTest] = (),
     ) -> Self:

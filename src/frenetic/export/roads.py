@@ -170,13 +170,13 @@ def road_format(name: str) -> RoadFormat:
     return FORMATS[name]
 
 
-def format_of(path: Path) -> RoadFormat:
+def format_of(path: Path | str) -> RoadFormat:
     """The format that a file's name says.
 
     Raises:
         UnknownNameError: its suffix is that of several formats, or of none.
     """
-    named = [item for item in FORMATS.values() if path.name.lower().endswith(item.suffix)]
+    named = [item for item in FORMATS.values() if Path(path).name.lower().endswith(item.suffix)]
     longest = max((item.suffix for item in named), key=len, default="")
     # A name that ends in just .json may be meant for any of the formats that are JSON.
     possible = [item for item in FORMATS.values() if item.suffix.endswith(longest)]
@@ -186,7 +186,7 @@ def format_of(path: Path) -> RoadFormat:
     return possible[0]
 
 
-def write_road(exported: ExportedRoad, name: str, path: Path) -> None:
+def write_road(exported: ExportedRoad, name: str, path: Path | str) -> None:
     """Writes a road to a file in the format with this name, whole or not at all.
 
     Beside an OpenDRIVE file comes an OpenSCENARIO file of the same name, with the suffix ``.xosc``.
@@ -195,7 +195,7 @@ def write_road(exported: ExportedRoad, name: str, path: Path) -> None:
         UnknownNameError: there is no such format.
         FreneticError: a file cannot be written, or has a name that is that of the one beside it.
     """
-    the_format = road_format(name)
+    path, the_format = Path(path), road_format(name)
     beside = {path.with_suffix(suffix): text for suffix, text in the_format.beside.items()}
     if path in beside:
         raise FreneticError(

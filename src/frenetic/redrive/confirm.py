@@ -119,7 +119,7 @@ class Names:
 
 
 def confirm(
-    folder: Path,
+    folder: Path | str,
     simulator: Simulator,
     driver: Driver,
     *,
@@ -173,7 +173,7 @@ def _of_run(run: Run) -> Confirmation:
     )
 
 
-def read_confirmations(folder: Path) -> tuple[Confirmation, ...]:
+def read_confirmations(folder: Path | str) -> tuple[Confirmation, ...]:
     """The stored confirmations of a campaign, oldest first.
 
     Of those with the same simulator, driver and rules, the last counts.

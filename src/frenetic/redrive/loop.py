@@ -149,7 +149,7 @@ def new_run(purpose: Purpose, tester: RoadTester, planned: int, **drawn: Any) ->
 
 
 def drive_again(
-    folder: Path,
+    folder: Path | str,
     purpose: Purpose,
     tester: RoadTester,
     drives: Sequence[tuple[TestRecord, Conditions]],
@@ -222,7 +222,7 @@ def drive_again(
 class _Differences:
     """Differences of drives from the recorded failures of their roads."""
 
-    def __init__(self, folder: Path, tester: RoadTester) -> None:
+    def __init__(self, folder: Path | str, tester: RoadTester) -> None:
         self._folder = folder
         self._tester = tester
         self._recorded: dict[int, Failure | None] = {}

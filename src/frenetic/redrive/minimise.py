@@ -230,7 +230,7 @@ def minimise(
 
 
 def minimise_test(
-    folder: Path,
+    folder: Path | str,
     record: TestRecord,
     tester: RoadTester,
     *,

@@ -172,7 +172,7 @@ def replay_document(replay: Replay) -> dict[str, JSONValue]:
 # JUnit
 
 
-def write_junit(replay: Replay, path: Path) -> None:
+def write_junit(replay: Replay, path: Path | str) -> None:
     """Writes a replay as a JUnit XML file, one test case per road.
 
     A road on which the driver fails is a failure, one that could not be judged an error. The

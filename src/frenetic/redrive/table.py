@@ -242,9 +242,14 @@ class RunWriter:
     """
 
     def __init__(
-        self, folder: Path, purpose: Purpose, describe: Callable[[], Run], *, optional: bool = False
+        self,
+        folder: Path | str,
+        purpose: Purpose,
+        describe: Callable[[], Run],
+        *,
+        optional: bool = False,
     ) -> None:
-        self._path = find_database(folder)
+        self._path = find_database(Path(folder))
         self._describe = describe
         self._optional = optional
         self._connection: sqlite3.Connection | None = None

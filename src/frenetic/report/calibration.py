@@ -46,7 +46,7 @@ _LINES: Final = 200
 _ROLE_OF: Final[dict[str, Role | None]] = {"good": "pass", "poor": "fail"}
 
 
-def write_calibration(calibration: Calibration, profile: Path) -> Path:
+def write_calibration(calibration: Calibration, profile: Path | str) -> Path:
     """Writes the page of a calibration beside its profile, and its picture.
 
     Args:
@@ -59,6 +59,7 @@ def write_calibration(calibration: Calibration, profile: Path) -> Path:
     Raises:
         FreneticError: a file cannot be written.
     """
+    profile = Path(profile)
     draw_calibration(calibration, profile.with_suffix(".png"))
     page = profile.with_suffix(".html")
     return write_page(calibration_report(calibration), page)
@@ -403,7 +404,7 @@ def _settings(calibration: Calibration) -> Iterator[Block]:
 # The picture
 
 
-def draw_calibration(calibration: Calibration, path: Path) -> None:
+def draw_calibration(calibration: Calibration, path: Path | str) -> None:
     """Draws a calibration: the replay of the record, one drive, and the loss over each parameter.
 
     Args:

@@ -36,7 +36,7 @@ _STEPS: Final = (1, 2, 5, 10)  # between ticks
 _LONGEST: Final = 48  # letters of a group's name
 
 
-def draw_comparison(comparison: Comparison, path: Path) -> None:
+def draw_comparison(comparison: Comparison, path: Path | str) -> None:
     """Write a picture of a comparison to ``path``: PNG, SVG or PDF by its suffix.
 
     On top the failures found over the simulations: each group's median, and the band between its

@@ -90,7 +90,7 @@ _PROFILES: Final[Mapping[str, str]] = {
 def draw_drive(
     road: Road,
     drive: Drive,
-    path: Path,
+    path: Path | str,
     *,
     title: str | None = None,
     map_size: float | None = None,
@@ -129,7 +129,7 @@ def draw_drive(
 
 def draw_road(
     road: Road,
-    path: Path,
+    path: Path | str,
     *,
     title: str | None = None,
     reason: str | None = None,
@@ -157,7 +157,7 @@ def draw_road(
 
 
 def draw_gallery(
-    items: Sequence[tuple[str, Road, Drive]], path: Path, *, title: str | None = None
+    items: Sequence[tuple[str, Road, Drive]], path: Path | str, *, title: str | None = None
 ) -> None:
     """Write a contact sheet to ``path``: many drives from above, each at its own scale.
 

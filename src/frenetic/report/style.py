@@ -72,7 +72,7 @@ STYLE: Final[dict[str, Any]] = {
 """Settings of Matplotlib while a picture is drawn."""
 
 
-def form_of(path: Path) -> str:
+def form_of(path: Path | str) -> str:
     """The form of a picture by its suffix: png, svg or pdf.
 
     Raises:
@@ -85,7 +85,7 @@ def form_of(path: Path) -> str:
     return suffix[1:]
 
 
-def write_figure(figure: Figure, path: Path, form: str) -> None:
+def write_figure(figure: Figure, path: Path | str, form: str) -> None:
     """Draws a picture and writes it whole or not at all.
 
     Raises:

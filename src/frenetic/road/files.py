@@ -226,7 +226,7 @@ class FoundRoads:
     """OpenDRIVE files within folders of which only other lanes can be driven, each in one line."""
 
 
-def find_roads(places: Sequence[Path], *, lane: int | None = None) -> FoundRoads:
+def find_roads(places: Sequence[Path | str], *, lane: int | None = None) -> FoundRoads:
     """The roads in files, see `read_road`, and in folders.
 
     In a folder every file that ends in .json or .xodr is read, and in the folders below it. One
@@ -244,7 +244,7 @@ def find_roads(places: Sequence[Path], *, lane: int | None = None) -> FoundRoads
     faults: list[str] = []
     skipped: list[Path] = []
     other_lanes: list[str] = []
-    for place in places:
+    for place in map(Path, places):
         is_folder = place.is_dir()
         for path in _files_in(place) if is_folder else [place]:
             try:

@@ -1,0 +1,112 @@
+"""Paths of users: every public function takes them as `Path` and as texts."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import is_dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from frenetic import Campaign, EmbeddedSimulator, Planner, RandomSearch, Road
+from frenetic.analysis import find_campaigns, group_campaigns, measure_campaign
+from frenetic.bench import RECIPES, Bench, Entrant, Terms, read_bench
+from frenetic.calibration import read_recordings
+from frenetic.campaign import new_folder
+from frenetic.errors import FreneticError
+from frenetic.export import ExportedRoad, format_of, write_road
+from frenetic.profile import Profile
+from frenetic.profile import Terms as Limits
+from frenetic.redrive.confirm import confirm
+from frenetic.redrive.regression import Replay, write_junit
+from frenetic.report import draw_road
+from frenetic.road.files import find_roads
+from frenetic.testing import DummyDriver, DummySimulator
+
+API = Path(__file__).parents[1] / "docs" / "api"
+LIMITS = Limits(speed_limit=70.0, oob_tolerance=0.95)
+ROAD = Road([0.0, 0.01, 0.02, 0.0])
+
+
+def public_functions() -> Iterator[tuple[str, Any]]:
+    """Functions and methods of the modules in the reference; a dataclass has fields instead."""
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in sorted(API.glob("*.md")))
+    for name in re.findall(r"^::: ([\w.]+)", pages, re.MULTILINE):
+        try:
+            module = importlib.import_module(name)
+        except ModuleNotFoundError:  # a function of its own, or an extra
+            continue
+        own = [
+            n
+            for n, value in vars(module).items()
+            if n[0] != "_" and getattr(value, "__module__", "") == name
+        ]
+        for public in getattr(module, "__all__", own):
+            part = getattr(module, public)
+            if not inspect.isclass(part):
+                yield f"{name}.{public}", part
+                continue
+            for method, function in inspect.getmembers(part, callable):
+                is_made = method == "__init__" and not is_dataclass(part)
+                if is_made or method[0] != "_":
+                    yield f"{name}.{public}.{method}", function
+
+
+def test_signatures_say_so() -> None:
+    paths = [
+        (f"{name}({argument})", kind)
+        for name, function in public_functions()
+        for argument, kind in getattr(function, "__annotations__", {}).items()
+        if argument != "return" and "Path" in str(kind)
+    ]
+    assert len(paths) > 20
+    made_by_open = "frenetic.campaign.CampaignStore.__init__(folder)"
+    lacking = [name for name, kind in paths if "Path | str" not in kind and name != made_by_open]
+    assert not lacking
+
+
+def test_campaigns(tmp_path: Path) -> None:
+    folder = str(tmp_path / "one")
+    parts = {"simulator": DummySimulator(), "driver": DummyDriver()}
+    Campaign(strategy=RandomSearch(seed=1), folder=folder, **parts).run(2)  # type: ignore[arg-type]
+    assert find_campaigns(str(tmp_path)) == find_campaigns(folder) == [tmp_path / "one"]
+    assert list(group_campaigns([folder]).values()) == [[tmp_path / "one"]]
+    assert measure_campaign(folder).folder == tmp_path / "one"
+    assert new_folder(str(tmp_path)).parent == tmp_path
+    assert confirm(folder, **parts, test_ids=[]).tests == ()  # type: ignore[arg-type]
+    assert len(read_recordings([folder]).drives) == 2
+
+
+def test_a_bench(tmp_path: Path) -> None:
+    (tmp_path / "module.py").touch()
+    here, python = str(tmp_path), sys.executable
+    entrant = Entrant(name="one", spec="module:Class", path=here, copy=here, python=python)  # type: ignore[arg-type]
+    same = Entrant(
+        name="one", spec="module:Class", path=tmp_path, copy=tmp_path, python=Path(python)
+    )
+    assert entrant == same
+    terms = Terms(simulator=EmbeddedSimulator(), driver=Planner(), budget=60.0)
+    bench = Bench(entrants=(entrant,), terms=terms, folder=here)  # type: ignore[arg-type]
+    assert bench == Bench(entrants=(same,), terms=terms, folder=tmp_path)
+    for read in (Bench.open, read_bench):
+        with pytest.raises(FreneticError, match="holds no bench"):
+            read(here)
+    with pytest.raises(FreneticError, match="--path must be a folder"):
+        RECIPES["swat-2021"].entrant(here, python=python)
+
+
+def test_files(tmp_path: Path) -> None:
+    road = str(tmp_path / "road.xodr")
+    write_road(ExportedRoad(ROAD, "road"), format_of(road).name, road)
+    assert [named.name for named in find_roads([road]).roads] == [road]
+    draw_road(ROAD, str(tmp_path / "road.png"))
+    write_junit(Replay("one", {"class": "m:D"}, {"class": "m:S"}, (), 0), str(tmp_path / "a.xml"))
+    Profile(name="twin", driver="stanley", terms=LIMITS).write(str(tmp_path / "twin.json"))
+    assert Profile.read(str(tmp_path / "twin.json")).name == "twin"
+    names = {file.name for file in tmp_path.iterdir()}
+    assert names == {"road.xodr", "road.xosc", "road.png", "a.xml", "twin.json"}
