@@ -48,6 +48,21 @@ def test_where_no_drive_can_be_judged_there_is_no_picture_and_the_exit_code_is_1
     assert not (Path(campaign) / "confirmed").exists()
 
 
+def test_ctrl_c_while_it_draws_loses_no_result(
+    frenetic: Frenetic, campaign: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("frenetic.report.confirmation.write_confirmation", interrupted)
+    options = ("confirm", campaign, "--simulator-option", "friction=0.8", "--top", "1")
+    answer = frenetic(*options)
+    assert answer.code == 130
+    assert "1 failure: " in answer.out
+    assert "Kept in c/campaign.sqlite" in answer.out
+    assert len(frenetic(*options, "--json").json["tests"]) == 1
+
+
 def test_chosen_tests_as_json(frenetic: Frenetic, campaign: str) -> None:
     everything = frenetic("confirm", campaign, "--simulator", "embedded", "--json").json
     ids = [str(test["test"]) for test in everything["tests"]]

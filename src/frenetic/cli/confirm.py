@@ -81,7 +81,6 @@ def confirm(
             drive_limit=drive_limit,
             **hooks,
         )
-    gallery = _draw(log, campaign, confirmation)
     if as_json:
         click.echo(json.dumps(confirmation_document(confirmation)))
     else:
@@ -90,8 +89,9 @@ def confirm(
             click.echo(
                 f"Kept in {campaign / DATABASE}; to see it: frenetic report {shell(campaign)}"
             )
-        if gallery is not None:
-            click.echo(f"At a glance: {gallery}")
+    gallery = _draw(log, campaign, confirmation)
+    if gallery is not None and not as_json:
+        click.echo(f"At a glance: {gallery}")
     if confirmation.missing:
         raise interrupted(log, f"{confirmation.missing} roads were not driven")
     if not any(test.other.outcome.is_driven for test in confirmation.tests):
