@@ -30,6 +30,11 @@ class Wiggly:
             xs = range(20, self.map_size - 10, 25)
             points = [(x, self.map_size / 2 + random.uniform(-8, 8)) for x in xs]
             self.executor.execute_test(RoadTestFactory.create_road_test(points))
+
+
+class Broken(Wiggly):
+    def start(self):
+        raise RuntimeError("no idea")
 """
 SMALL = ("--simulations", "12", "--repeats", "2", "--out", "b")
 LEAST = ("--simulations", "3", "--repeats", "1", "--out", "b")
@@ -76,6 +81,14 @@ def test_one_alone_is_measured(frenetic: Frenetic, wiggly: str) -> None:
     assert "simulations to first failure" in ran.out
     assert "[/x] mine" in Path("b/index.html").read_text(encoding="utf-8")
     assert "[/x] mine" in frenetic("bench", "--list", "--out", "b").out
+
+
+def test_where_no_run_has_a_judged_drive_the_exit_code_is_1(
+    frenetic: Frenetic, wiggly: str
+) -> None:
+    answer = frenetic("bench", "--generator", "wiggly.py:Broken", *LEAST, "--json")
+    assert (answer.code, answer.json["runs"][0]["ending"]["end"]) == (1, "crashed")
+    assert "no idea" in answer.err
 
 
 def test_a_module_is_found_in_the_current_folder(frenetic: Frenetic, wiggly: str) -> None:

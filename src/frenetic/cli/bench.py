@@ -432,6 +432,9 @@ def _show_results(the_bench: Bench, ends: Sequence[RunState], log: Log, as_json:
             click.echo(f"Page:    {page}")
         click.echo(f"Results: {the_bench.folder}")
     _end(the_bench, ends, states)
+    runs = () if comparison is None else comparison.groups.values()
+    if not any(run.simulations > run.errors for group in runs for run in group):
+        raise click.exceptions.Exit(1)
 
 
 def _end(the_bench: Bench, ends: Sequence[RunState], states: Sequence[RunState]) -> None:
