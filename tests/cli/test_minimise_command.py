@@ -9,11 +9,13 @@ import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from frenetic.analysis.failures import representative_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.cli.minimise import _minimise
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
 from frenetic.search import RandomSearch
@@ -21,6 +23,8 @@ from frenetic.testing import DummyDriver, DummySimulator
 
 if TYPE_CHECKING:
     from command_line import Answer, Frenetic
+
+    from frenetic.redrive.minimise import Minimised
 
 pytest_plugins = ["command_line"]
 
@@ -245,6 +249,22 @@ def test_ctrl_c_keeps_the_smallest_road(frenetic: Frenetic) -> None:
     assert item["drives"] == 12
     assert item["length"] < 130.0
     assert frenetic("drive", item["road"], "--json").json["outcome"] == "FAIL"
+
+
+def test_ctrl_c_says_which_failures_are_not_begun(
+    frenetic: Frenetic, campaign: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def pressing(*arguments: Any) -> Minimised:
+        os.kill(os.getpid(), signal.SIGINT)
+        return _minimise(*arguments)
+
+    monkeypatch.setattr("frenetic.cli.minimise._minimise", pressing)
+    with CampaignStore.open(Path("c")) as store:
+        *_, last = representative_failures(store, 2)
+    answer = frenetic("minimise", "c", "--top", "2")
+    assert answer.code == 130
+    assert f"Interrupted: 1 failure not begun: {last.candidate.id}" in answer.err
+    assert "1 failure comes down to 1 different road\n" in answer.out
 
 
 # Mistakes

@@ -32,7 +32,7 @@ from frenetic.cli.options import (
     json_option,
 )
 from frenetic.cli.parts import given_options, recorded_options
-from frenetic.cli.redrive import file_spec, recorded_spec
+from frenetic.cli.redrive import file_spec, interrupted, recorded_spec
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_record
 
@@ -150,6 +150,7 @@ def minimise(
         work.files.prepare()
 
     done: list[Done] = []
+    left = works
     failed = False
     log = Log()
 
@@ -162,7 +163,7 @@ def minimise(
         tester.simulator,
     ):
         compiled()
-        for work in works:
+        for number, work in enumerate(works, start=1):
             try:
                 minimised = _minimise(
                     work, tester, max_drives, guard, log, lambda: interrupt.requested
@@ -188,6 +189,7 @@ def minimise(
                 words = shlex.join(spec.drive_words(brief=True))
                 repeat = f"frenetic drive {shell(work.files.road)} {words}".rstrip()
                 done.append(Done(work, minimised, repeat, there))
+            left = works[number:]
             if interrupt.requested:
                 break
     if as_json:
@@ -197,6 +199,9 @@ def minimise(
     elif done:
         _print_many(done)
     if interrupt.requested:
+        if left:
+            which = ", ".join(str(work.test_id) for work in left)
+            raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
         raise click.exceptions.Exit(130)
     if failed:
         raise click.exceptions.Exit(2)
@@ -389,7 +394,8 @@ def _print_many(done: list[Done]) -> None:
     numbers = (">test", ">length (m)", ">curves", ">drives", "reason", ">difference (m)")
     print_table((*numbers, "recorded", "minimal"), rows)
     different = len({(item.minimised.reason, item.minimised.smallest.shape) for item in done})
-    click.echo(f"{len(done)} failures come down to {different} different roads")
+    come = f"{counted(len(done), 'failure')} {'comes' if len(done) == 1 else 'come'}"
+    click.echo(f"{come} down to {counted(different, 'different road')}")
     if stay := [item.work.name for item in done if item.there is not None]:
         click.echo(f"Shorter roads that an earlier call found stay: {', '.join(stay)}")
     click.echo(f"Roads:       {done[0].work.files.road.parent}")
