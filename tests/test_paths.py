@@ -1,4 +1,4 @@
-"""Paths of users: every public function takes them as `Path` and as texts."""
+"""Paths of users: as `Path` or as texts, one or a list, as a function needs."""
 
 from __future__ import annotations
 
@@ -6,15 +6,23 @@ import importlib
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from frenetic import Campaign, EmbeddedSimulator, Planner, RandomSearch, Road
-from frenetic.analysis import find_campaigns, group_campaigns, measure_campaign
+from frenetic import (
+    Campaign,
+    CampaignStore,
+    EmbeddedSimulator,
+    Frenetic,
+    Planner,
+    RandomSearch,
+    Road,
+)
+from frenetic.analysis import compare, find_campaigns, group_campaigns, measure_campaign
 from frenetic.bench import RECIPES, Bench, Entrant, Terms, read_bench
 from frenetic.calibration import read_recordings
 from frenetic.campaign import new_folder
@@ -110,3 +118,41 @@ def test_files(tmp_path: Path) -> None:
     assert Profile.read(str(tmp_path / "twin.json")).name == "twin"
     names = {file.name for file in tmp_path.iterdir()}
     assert names == {"road.xodr", "road.xosc", "road.png", "a.xml", "twin.json"}
+
+
+def campaign_from(earlier: Any) -> Campaign:
+    return Campaign(
+        strategy=Frenetic(seed=1),
+        simulator=DummySimulator(),
+        driver=DummyDriver(),
+        start_from=earlier,
+    )
+
+
+@pytest.mark.parametrize("single", ["v1", Path("v1"), 3, None])
+@pytest.mark.parametrize(
+    ("name", "take"),
+    [
+        ("start_from", campaign_from),
+        ("group a", lambda folders: compare({"b": ["v2"], "a": folders})),
+        ("folders", group_campaigns),
+        ("places", find_roads),
+        ("places", read_recordings),
+    ],
+)
+def test_a_single_path_is_no_list(name: str, take: Callable[[Any], object], single: object) -> None:
+    shown = {None: "None", 3: "3"}.get(single, "'v1'")  # type: ignore[call-overload]
+    example = "" if single is None else rf", such as \[{shown}\]"
+    of = "(folders|files and folders)"
+    with pytest.raises(
+        FreneticError, match=f"^{name} is {shown}: a list of {of} is needed{example}$"
+    ):
+        take(single)
+
+
+def test_a_generator_is_a_list(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        CampaignStore.create(tmp_path / name, {"seed": 1}).close()
+    groups = {"a": tmp_path.glob("one"), "b": (str(found) for found in tmp_path.glob("two"))}
+    assert compare(groups).groups.keys() == {"a", "b"}
+    assert [one.folder for one in campaign_from(iter(["v1", "v2"])).start_from] == ["v1", "v2"]

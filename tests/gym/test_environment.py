@@ -248,7 +248,7 @@ def test_failing_roads_of_a_campaign(tmp_path: Path) -> None:
     ("options", "message"),
     [
         ({"roads": []}, "at least one road"),
-        ({"roads": "mine.json"}, "a list is needed"),
+        ({"roads": "mine.json"}, "a list of roads is needed"),
         ({"roads": ["nowhere.json"]}, "there is no file nowhere.json"),
         ({"friction": -1.0}, "friction"),
         ({"map_size": -1.0}, "map_size"),

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
 from frenetic.errors import FreneticError
+
+T = TypeVar("T")
 
 
 def write_file(
@@ -67,6 +70,24 @@ def check_writable(path: Path, *, remedy: str) -> None:
         reason = error.strerror or str(error)
     if reason:
         raise FreneticError(f"{path} cannot be written: {reason}; {remedy}")
+
+
+def require_list(name: str, given: Iterable[T], of: str = "folders") -> tuple[T, ...]:
+    """The items of a list or another iterable, which is gone through once.
+
+    Args:
+        name: of the argument, for the message.
+        given: the list; a text would be read letter by letter.
+        of: what it holds, for the message.
+
+    Raises:
+        FreneticError: it is a single item.
+    """
+    if isinstance(given, (str, bytes, os.PathLike)) or not isinstance(given, Iterable):
+        single = repr(str(given) if isinstance(given, os.PathLike) else given)
+        example = "" if given is None else f", such as [{single}]"
+        raise FreneticError(f"{name} is {single}: a list of {of} is needed{example}")
+    return tuple(given)
 
 
 @contextmanager

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from frenetic._support.files import require_list
 from frenetic._support.pictures import Shown, draw
 from frenetic._support.words import counted
 from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
@@ -298,7 +299,7 @@ class Comparison(Shown):
         }
 
 
-def compare(groups: Mapping[str, Sequence[Path | str]]) -> Comparison:
+def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
     """Compares groups of campaigns.
 
     Args:
@@ -306,15 +307,17 @@ def compare(groups: Mapping[str, Sequence[Path | str]]) -> Comparison:
 
     Raises:
         CampaignError: a campaign is not there or damaged.
-        FreneticError: fewer than two groups, an empty one, or a campaign that is there twice.
+        FreneticError: fewer than two groups, an empty one, one that is a single folder
+            rather than a list, or a campaign that is there twice.
     """
     if len(groups) < 2:
         raise FreneticError(
             f"{len(groups)} group of campaigns: at least two are needed to compare; campaigns that"
             " differ in nothing but the seed are one group"
         )
+    listed = {name: require_list(f"group {name}", given) for name, given in groups.items()}
     places: dict[Path, str] = {}
-    for name, folders in groups.items():
+    for name, folders in listed.items():
         if not folders:
             raise FreneticError(f"group {name} has no campaigns: at least one is needed")
         for folder in folders:
@@ -324,12 +327,12 @@ def compare(groups: Mapping[str, Sequence[Path | str]]) -> Comparison:
             places[place] = name
     measured = {
         name: tuple(measure_campaign(folder) for folder in folders)
-        for name, folders in groups.items()
+        for name, folders in listed.items()
     }
-    parts = {name: [parts_of(folder) for folder in folders] for name, folders in groups.items()}
+    parts = {name: [parts_of(folder) for folder in folders] for name, folders in listed.items()}
     return compare_measured(
         measured,
-        notes=[*_drivers_differ(groups, parts), *_notes(parts, measured)],
+        notes=[*_drivers_differ(listed, parts), *_notes(parts, measured)],
         shared=shared_parts([one for found in parts.values() for one in found]),
     )
 

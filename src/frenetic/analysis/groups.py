@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.files import require_list
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
@@ -61,10 +62,11 @@ def group_campaigns(folders: Iterable[Path | str]) -> dict[str, list[Path]]:
 
     Raises:
         CampaignError: a campaign is not there or damaged.
+        FreneticError: a single folder is given rather than a list.
     """
     configurations: dict[str, dict[str, Any]] = {}
     members: dict[str, list[Path]] = {}
-    for folder in folders:
+    for folder in require_list("folders", folders):
         parts = parts_of(folder)
         key = json.dumps(parts, sort_keys=True)
         configurations[key] = parts

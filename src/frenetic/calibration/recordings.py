@@ -22,6 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.files import require_list
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.record import POSE
 from frenetic.campaign.store import DATABASE, CampaignStore
@@ -107,7 +108,7 @@ class Recordings:
         return list(dict.fromkeys(drive.run for drive in self.drives))
 
 
-def read_recordings(places: Sequence[Path | str], given: Terms | None = None) -> Recordings:
+def read_recordings(places: Iterable[Path | str], given: Terms | None = None) -> Recordings:
     """Reads recorded drives.
 
     Args:
@@ -122,7 +123,7 @@ def read_recordings(places: Sequence[Path | str], given: Terms | None = None) ->
     digests: dict[str, str] = {}
     found: dict[Terms, str] = {}
     skipped = 0
-    for place in map(Path, places):
+    for place in map(Path, require_list("places", places, "files and folders")):
         if str(place) in digests:
             raise FreneticError(f"{place} is given twice: once is enough")
         digest = hashlib.sha256()

@@ -8,13 +8,14 @@ import os
 import platform
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.pictures import ShownCampaign, data_frame
 from frenetic._support.words import counted, present_moment
@@ -130,7 +131,7 @@ class Campaign(ShownCampaign):
 
     Raises:
         ValueError: an option is out of range.
-        FreneticError: the objective cannot be loaded.
+        FreneticError: the objective cannot be loaded, or `start_from` is a single folder.
     """
 
     def __init__(
@@ -150,7 +151,7 @@ class Campaign(ShownCampaign):
         lookahead: int = LOOKAHEAD,
         drive_limit: float | None = None,
         objective: str = MOOBD,
-        start_from: Sequence[Path | str] = (),
+        start_from: Iterable[Path | str] = (),
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
         require_count("workers", workers)
@@ -174,6 +175,7 @@ class Campaign(ShownCampaign):
             )
         if isinstance(strategy, ObservingStrategy) and (workers > 1 or cluster is not None):
             raise ValueError("the strategy observes drives: it needs one worker, in this process")
+        start_from = require_list("start_from", start_from)
         if start_from and not isinstance(strategy, WarmStartingStrategy):
             raise ValueError(
                 f"the strategy {type(strategy).__name__} starts from no earlier campaign: leave out"

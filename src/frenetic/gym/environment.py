@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from frenetic._support.files import require_list
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
@@ -300,10 +301,8 @@ def given_roads(given: Sequence[Road | Path | str]) -> list[Road]:
     Raises:
         FreneticError: a file or folder holds no road, or the list is empty.
     """
-    if isinstance(given, (str, Path, Road)):
-        raise FreneticError(f"roads is {given!r}: a list is needed, such as [{given!r}]")
     roads: list[Road] = []
-    for one in given:
+    for one in require_list("roads", given, "roads"):
         if isinstance(one, Road):
             roads.append(one)
         elif (Path(one) / DATABASE).exists():

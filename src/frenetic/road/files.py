@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.files import require_list
 from frenetic.errors import LaneError, RoadError
 from frenetic.road.opendrive import from_opendrive
 from frenetic.road.road import MAX_SAMPLES, START, Pose, Road, checked_lane_width
@@ -226,7 +227,7 @@ class FoundRoads:
     """OpenDRIVE files within folders of which only other lanes can be driven, each in one line."""
 
 
-def find_roads(places: Sequence[Path | str], *, lane: int | None = None) -> FoundRoads:
+def find_roads(places: Iterable[Path | str], *, lane: int | None = None) -> FoundRoads:
     """The roads in files, see `read_road`, and in folders.
 
     In a folder every file that ends in .json or .xodr is read, and in the folders below it. One
@@ -244,6 +245,7 @@ def find_roads(places: Sequence[Path | str], *, lane: int | None = None) -> Foun
     faults: list[str] = []
     skipped: list[Path] = []
     other_lanes: list[str] = []
+    places = require_list("places", places, "files and folders")
     for place in map(Path, places):
         is_folder = place.is_dir()
         for path in _files_in(place) if is_folder else [place]:
