@@ -655,7 +655,7 @@ def _options_and_arguments(part: object, *, without: str) -> dict[str, Any]:
         if options is None and is_dataclass(part):
             options = {item.name: getattr(part, item.name, None) for item in fields(part)}
         found = {str(name): value for name, value in (options or {}).items()}
-        if not _is_built_in(part):
+        if not is_built_in(part):
             found |= {k: v for k, v in arguments_of(part).items() if k not in found}
     except Exception as error:  # a foreign class may raise anything
         logger.warning("what %s was made with is unknown: %s", type(part), describe_error(error))
@@ -671,7 +671,8 @@ def _class_name(kind: type) -> str:
     return f"{module}:{kind.__qualname__}"
 
 
-def _is_built_in(part: object) -> bool:
+def is_built_in(part: object) -> bool:
+    """Whether a part's class is one of ours."""
     return type(part).__module__.partition(".")[0] == "frenetic"
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -16,7 +16,7 @@ from frenetic.campaign.tester import Placement
 from frenetic.campaign.workers.workers import InProcessWorker
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Frenetic
+from frenetic.search import Candidate, Evaluation, Frenetic, RandomSearch, Strategy
 from frenetic.testing import DummyDriver, DummySimulator
 
 ROADS = STRAIGHT, LOOP, BENT
@@ -50,6 +50,42 @@ def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, ordered: bool) 
     assert check_campaign(tmp_path / "parts").findings == ()
     # And so it is resumed, too.
     assert search("parts").resume().simulations == 20
+
+
+class Mine:
+    """A strategy of one's own, around a built-in one."""
+
+    def __init__(self) -> None:
+        self.inner = RandomSearch(seed=1)
+
+    def ask(self) -> Candidate:
+        return self.inner.ask()
+
+    def tell(self, evaluation: Evaluation) -> None:
+        self.inner.tell(evaluation)
+
+
+@pytest.mark.parametrize("kind", [Mine, lambda: Frenetic(seed=1)])
+def test_a_strategy_searches_for_one_campaign(tmp_path: Path, kind: Callable[[], Strategy]) -> None:
+    first = campaign(tmp_path / "first", strategy=kind())
+    first.run(2)
+    second = campaign(tmp_path / "second", strategy=first.strategy)
+    with pytest.raises(CampaignError, match="was asked before: make a new one") as refused:
+        second.run(2)
+    assert "\n" not in str(refused.value)
+    assert not (tmp_path / "second").exists()
+    with pytest.raises(CampaignError, match="was asked before"):
+        first.resume()
+    assert first.run(1).simulations == 3
+    fresh = campaign(tmp_path / "first", Budget(simulations=4), strategy=kind())
+    assert fresh.resume().simulations == 4
+
+
+def test_a_built_in_strategy_knows_that_it_was_asked(tmp_path: Path) -> None:
+    strategy = RandomSearch(seed=1)
+    strategy.ask()
+    with pytest.raises(CampaignError, match="RandomSearch was asked before"):
+        campaign(tmp_path / "c", strategy=strategy).run(1)
 
 
 @pytest.mark.parametrize("ordered", [False, True])

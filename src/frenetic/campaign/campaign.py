@@ -29,7 +29,7 @@ from frenetic.campaign.changes import (
 )
 from frenetic.campaign.earlier import stored_earlier, take_earlier
 from frenetic.campaign.log import CampaignLog, Event
-from frenetic.campaign.loop import Dispatcher, ObservingStrategy, replay, start
+from frenetic.campaign.loop import Dispatcher, ObservingStrategy, replay, require_fresh, start
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import TestRecord
@@ -100,7 +100,7 @@ class Campaign(ShownCampaign):
     """One search with its budget.
 
     Args:
-        strategy: proposes roads.
+        strategy: proposes roads; a new one for each campaign.
         simulator: drives them.
         driver: the system under test.
         budget: the first of its limits that is spent ends the campaign; without one, `run` is told
@@ -332,12 +332,15 @@ class Campaign(ShownCampaign):
             ValueError: there is neither a budget nor a number of simulations, or the number is not
                 a whole one of at least 1.
             CampaignError: the folder cannot be used or written, it holds another campaign already,
-                an earlier campaign cannot be read or has no road that fits, no worker can be
-                started, or only broken drives or refused roads come. Stored results stay.
+                the strategy was asked before, an earlier campaign cannot be read or has no road
+                that fits, no worker can be started, or only broken drives or refused roads come.
+                Stored results stay.
         """
         if callable(simulations):
             simulations, on_progress = None, simulations
         limit = self._allow(simulations)
+        if not self.started:
+            require_fresh(self.strategy)
         prepare(self.tester.simulator)
         if self.cluster is not None:
             # An optional extra.

@@ -6,9 +6,10 @@ import re
 import time
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Final, Protocol, runtime_checkable
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from frenetic.fingerprint import changed_packages
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import (
+    Ledger,
     RevisableStrategy,
     SearchEnded,
     SelectiveStrategy,
@@ -33,7 +35,7 @@ from frenetic.search.strategy import (
     WarmStartingStrategy,
     notice_of,
 )
-from frenetic.spec import Budget
+from frenetic.spec import Budget, is_built_in
 
 MAX_ATTEMPTS: Final = 2
 """Most attempts at a candidate whose worker or simulator breaks."""
@@ -393,6 +395,36 @@ def _traced(traceback: str) -> dict[str, JSONValue]:
     return {"traceback": traceback} if traceback else {}
 
 
+_used: Final[WeakValueDictionary[int, Strategy]] = WeakValueDictionary()
+"""id() -> a strategy that a campaign of this process has asked or told anything."""
+
+
+def _mark_used(strategy: Strategy) -> None:
+    with suppress(TypeError):  # its class has __slots__ without a place for weak references
+        _used[id(strategy)] = strategy
+
+
+def require_fresh(strategy: Strategy) -> None:
+    """Checks that a strategy has not searched yet, as far as that can be known.
+
+    It is known of built-in ones, and of those that a campaign of this process has asked. What such
+    a strategy proposes follows from more than its arguments, so the campaign could be neither
+    repeated nor resumed.
+
+    Raises:
+        CampaignError: it was asked before.
+    """
+    is_used = _used.get(id(strategy)) is strategy
+    if is_built_in(strategy):
+        ledgers = [one for one in vars(strategy).values() if isinstance(one, Ledger)]
+        is_used = is_used or any(ledger.issued for ledger in ledgers)
+    if is_used:
+        raise CampaignError(
+            f"the strategy {type(strategy).__name__} was asked before: make a new one for each"
+            " campaign and each resume(); a Campaign that has run goes on with run()"
+        )
+
+
 def start(strategy: Strategy, earlier: Sequence[EarlierTest], tally: Tally) -> None:
     """Tells the strategy what earlier campaigns drove, if anything; its time is counted.
 
@@ -406,6 +438,7 @@ def start(strategy: Strategy, earlier: Sequence[EarlierTest], tally: Tally) -> N
             f"the campaign started from earlier ones, but the strategy {type(strategy).__name__}"
             " has no start_from"
         )
+    _mark_used(strategy)
     with _own_time(tally, CampaignError):
         strategy.start_from([test.evaluation for test in earlier])
 
@@ -417,6 +450,7 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
         SearchEnded: it has none left.
         CampaignError: the strategy raised, or its proposal is no candidate or not finite.
     """
+    _mark_used(strategy)
     with _own_time(tally, SearchEnded):
         candidate = strategy.ask()
     if not isinstance(candidate, Candidate):
@@ -486,13 +520,15 @@ def replay(
         The progress, and the candidates that were asked but not told, by id in the order of asking.
 
     Raises:
-        CampaignError: the strategy proposes another road than the log holds, or the log is damaged.
+        CampaignError: the strategy is not fresh, it proposes another road than the log holds, or
+            the log is damaged.
     """
     if isinstance(strategy, ObservingStrategy):
         raise CampaignError(
             f"{store.folder} cannot be resumed: its strategy observes drives, which are not kept"
             " exactly; start a new campaign"
         )
+    require_fresh(strategy)
     tally = Tally()
     start(strategy, earlier, tally)
     asked = store.candidates_with_place()

@@ -147,6 +147,11 @@ class Ledger:
         """Return the number of candidates that were asked and not yet told."""
         return len(self._outstanding)
 
+    @property
+    def issued(self) -> int:
+        """The number of candidates that were asked so far."""
+        return self._last_id
+
     def issue(
         self,
         curvatures: FloatArray,
