@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from importlib.util import find_spec
 from typing import Any
 
 from frenetic.errors import FreneticError
@@ -88,8 +87,7 @@ def examine_all() -> Iterator[Examination]:
     for entry in SIMULATORS.entries():
         try:
             factory = SIMULATORS.load(entry.name)
-            missing = [m for m in usual(factory).needs if find_spec(m) is None]
-            if missing:
+            if usual(factory).missing:
                 note = f'pip install "frenetic-roads[{entry.name}]"'
                 yield Examination(entry.name, Health.NOT_INSTALLED, (), note)
                 continue

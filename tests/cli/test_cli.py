@@ -184,6 +184,21 @@ def test_run_refuses_a_folder_that_cannot_be_written(frenetic: Frenetic) -> None
     refused(frenetic("run", "--simulations", "5", "--out", ""), "an empty name")
 
 
+def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
+    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "metadrive", None)
+    monkeypatch.delitem(sys.modules, "frenetic.simulators.metadrive.world", raising=False)
+    options = ("run", "--simulator", "metadrive", "--simulations", "1", "--out", "c")
+    answer = frenetic(*options)
+    refused(answer, 'needs the package metadrive: pip install "frenetic-roads[metadrive]"')
+    assert "go on" not in answer.err
+    assert not Path("c").exists()
+    elsewhere = frenetic(*options, "--cluster", "nowhere")
+    refused(elsewhere, "nowhere")
+    assert "metadrive" not in elsewhere.err, "it is needed where it drives"
+
+
 def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:

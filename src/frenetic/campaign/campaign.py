@@ -45,7 +45,7 @@ from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
 from frenetic.search.screened import Screened
 from frenetic.search.strategy import CheckingStrategy, Strategy, WarmStartingStrategy, notice_of
-from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import isolated
 from frenetic.simulators.simulator import Simulator
@@ -84,14 +84,22 @@ def new_folder(parent: Path | str = CAMPAIGNS) -> Path:
     return folder
 
 
-def prepare(simulator: Simulator) -> None:
+def prepare(simulator: Simulator, *, is_here: bool = True) -> None:
     """Lets a simulator find out its `car`, where that takes starting it.
+
+    Args:
+        simulator: not yet entered.
+        is_here: whether it drives on this machine, so that its modules have to be installed.
 
     Raises:
         CampaignError: it does not start.
     """
     try:
-        capabilities(simulator).prepare()
+        its = capabilities(simulator)
+        if is_here and its.missing:
+            with bare(simulator):  # which says what to install
+                pass
+        its.prepare()
     except Exception as error:
         raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
 
@@ -341,7 +349,7 @@ class Campaign(ShownCampaign):
         limit = self._allow(simulations)
         if not self.started:
             require_fresh(self.strategy)
-        prepare(self.tester.simulator)
+        prepare(self.tester.simulator, is_here=self.cluster is None)
         if self.cluster is not None:
             # An optional extra.
             from frenetic.campaign.workers.dask.workers import require_scheduler
@@ -463,7 +471,7 @@ class Campaign(ShownCampaign):
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
             if self.budget is None:
                 self.budget = _stored_budget(store)
-            prepare(self.tester.simulator)
+            prepare(self.tester.simulator, is_here=self.cluster is None)
             strategy = store.config.get("strategy")
             if isinstance(strategy, Mapping) and "margin" in strategy:
                 self._keep_margin()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
+from importlib.util import find_spec
 from numbers import Integral, Real
 from typing import Any, Final
 
@@ -37,6 +38,11 @@ class Usual:
     """Wall time that a drive may take unless another limit is given, in s."""
     usual_workers: int | None = None
     """Number of workers unless another is given; None: one per processor core."""
+
+    @property
+    def missing(self) -> list[str]:
+        """Those of `needs` that are not installed."""
+        return [module for module in self.needs if find_spec(module) is None]
 
 
 @dataclass(frozen=True)
