@@ -10,7 +10,7 @@ import subprocess
 import sys
 import textwrap
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -119,6 +119,57 @@ def test_arguments_are_recorded_with_their_defaults(place: Path) -> None:
         "driver Mpc: comfort is 3.0, it was 2.0",
         "driver Mpc: horizon is 9, it was not there",
     )
+
+
+class Name:
+    """A text whose place in a set is that of another process."""
+
+    def __init__(self, text: str, place: int) -> None:
+        self.text, self.place = text, place
+
+    def __hash__(self) -> int:
+        return self.place
+
+    def __repr__(self) -> str:
+        return repr(self.text)
+
+
+class Tagged:
+    """A part with any option."""
+
+    def __init__(self, tags: object) -> None:
+        self.tags = tags
+
+
+@pytest.mark.parametrize(
+    "tags_of",
+    [set, frozenset, lambda names: {"all": [set(names)]}, lambda names: {frozenset(names), 1}],
+)
+def test_a_set_is_described_alike_in_every_process(
+    tags_of: Callable[[Iterable[Name]], object],
+) -> None:
+    here = [Name(text, place) for place, text in enumerate("abc")]
+    there = [Name(text, -place) for place, text in enumerate("abc", 5)]
+    assert [*map(repr, set(here))] != [*map(repr, set(there))]
+    ours = describe(Tagged(tags_of(here)))
+    assert ours == describe(Tagged(tags_of(there)))
+    assert differences("driver", ours, describe(Tagged(tags_of(here[1:])))).changed
+
+
+@pytest.mark.parametrize(
+    "tags", [{8, 1, 0}, {(8, 0.5), (1, 2.0)}, {"a"}, frozenset({"a"}), frozenset({3, -1}), set()]
+)
+def test_sets_of_one_order_are_described_as_in_older_records(tags: object) -> None:
+    assert describe(Tagged(tags))["options"] == {"tags": repr(tags)}
+
+
+def test_files_in_a_set_are_read_in_one_order(tmp_path: Path) -> None:
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "model").write_text(name, encoding="utf-8")
+    files = [str(tmp_path / name / "model") for name in ("one", "two")]
+    as_list, as_set = describe(Tagged(files)), describe(Tagged(set(files)))
+    assert as_list["fingerprint"] == as_set["fingerprint"]
 
 
 def test_arguments_of_an_object_are_those_that_it_keeps() -> None:

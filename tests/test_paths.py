@@ -153,6 +153,9 @@ def test_a_single_path_is_no_list(name: str, take: Callable[[Any], object], sing
 def test_a_generator_is_a_list(tmp_path: Path) -> None:
     for name in ("one", "two"):
         CampaignStore.create(tmp_path / name, {"seed": 1}).close()
-    groups = {"a": tmp_path.glob("one"), "b": (str(found) for found in tmp_path.glob("two"))}
+    groups: dict[str, Iterator[Path | str]] = {
+        "a": tmp_path.glob("one"),
+        "b": (str(found) for found in tmp_path.glob("two")),
+    }
     assert compare(groups).groups.keys() == {"a", "b"}
     assert [one.folder for one in campaign_from(iter(["v1", "v2"])).start_from] == ["v1", "v2"]

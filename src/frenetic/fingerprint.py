@@ -294,7 +294,8 @@ class _Taker:
             for key, item in value.items():
                 self._add_argument(f"{name}.{key}", item, depth + 1)
         elif isinstance(value, list | tuple | set | frozenset) and depth < 3:
-            for item in value:
+            is_set = isinstance(value, set | frozenset)  # whose order differs between processes
+            for item in sorted(value, key=repr) if is_set else value:
                 self._add_argument(name, item, depth + 1)
         else:
             self._add_used(value if isinstance(value, type | FunctionType) else type(value))

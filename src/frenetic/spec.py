@@ -15,6 +15,7 @@ import hashlib
 import json
 import logging
 import math
+import numbers
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -677,7 +678,7 @@ def is_built_in(part: object) -> bool:
 
 
 def _plain(value: object, depth: int = 0) -> JSONValue:
-    """A value as JSON, or else its repr without addresses."""
+    """A value as JSON, or else its repr without addresses and with sets in order."""
     if value is None or isinstance(value, (bool, int, str)):
         return value
     if isinstance(value, float) and math.isfinite(value):
@@ -691,7 +692,7 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
     if isinstance(value, (type, FunctionType)):
         return f"{value.__module__}:{value.__qualname__}"
     try:
-        text = repr(value)
+        text = _repr(value)
     except Exception:
         text = f"<{_class_name(type(value))}>"
     if _ADDRESS.search(text):
@@ -704,6 +705,23 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
         data = value.tobytes() if hasattr(value, "tobytes") else text.encode(errors="replace")
         digest = f" SHA-256 {hashlib.sha256(data).hexdigest()[:16]}"
     return text[:_LONGEST] + digest
+
+
+def _repr(value: object) -> str:
+    """The repr of a value; of a set, in an order that every process gives it."""
+    is_set = type(value).__repr__ in (set.__repr__, frozenset.__repr__)
+    # Numbers have the same hashes in every process, and records have them in this order.
+    if not isinstance(value, (set, frozenset)) or not is_set or all(map(_is_number, value)):
+        return repr(value)
+    items = f"{{{', '.join(sorted(map(_repr, value)))}}}"
+    return items if type(value) is set else f"{type(value).__name__}({items})"
+
+
+def _is_number(value: object) -> bool:
+    """Whether it is a number, or a tuple of numbers."""
+    if isinstance(value, tuple):
+        return all(map(_is_number, value))
+    return isinstance(value, numbers.Number)
 
 
 def part_text(part: object, recorded: object = None) -> str:
