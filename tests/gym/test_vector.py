@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from frenetic import Road, Rules
 from frenetic.drivers import Camera
+from frenetic.errors import FreneticError
 from frenetic.gym import LaneKeepingEnv, LaneKeepingVectorEnv
 
 CARS = 3
@@ -69,6 +70,31 @@ def test_many_cars_drive_as_one_by_one(mode: AutoresetMode, camera: Camera | Non
             ):
                 assert alike(one, other)
     assert ends > CARS
+
+
+def test_a_given_road_is_that_of_every_car_for_one_episode() -> None:
+    given = Road([0.0, 0.02, 0.03, 0.0, -0.02, 0.0])
+    ours, theirs = pair(AutoresetMode.SAME_STEP, None)
+
+    def both(name: str, *args: Any, **options: Any) -> Any:
+        results = getattr(ours, name)(*args, **options), getattr(theirs, name)(*args, **options)
+        for one, other in zip(*results, strict=True):
+            assert alike(one, other), (one, other)
+        return results[0]
+
+    both("reset", seed=3)
+    drawn = ours.road(0)
+    both("reset", options={"road": given, "reset_mask": np.array([False, True, True])})
+    assert [ours.road(k) for k in range(CARS)] == [drawn, given, given]
+    both("reset", seed=5, options={"road": given, "unknown": 1})
+    assert [ours.road(k) for k in range(CARS)] == [given] * CARS
+    for _ in range(40):
+        actions = np.full((CARS, 2), 0.1, np.float32)
+        if both("step", actions)[2].any():
+            break
+    assert ours.road(0) is not given
+    with pytest.raises(FreneticError, match=r"options\['road'\] is 3: a frenetic.Road is needed"):
+        ours.reset(options={"road": 3})
 
 
 def test_gymnasium_makes_it() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,14 +72,18 @@ class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Seen, dict[str, Any]]:
-        """Puts the car at rest on the lane of another road."""
+        """Puts the car at rest on the lane of another road.
+
+        Args:
+            seed: of this episode's road and the next ones.
+            options: ``road``, a `Road` for this episode in place of a drawn one.
+
+        Raises:
+            FreneticError: ``road`` is none.
+        """
+        road = _given_road(options)
         super().reset(seed=plain_seed(seed))
-        road = (options or {}).get("road")
-        if road is None:
-            road = self._source.draw(self.np_random)
-        elif not isinstance(road, Road):
-            raise FreneticError(f"options['road'] is {road!r}: a frenetic.Road is needed")
-        self._cars.place(0, road)
+        self._cars.place(0, self._source.draw(self.np_random) if road is None else road)
         self._cars.step(_START, _NO_ACTION)
         return self._cars.observation(0), {}
 
@@ -175,8 +179,14 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
 
         Args:
             seed: of the first car, the next one for each other; or one for each car.
-            options: ``reset_mask``, (num_envs,) bool, says which cars; all by default.
+            options: ``reset_mask``, (num_envs,) bool, says which cars; all by default. ``road``, a
+                `Road` for this episode of each of them in place of drawn ones.
+
+        Raises:
+            FreneticError: ``road`` is none.
+            ValueError: mask or seeds are not one for each car.
         """
+        road = _given_road(options)
         seed = plain_seed(seed)
         super().reset(seed=seed if isinstance(seed, int) else None)
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_)))
@@ -185,7 +195,7 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
         for k, own in enumerate(self._seeds(seed)):
             if own is not None and mask[k]:
                 self._generators[k], _ = seeding.np_random(plain_seed(own))
-        self._start(mask)
+        self._start(mask, road)
         return self._cars.observations(), {}
 
     def step(
@@ -239,19 +249,30 @@ class LaneKeepingVectorEnv(VectorEnv[Seen, Vector, npt.NDArray[Any]]):
             raise ValueError(f"{len(seed)} seeds are given: one for each of {self.num_envs} cars")
         return seed
 
-    def _start(self, mask: Flags) -> None:
-        """Puts some cars at rest on other roads."""
-        self._place(mask)
+    def _start(self, mask: Flags, road: Road | None = None) -> None:
+        """Puts some cars at rest on other roads, or all on a given one."""
+        self._place(mask, road)
         self._cars.step(np.where(mask, START, WAIT), np.zeros((self.num_envs, 2)))
         self._has_ended = self._has_ended & ~mask
 
-    def _place(self, mask: Flags) -> None:
-        """Draws roads for some cars."""
+    def _place(self, mask: Flags, road: Road | None = None) -> None:
+        """Draws roads for some cars, or places them on a given one."""
         for k in _numbers(mask):
+            if road is not None:
+                self._cars.place(k, road)
+                continue
             generator = self._generators[k]
             if generator is None:
                 generator = self._generators[k] = seeding.np_random()[0]
             self._cars.place(k, self._source.draw(generator))
+
+
+def _given_road(options: Mapping[str, Any] | None) -> Road | None:
+    """The road among the options of a reset; None without one."""
+    road = (options or {}).get("road")
+    if road is not None and not isinstance(road, Road):
+        raise FreneticError(f"options['road'] is {road!r}: a frenetic.Road is needed")
+    return road
 
 
 def _numbers(mask: Flags) -> list[int]:
