@@ -12,6 +12,7 @@ import pytest
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
+from frenetic.campaign import campaign as campaign_module
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
@@ -129,6 +130,16 @@ def test_budget_of_time_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("frenetic.campaign.campaign.time.perf_counter", lambda: next(clock))
     summary = campaign(tmp_path, Scripted(STRAIGHT), Budget(time=20.0)).run()
     assert 1 <= summary.simulations <= 20
+
+
+def test_the_time_for_compiling_is_not_the_budgets(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    order: list[str] = []
+    monkeypatch.setattr(campaign_module, "compile_kernels", lambda: order.append("compiled"))
+    search = campaign(tmp_path, Scripted(STRAIGHT), Budget(time=60.0, failures=1))
+    search.run(1, on_start=lambda: order.append("started"))
+    assert order == ["compiled", "started"]
 
 
 def test_campaign_of_errors_gives_up_and_keeps_what_it_has(tmp_path: Path) -> None:

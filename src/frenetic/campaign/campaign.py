@@ -603,8 +603,7 @@ class Campaign(ShownCampaign):
             with _logging_to(log), catch_interrupt(callbacks.on_interrupt) as interrupt:
                 self._interrupt = interrupt
                 with self._workers(log) as workers:
-                    if not isinstance(workers, InProcessWorker):
-                        compile_kernels()  # which the strategy needs here, while they start
+                    compile_kernels()  # which the strategy needs here, while they start
                     _await_start(workers, interrupt)
                     if callbacks.on_start is not None:
                         callbacks.on_start()
