@@ -5,6 +5,7 @@ import pickle
 import sqlite3
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -293,6 +294,36 @@ def test_strategy_that_breaks_ends_the_campaign_with_one_line(
         campaign(tmp_path, Bad(defect), Budget(simulations=9)).run()
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().told == kept
+
+
+@pytest.mark.parametrize(
+    ("changed", "complaint"),
+    [
+        ({"curvatures": np.zeros((3, 3))}, "candidate 1 with curvatures of shape (3, 3)"),
+        ({"points": np.zeros(4)}, "candidate 1 with points of shape (4,)"),
+        ({"points": np.full((4, 2), np.inf)}, "candidate 1 with values that are not finite"),
+        ({"step": -1.0}, "candidate 1 with the step -1.0: a positive number"),
+        ({"step": "10"}, "candidate 1 with the step '10': a positive number"),
+        ({"id": "1"}, "candidate '1' with this id: a whole number"),
+        ({"id": 2**65}, f"candidate {2**65} with this id: a whole number"),
+        ({"origin": None}, "candidate 1 with the origin None: a frenetic.Origin"),
+        ({"origin": Origin(None)}, "with the operator None: a text"),  # type: ignore[arg-type]
+        ({"origin": Origin("a", ("b",))}, "with the parents ('b',): "),  # type: ignore[arg-type]
+        ({"origin": Origin("a", (), -1)}, "with the generation -1: a whole number from 0"),
+    ],
+)
+def test_a_malformed_proposal_is_named(
+    tmp_path: Path, changed: dict[str, object], complaint: str
+) -> None:
+    class Malformed(Scripted):
+        def ask(self) -> Candidate:
+            return replace(super().ask(), **changed)
+
+    with pytest.raises(CampaignError) as refused:
+        campaign(tmp_path, Malformed(STRAIGHT), Budget(simulations=1)).run()
+    assert str(refused.value).startswith("the strategy proposed candidate ")
+    assert complaint in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 class Observing(Scripted):

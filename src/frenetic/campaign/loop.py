@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
-from typing import Final, Protocol, runtime_checkable
+from numbers import Integral
+from typing import Any, Final, Protocol, runtime_checkable
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -25,7 +26,7 @@ from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_raised
 from frenetic.fingerprint import changed_packages
 from frenetic.outcome import Outcome
-from frenetic.search.records import Candidate, Evaluation
+from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import (
     Ledger,
     RevisableStrategy,
@@ -35,7 +36,7 @@ from frenetic.search.strategy import (
     WarmStartingStrategy,
     notice_of,
 )
-from frenetic.spec import Budget, is_built_in
+from frenetic.spec import Budget, is_built_in, is_number, shown
 
 MAX_ATTEMPTS: Final = 2
 """Most attempts at a candidate whose worker or simulator breaks."""
@@ -448,7 +449,7 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
 
     Raises:
         SearchEnded: it has none left.
-        CampaignError: the strategy raised, or its proposal is no candidate or not finite.
+        CampaignError: the strategy raised, or its proposal is no candidate that can be stored.
     """
     _mark_used(strategy)
     with _own_time(tally, SearchEnded):
@@ -457,11 +458,42 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
         raise StrategyError(
             f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"
         )
-    if not (np.isfinite(candidate.curvatures).all() and np.isfinite(candidate.step)):
-        raise StrategyError(
-            f"the strategy proposed candidate {candidate.id} with values that are not finite"
-        )
+    if fault := _fault_of(candidate):
+        raise StrategyError(f"the strategy proposed candidate {shown(candidate.id)} with {fault}")
     return candidate
+
+
+def _fault_of(candidate: Any) -> str:
+    """What keeps a proposal from being driven and stored; empty if nothing does."""
+    curvatures, points = candidate.curvatures, candidate.points
+    if not _is_whole(candidate.id, 1):
+        return "this id: a whole number of at least 1 is needed"
+    if curvatures.ndim != 1:
+        return f"curvatures of shape {curvatures.shape}: one row of numbers is needed"
+    if points is not None and (points.ndim != 2 or points.shape[1] != 2):
+        return f"points of shape {points.shape}: (N, 2) is needed"
+    if not (np.isfinite(curvatures).all() and (points is None or np.isfinite(points).all())):
+        return "values that are not finite"
+    if not (is_number(candidate.step) and candidate.step > 0.0):
+        return f"the step {shown(candidate.step)}: a positive number of metres is needed"
+    origin = candidate.origin
+    if not isinstance(candidate.origin, Origin):
+        return f"the origin {shown(origin)}: a frenetic.Origin is needed"
+    if not isinstance(origin.operator, str):
+        return f"the operator {shown(origin.operator)}: a text is needed"
+    if not (
+        isinstance(origin.parents, Iterable)
+        and all(isinstance(parent, Integral) for parent in origin.parents)
+    ):
+        return f"the parents {shown(origin.parents)}: a tuple of ids is needed"
+    if not _is_whole(origin.generation, 0):
+        return f"the generation {shown(origin.generation)}: a whole number from 0 is needed"
+    return ""
+
+
+def _is_whole(value: object, least: int) -> bool:
+    """Whether it is a whole number that the database holds."""
+    return isinstance(value, Integral) and least <= int(value) < 2**63
 
 
 def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
