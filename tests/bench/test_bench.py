@@ -662,3 +662,11 @@ def test_a_strategy_of_ones_own_takes_part(tmp_path: Path) -> None:
     bench = bench_of(tmp_path / "bench", own)
     (end,) = bench.run()
     assert end.ending == Ending(End.OVER), end.trouble
+
+
+def test_a_strategy_that_raises_gives_up(tmp_path: Path) -> None:
+    own = Entrant(name="own", spec="bench_parts:Broken", is_strategy=True)
+    (end,) = bench_of(tmp_path / "bench", own).run()
+    assert end.ending is not None, end.trouble
+    assert end.ending.end is End.GAVE_UP
+    assert "the strategy raised KeyError: 'pool'" in end.ending.detail

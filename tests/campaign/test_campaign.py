@@ -17,7 +17,7 @@ from frenetic.campaign import campaign as campaign_module
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
-from frenetic.errors import CampaignError
+from frenetic.errors import CampaignError, StrategyError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic, Frenetic2021, Origin, RandomSearch, SearchEnded
@@ -290,7 +290,7 @@ class Bad(Scripted):
 def test_strategy_that_breaks_ends_the_campaign_with_one_line(
     tmp_path: Path, defect: str, complaint: str, kept: int
 ) -> None:
-    with pytest.raises(CampaignError, match=complaint):
+    with pytest.raises(StrategyError, match=complaint):
         campaign(tmp_path, Bad(defect), Budget(simulations=9)).run()
     with CampaignStore.open(tmp_path) as store:
         assert store.counts().told == kept
@@ -317,7 +317,7 @@ def test_a_malformed_proposal_is_named(
 ) -> None:
     class Malformed(Scripted):
         def ask(self) -> Candidate:
-            return replace(super().ask(), **changed)
+            return replace(super().ask(), **changed)  # type: ignore[arg-type]
 
     with pytest.raises(CampaignError) as refused:
         campaign(tmp_path, Malformed(STRAIGHT), Budget(simulations=1)).run()

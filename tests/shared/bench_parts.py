@@ -52,3 +52,13 @@ class Lazy(Frenetic2021):
     def ask(self) -> Candidate:
         time.sleep(1.0)
         return super().ask()
+
+
+class Broken(Frenetic2021):
+    """A strategy that raises at its third road."""
+
+    def ask(self) -> Candidate:
+        candidate = super().ask()
+        if candidate.id == 3:
+            raise KeyError("pool")
+        return candidate

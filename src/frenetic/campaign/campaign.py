@@ -787,7 +787,8 @@ def _saying_what_is_stored(store: CampaignStore, tally: Tally) -> Iterator[None]
             store.write()
         stored = counted(store.stored(), "result")
         spent = f"{tally.budget_spent:.0%} of the budget spent"
-        raise CampaignError(f"{error}; {stored} stored, {spent}") from error
+        # A strategy's fault stays one: a bench goes on with the others.
+        raise type(error)(f"{error}; {stored} stored, {spent}") from error
 
 
 @contextmanager
