@@ -340,7 +340,7 @@ def test_a_layer_is_known_everywhere_once_it_is_in_the_table(sleep: Layer) -> No
     assert isinstance(made, LimitedView)
     assert isinstance(made.driver, Sleepy)
     assert describe(load_driver("planner", sleep=0.3))["options"] == {"share": 0.3}
-    with pytest.raises(FreneticError, match="layer over driver 'planner': share is 7"):
+    with pytest.raises(FreneticError, match="share is 7"):
         load_driver("planner", sleep=7.0)
 
     @click.command()

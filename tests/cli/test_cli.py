@@ -19,6 +19,7 @@ import pytest
 from checksums import forget_checksums
 from pids import LIMIT, until
 
+from frenetic.campaign import CampaignStore
 from frenetic.cli import COMMANDS, cli
 
 if TYPE_CHECKING:
@@ -139,9 +140,11 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         (["--driver-option", "agression=1"], ["did you mean 'aggression'?"]),
         (["--driver-option", "aggression=-1"], ["aggression is -1"]),
         (["--driver-option", "aggression"], ["is not NAME=VALUE"]),
-        (["--noise", "-1"], ["offset is -1"]),
-        (["--noise", "1e308"], ["offset is 1e+308: at most 100"]),
-        (["--delay", "99"], ["at most 10 s"]),
+        (["--noise", "-1"], ["noise is -1: 0 or more m are needed"]),
+        (["--noise", "1e308"], ["noise is 1e+308: at most 100 m"]),
+        (["--delay", "99"], ["delay is 99: at most 10 s"]),
+        (["--delay", "-1"], ["delay is -1: 0 or more s are needed"]),
+        (["--view", "-3"], ["view is -3: more than 0 m are needed"]),
         (["--map-size", "1e308"], ["map_size is 1e+308: at most 1e+07 m"]),
         (["--workers", "1" + "0" * 400], ["'--workers'", "is not in the range 1<=x<=1024"]),
         (
@@ -168,6 +171,16 @@ def test_run_refuses_what_makes_no_sense_and_leaves_nothing(
 ) -> None:
     refused(frenetic("run", "--out", "c", *options), *words)
     assert not Path("c").exists()
+
+
+def test_an_infinite_view_is_no_layer(frenetic: Frenetic) -> None:
+    view = ("--view", "inf", "--json")
+    write("road.json", STRAIGHT)
+    driven = frenetic("drive", "road.json", *view).json["driver"]
+    assert driven["class"].endswith(":Planner")
+    assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c", *view).code == 0
+    with CampaignStore.open(Path("c")) as store:
+        assert store.parts["driver"] == driven
 
 
 def test_run_never_touches_an_existing_campaign(frenetic: Frenetic) -> None:
@@ -202,8 +215,6 @@ def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
 def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from frenetic.campaign import CampaignStore
-
     folder = Path.cwd()
     write = CampaignStore.write
 
@@ -472,7 +483,6 @@ def stored_in_a_moment(folder: Path) -> int:
 
 
 def stored_tests(folder: Path) -> int:
-    from frenetic.campaign import CampaignStore
     from frenetic.errors import CampaignError
 
     try:
@@ -663,7 +673,6 @@ def test_show_an_invalid_test(frenetic: Frenetic) -> None:
         *("run", "--strategy", "random", "--strategy-option", "max_redraws=0"),
         *("--simulations", "40", "--seed", "3", "--out", "c"),
     )
-    from frenetic.campaign import CampaignStore
     from frenetic.outcome import Outcome
 
     with CampaignStore.open(Path("c")) as store:

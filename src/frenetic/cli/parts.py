@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -189,7 +190,11 @@ def asked_spec(context: click.Context, options: Mapping[str, Any], **others: Any
     Raises:
         FreneticError: the profile cannot be read, or an option is out of range.
     """
-    spec, given = Spec.from_options(options, **others), given_options(context)
+    # 0 s of delay are a layer in a campaign's record; an infinite view never was one.
+    none = {
+        layer.name: None for layer in LAYERS if layer.nothing == math.inf == options.get(layer.name)
+    }
+    spec, given = Spec.from_options({**options, **none}, **others), given_options(context)
     return with_given(spec, given, has_roads=False) if PROFILE in given else spec
 
 

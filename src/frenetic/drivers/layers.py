@@ -50,12 +50,17 @@ def disturb(ahead: FloatArray, rows: int, offset: float, heading: float) -> None
 
 _LARGEST_ERROR: Final = 100.0
 """Largest standard deviation of an error about the place, in m and in rad."""
+_LONGEST_DELAY: Final = 10.0  # s
 
 
-def _amount(value: float, name: str, unit: str, allow_zero: bool = True) -> float:
+def _amount(
+    value: float, name: str, unit: str, *, allow_zero: bool = True, most: float = math.inf
+) -> float:
     if not (math.isfinite(value) and (value > 0.0 or (allow_zero and value == 0.0))):
         allowed = "0 or more" if allow_zero else "more than 0"
-        raise ValueError(f"{name} is {value}: {allowed} {unit} needed")
+        raise ValueError(f"{name} is {value:g}: {allowed} {unit} are needed")
+    if value > most:
+        raise ValueError(f"{name} is {value:g}: at most {most:g} {unit} are allowed")
     return float(value)
 
 
@@ -84,14 +89,9 @@ class Noisy(OwnLayer):
         seed: int = 0,
     ) -> None:
         super().__init__(driver)
-        self.offset = _amount(offset, "offset", "m are")
-        self.heading = _amount(heading, "heading", "rad are")
-        for name in ("offset", "heading"):
-            if getattr(self, name) > _LARGEST_ERROR:
-                raise ValueError(
-                    f"{name} is {getattr(self, name):g}: at most {_LARGEST_ERROR:g} is allowed"
-                )
-        self.correlation_time = _amount(correlation_time, "correlation_time", "s are", False)
+        self.offset = _amount(offset, "offset", "m", most=_LARGEST_ERROR)
+        self.heading = _amount(heading, "heading", "rad", most=_LARGEST_ERROR)
+        self.correlation_time = _amount(correlation_time, "correlation_time", "s", allow_zero=False)
         try:
             self.seed = operator.index(seed)
         except TypeError:
@@ -102,6 +102,7 @@ class Noisy(OwnLayer):
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Noisy:
         """A driver whose lateral error has this standard deviation in m, the heading's follows."""
+        amount = _amount(amount, "noise", "m", most=_LARGEST_ERROR)
         return cls(driver, offset=amount, heading=HEADING_PER_OFFSET * amount)
 
     @property
@@ -187,14 +188,12 @@ class Delayed(OwnLayer):
 
     def __init__(self, driver: Driver, *, seconds: float = 0.1) -> None:
         super().__init__(driver)
-        self.seconds = _amount(seconds, "seconds", "s are")
-        if self.seconds > 10.0:
-            raise ValueError(f"seconds is {seconds}: a delay of at most 10 s is allowed")
+        self.seconds = _amount(seconds, "seconds", "s", most=_LONGEST_DELAY)
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Delayed:
         """A driver whose controls arrive this many s late."""
-        return cls(driver, seconds=amount)
+        return cls(driver, seconds=_amount(amount, "delay", "s", most=_LONGEST_DELAY))
 
     @property
     def options(self) -> dict[str, float]:
@@ -226,12 +225,12 @@ class LimitedView(OwnLayer):
 
     def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
         super().__init__(driver)
-        self.distance = _amount(distance, "distance", "m are", False)
+        self.distance = _amount(distance, "distance", "m", allow_zero=False)
 
     @classmethod
     def over(cls, driver: Driver, amount: float) -> LimitedView:
         """A driver that sees this many m ahead."""
-        return cls(driver, distance=amount)
+        return cls(driver, distance=_amount(amount, "view", "m", allow_zero=False))
 
     @property
     def options(self) -> dict[str, float]:

@@ -159,5 +159,5 @@ def load_driver(
             try:
                 driver = layer.over(driver, amount)
             except ValueError as error:
-                raise FreneticError(f"layer over driver {spec!r}: {error}") from None
+                raise FreneticError(str(error)) from None
     return driver
