@@ -11,6 +11,7 @@ import sys
 import textwrap
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,14 @@ class Name:
         return repr(self.text)
 
 
+@dataclass
+class Settings:
+    """A part's options in one."""
+
+    names: object
+    rate: float = 2.0
+
+
 class Tagged:
     """A part with any option."""
 
@@ -143,7 +152,13 @@ class Tagged:
 
 @pytest.mark.parametrize(
     "tags_of",
-    [set, frozenset, lambda names: {"all": [set(names)]}, lambda names: {frozenset(names), 1}],
+    [
+        set,
+        frozenset,
+        lambda names: {"all": [set(names)]},
+        lambda names: {frozenset(names), 1},
+        lambda names: Settings(set(names)),
+    ],
 )
 def test_a_set_is_described_alike_in_every_process(
     tags_of: Callable[[Iterable[Name]], object],
@@ -157,7 +172,17 @@ def test_a_set_is_described_alike_in_every_process(
 
 
 @pytest.mark.parametrize(
-    "tags", [{8, 1, 0}, {(8, 0.5), (1, 2.0)}, {"a"}, frozenset({"a"}), frozenset({3, -1}), set()]
+    "tags",
+    [
+        {8, 1, 0},
+        {(8, 0.5), (1, 2.0)},
+        {"a"},
+        frozenset({"a"}),
+        frozenset({3, -1}),
+        set(),
+        Settings("a"),
+        Settings(Settings({8, 1, 0})),
+    ],
 )
 def test_sets_of_one_order_are_described_as_in_older_records(tags: object) -> None:
     assert describe(Tagged(tags))["options"] == {"tags": repr(tags)}

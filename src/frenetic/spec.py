@@ -708,7 +708,16 @@ def _plain(value: object, depth: int = 0) -> JSONValue:
 
 
 def _repr(value: object) -> str:
-    """The repr of a value; of a set, in an order that every process gives it."""
+    """The repr of a value; of a set, also in a dataclass, in an order that every process gives."""
+    if is_dataclass(value) and not isinstance(value, type):
+        own = [(item.name, getattr(value, item.name)) for item in fields(value) if item.repr]
+
+        def told(of: Callable[[object], str]) -> str:
+            items = ", ".join(f"{name}={of(one)}" for name, one in own)
+            return f"{type(value).__qualname__}({items})"
+
+        text = repr(value)
+        return told(_repr) if told(repr) == text else text  # it may have a repr of its own
     is_set = type(value).__repr__ in (set.__repr__, frozenset.__repr__)
     # Numbers have the same hashes in every process, and records have them in this order.
     if not isinstance(value, (set, frozenset)) or not is_set or all(map(_is_number, value)):
