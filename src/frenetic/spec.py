@@ -26,6 +26,7 @@ from types import FunctionType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
 
 from frenetic._support.json_value import JSONValue, plain
+from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, read_setting
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
@@ -100,14 +101,17 @@ MAX_WORKERS: Final = 1024
 """Most roads that one computer drives at once; a cluster has as many seats as it has."""
 
 
-def require_count(name: str, value: float, least: int = 1) -> None:
-    """Checks an option that counts something.
+def require_count(name: str, value: float, least: int = 1) -> int:
+    """An option that counts something.
 
     Raises:
         ValueError: it is no whole number of at least ``least``.
     """
-    if isinstance(value, bool) or value != int(value) or value < least:
-        raise ValueError(f"{name} is {value}: a whole number of at least {least} is needed")
+    if not is_number(value) or value != int(value) or value < least:
+        given: object = value
+        text = given if isinstance(given, Real) else shown(given)
+        raise ValueError(f"{name} is {text}: a whole number of at least {least} is needed")
+    return int(value)
 
 
 @dataclass(frozen=True)
@@ -132,9 +136,10 @@ class Budget:
             )
         for name in ("simulations", "failures"):
             if (value := getattr(self, name)) is not None:
-                require_count(name, value)
-        if self.time is not None and not (math.isfinite(self.time) and self.time > 0.0):
+                object.__setattr__(self, name, require_count(name, value))
+        if self.time is not None and not (is_number(self.time) and self.time > 0.0):
             raise ValueError(f"time is {self.time}: a positive number of seconds is needed")
+        take_numpy_scalars(self)
 
     def spent(self, simulations: int, seconds: float, failures: int) -> float:
         """Spent share of the budget, 0..1: that of the nearest limit."""

@@ -9,9 +9,11 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pids
 import pytest
 from bench_parts import Frail, Reluctant
@@ -670,3 +672,13 @@ def test_a_strategy_that_raises_gives_up(tmp_path: Path) -> None:
     assert end.ending is not None, end.trouble
     assert end.ending.end is End.GAVE_UP
     assert "the strategy raised KeyError: 'pool'" in end.ending.detail
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    terms = {"budget": 72.0, "seconds_per_test": 36.0, "simulator": EmbeddedSimulator()}
+    plain = Terms(driver=Planner(), **terms)  # type: ignore[arg-type]
+    theirs = Terms(driver=Planner(), **terms | {"budget": np.float32(72.0)})  # type: ignore[arg-type]
+    own = Entrant(name="own", spec="random", is_strategy=True)
+    first = Bench(entrants=(own,), terms=plain, repeats=1, seed=4, folder=tmp_path)
+    second = replace(first, terms=theirs, repeats=np.int64(1), seed=np.int64(4))  # type: ignore[arg-type]
+    assert json.dumps(second.as_json()) == json.dumps(first.as_json())

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,9 +20,11 @@ from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, StrategyError
 from frenetic.outcome import Outcome
+from frenetic.redrive.conditions import Variation
+from frenetic.redrive.robustness import read_reruns, rerun
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic, Frenetic2021, Origin, RandomSearch, SearchEnded
-from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -380,6 +383,51 @@ def test_sizes_are_checked_before_anything_is_written(
         campaign(tmp_path / "c", RandomSearch(seed=1), Budget(simulations=1), **{option: value})
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "c").exists()
+
+
+def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
+    def search(name: str, whole: Callable[..., Any], real: Callable[..., Any]) -> Campaign:
+        return Campaign(
+            strategy=RandomSearch(seed=whole(1), map_size=real(200)),
+            simulator=EmbeddedSimulator(rules=Rules(speed_limit=whole(60))),
+            driver=Planner(aggression=real(1.25)),
+            budget=Budget(simulations=whole(2), time=real(1e6), failures=whole(9)),
+            folder=tmp_path / name,
+            map_size=real(200),
+            margin=whole(8),
+            lane_width=real(3.5),
+            workers=whole(1),
+            ordered=True,
+            lookahead=whole(2),
+        )
+
+    search("python", int, float).run()
+    numpy = search("numpy", np.int64, np.float32)
+    numpy.run(np.int64(1))  # type: ignore[arg-type]
+    search("numpy", np.int64, np.float32).resume()
+    assert contents(tmp_path / "numpy") == contents(tmp_path / "python")
+    with CampaignStore.open(tmp_path / "numpy") as store:
+        assert store.counts().simulations == 2
+        limits = (np.float32(0.9), np.float32(1.1))
+        shares = [Variation("friction", *limits)]  # type: ignore[arg-type]
+        driven = store.tests(Outcome.PASS)
+        ids = [np.int64(record.id) for record in driven][:1]
+    (one,) = rerun(
+        tmp_path / "numpy",
+        numpy.tester.simulator,
+        numpy.tester.driver,
+        test_ids=ids,  # type: ignore[arg-type]
+        times=np.int64(2),  # type: ignore[arg-type]
+        seed=np.int64(3),  # type: ignore[arg-type]
+        variations=shares,
+    )
+    assert [kept.test_id for kept in read_reruns(tmp_path / "numpy")] == [one.test_id]
+
+
+def test_a_count_that_is_no_number_is_named(tmp_path: Path) -> None:
+    for value in ("a", None, float("nan")):
+        with pytest.raises(ValueError, match=r"^workers is .*: a whole number of at least 1"):
+            campaign(tmp_path, Scripted(STRAIGHT), Budget(failures=1), workers=value)
 
 
 def test_no_computer_has_so_many_workers(tmp_path: Path) -> None:

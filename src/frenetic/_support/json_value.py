@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
+from frenetic._support.scalars import is_numpy_scalar, without_numpy
+
 JSONValue: TypeAlias = (
     "bool | int | float | str | Sequence[JSONValue] | Mapping[str, JSONValue] | None"
 )
@@ -12,5 +14,17 @@ JSONValue: TypeAlias = (
 
 
 def plain(value: object) -> object:
-    """A read-only mapping or sequence as `json.dumps` takes it, for its ``default``."""
-    return dict(value) if isinstance(value, Mapping) else list(value)  # type: ignore[call-overload]
+    """A read-only mapping or sequence, or a number of numpy, as `json.dumps` takes it.
+
+    For its ``default``.
+
+    Raises:
+        ValueError: it is something else.
+    """
+    if isinstance(value, Mapping):
+        return dict(value)
+    if isinstance(value, Sequence):
+        return list(value)
+    if is_numpy_scalar(value):
+        return without_numpy(value)
+    raise ValueError(f"{value!r} is a {type(value).__name__}, which JSON does not know")

@@ -16,6 +16,7 @@ import msgspec
 
 from frenetic._support.file_locks import FileLock
 from frenetic._support.files import write_file
+from frenetic._support.json_value import plain
 from frenetic._support.words import counted, format_duration
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
@@ -93,11 +94,11 @@ class Bench:
     def __post_init__(self) -> None:
         object.__setattr__(self, "folder", Path(self.folder))
         for name, least in (("repeats", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or value != int(value) or value < least:
-                raise FreneticError(
-                    f"{name} is {value}: a whole number of at least {least} is needed"
-                )
+            try:
+                number = require_count(name, getattr(self, name), least)
+            except ValueError as error:
+                raise FreneticError(str(error)) from None
+            object.__setattr__(self, name, number)
         if not self.entrants:
             raise FreneticError("nobody takes part: name a generator or a strategy")
         object.__setattr__(self, "entrants", tuple(one.absolute() for one in self.entrants))
@@ -302,7 +303,10 @@ class Bench:
             )
 
     def _require_same(self) -> None:
-        theirs, ours = read_bench(self.folder), json.loads(json.dumps(self.as_json()))
+        theirs, ours = (
+            read_bench(self.folder),
+            json.loads(json.dumps(self.as_json(), default=plain)),
+        )
         recorded = _decoded(theirs, self.folder / BENCH)
         for entrant, begun in zip(recorded.entrants, theirs["entrants"], strict=True):
             if entrant.source() != begun.get("source"):
@@ -331,7 +335,7 @@ class Bench:
         path = self.folder / BENCH
         write_file(
             path,
-            json.dumps(document, indent=1) + "\n",
+            json.dumps(document, indent=1, default=plain) + "\n",
             remedy="choose another folder with --out",
             durable=True,
         )

@@ -14,6 +14,7 @@ from typing import Any, Final, Self
 import msgspec
 import numpy as np
 
+from frenetic._support.scalars import take_numpy_scalars
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant
 from frenetic.bench.generator import GeneratorProcess
@@ -100,6 +101,7 @@ class Terms:
         )
 
     def __post_init__(self) -> None:
+        take_numpy_scalars(self)
         check_pair(self.simulator, self.driver)
         Objective.load(self.objective)
         for name in ("seconds_per_test", "budget", "patience"):

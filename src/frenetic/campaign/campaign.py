@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
+from frenetic._support.json_value import plain
 from frenetic._support.pictures import ShownCampaign, data_frame
 from frenetic._support.words import counted, present_moment
 from frenetic.campaign.changes import (
@@ -162,8 +163,8 @@ class Campaign(ShownCampaign):
         start_from: Iterable[Path | str] = (),
         description: Mapping[str, JSONValue] | None = None,
     ) -> None:
-        require_count("workers", workers)
-        require_count("lookahead", lookahead)
+        workers = require_count("workers", workers)
+        lookahead = require_count("lookahead", lookahead)
         if workers > MAX_WORKERS:
             raise ValueError(f"workers is {workers}: at most {MAX_WORKERS} are allowed")
         if drive_limit is None:
@@ -390,9 +391,8 @@ class Campaign(ShownCampaign):
                     " Campaign(budget=Budget(simulations=200)) limits all of them"
                 )
             return None
-        require_count("simulations", simulations)
         before = self._search_so_far[0].simulations if self._search_so_far else 0
-        limit = before + int(simulations)
+        limit = before + require_count("simulations", simulations)
         if self.budget is None:
             self.budget = Budget(simulations=limit)
         elif self.budget.simulations is not None and self.budget.simulations < limit:
@@ -542,7 +542,7 @@ class Campaign(ShownCampaign):
         Raises:
             CampaignError: the log was made by other parts, and that is not accepted.
         """
-        ours = json.loads(json.dumps(configuration))
+        ours = json.loads(json.dumps(configuration, default=plain))
         for name in ("rules", "map_size", "margin", "lane_width", "lookahead", "objective"):
             theirs = store.config.get(name, MOOBD if name == "objective" else None)
             if ours[name] != theirs:

@@ -40,6 +40,7 @@ from weakref import WeakSet
 from frenetic._support.file_locks import FileLock
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
+from frenetic._support.json_value import plain
 from frenetic._support.pictures import ShownCampaign
 from frenetic._support.words import present_moment
 from frenetic.campaign.changes import CHANGES, PartChange, present_parts, read_changes
@@ -637,11 +638,11 @@ class CampaignStore(ShownCampaign):
         if order_by not in get_args(Order):
             raise ValueError(f"order_by is {order_by!r}: one of {get_args(Order)} is needed")
         if limit is not None:
-            require_count("limit", limit, 0)
+            limit = require_count("limit", limit, 0)
         # A stored test never changes, so the ids are a snapshot, and no transaction stays open
         # between two tests.
         only = None if outcome is None else str(Outcome(outcome))
-        wanted = (int(after), only, only, -1 if limit is None else int(limit))
+        wanted = (int(after), only, only, -1 if limit is None else limit)
         self._write_tests()
         with translated(self._path):
             ids = self._connection.execute(_SELECT_IDS[order_by], wanted).fetchall()
@@ -1000,13 +1001,6 @@ class CampaignStore(ShownCampaign):
 
 
 def _to_json(value: JSONValue) -> str:
-    def plain(other: object) -> object:
-        if isinstance(other, Mapping):
-            return dict(other)
-        if isinstance(other, Sequence):
-            return list(other)
-        raise ValueError(f"{other!r} is a {type(other).__name__}, which JSON does not know")
-
     return json.dumps(value, allow_nan=False, default=plain)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import one_process
+from frenetic._support.scalars import take_numpy_scalars
 from frenetic.campaign.record import Attempt
 from frenetic.drivers.driver import Driver
 from frenetic.errors import RoadError, describe_raised, traceback_of
@@ -61,6 +62,7 @@ class RoadTester:
         for name in ("map_size", "margin", "lane_width"):
             if not is_number(value := getattr(self, name)):
                 raise ValueError(f"{name} is {shown(value)}: a number of metres is needed")
+        take_numpy_scalars(self)
         checked_lane_width(self.lane_width)
         if self.margin < 0.0:
             raise ValueError(f"margin is {self.margin:g}: a number of at least 0 is needed")

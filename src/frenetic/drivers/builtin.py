@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.scalars import take_numpy_scalars
 from frenetic.drivers import laws
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.elastic_band import GRAVITY, MEMORY
@@ -55,6 +56,7 @@ class BuiltIn:
 
 def _check(driver: object, allow_zero: tuple[str, ...] = ()) -> None:
     """Raises ValueError unless every number of a driver is finite and positive."""
+    take_numpy_scalars(driver)
     for item in fields(driver):  # type: ignore[arg-type]
         value = getattr(driver, item.name)
         if isinstance(value, bool) or not isinstance(value, (int, float)):

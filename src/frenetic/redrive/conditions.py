@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from msgspec import convert
 
+from frenetic._support.scalars import take_numpy_scalars
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.search.strategy import require_whole
@@ -32,6 +33,7 @@ class Variation:
     """Equal to `low` if the quantity is only set, not varied."""
 
     def __post_init__(self) -> None:
+        take_numpy_scalars(self)
         if self.quantity not in QUANTITIES:
             raise FreneticError(
                 f"cannot vary {self.quantity!r}: choose from {', '.join(QUANTITIES)}"
@@ -117,7 +119,7 @@ def draw_conditions(
         ValueError: ``times`` is no positive whole number, the seed none from 0 to 2⁶³ - 1, or a
             quantity is there twice.
     """
-    require_count("times", times)
+    times = require_count("times", times)
     seed = require_whole("seed", seed, 0, 2**63 - 1)
     names = [variation.quantity for variation in variations]
     for name in names:

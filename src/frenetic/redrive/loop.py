@@ -179,7 +179,7 @@ def drive_again(
         ValueError: an option is out of range.
     """
     tasks = [Task.of(i, record, wanted) for i, (record, wanted) in enumerate(drives, start=1)]
-    how["workers"] = min(how.get("workers", 1), max(len(tasks), 1))
+    how["workers"] = min(require_count("workers", how.get("workers", 1)), max(len(tasks), 1))
     if how["workers"] > 1:  # they measure its car, each for itself; here it would never be entered
         prepare(tester.simulator)
 
@@ -263,8 +263,7 @@ def redriving(
         CampaignError: no worker can be started.
         ValueError: an option is out of range.
     """
-    workers, on_start = how.get("workers", 1), how.get("on_start")
-    require_count("workers", workers)
+    workers, on_start = require_count("workers", how.get("workers", 1)), how.get("on_start")
     with (
         catch_interrupt(how.get("on_interrupt")) as interrupt,
         _crew(tester, workers, how.get("drive_limit"), is_entered) as crew,

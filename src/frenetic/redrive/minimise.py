@@ -174,7 +174,7 @@ def minimise(
         FreneticError: the road does not fail.
         ValueError: a number is out of range, or the road has other lanes than the tester.
     """
-    require_count("max_drives", max_drives)
+    max_drives = require_count("max_drives", max_drives)
     if not 0.0 <= guard < 1.0:
         raise ValueError(f"guard is {guard}: at least 0 and less than 1 is needed")
     if road.lane_width != tester.lane_width:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol, SupportsIndex, runtime_checkable
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.scalars import without_numpy
 from frenetic.search.records import Candidate, Evaluation, Origin
 
 _MOST_BITS = 1000  # of a number that a float can hold
@@ -221,10 +222,9 @@ class Ledger:
 
 def options_of(arguments: Mapping[str, Any]) -> dict[str, int | float | str | bool]:
     """The plain options among the arguments of an ``__init__``, for a campaign's record."""
+    own = {name: without_numpy(value) for name, value in arguments.items()}
     return {
-        name: value
-        for name, value in arguments.items()
-        if isinstance(value, (bool, int, float, str))
+        name: value for name, value in own.items() if isinstance(value, (bool, int, float, str))
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.pictures import Shown, draw, replay
+from frenetic._support.scalars import take_numpy_scalars
 
 if TYPE_CHECKING:
     from frenetic._support.pictures import Axes, Replay
@@ -51,6 +52,7 @@ class Rules:
     """Mean speed below which a drive takes too long, in m/s: timeout = base + length / speed."""
 
     def __post_init__(self) -> None:
+        take_numpy_scalars(self)
         for item in fields(self):
             value = getattr(self, item.name)
             if not (np.isfinite(value) and value > 0.0):

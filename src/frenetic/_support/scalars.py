@@ -1,0 +1,27 @@
+"""Numbers of numpy, which neither JSON nor SQLite knows."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+
+def is_numpy_scalar(value: object) -> bool:
+    """Whether it is one of numpy's scalars, such as ``np.int64(3)``."""
+    return type(value).__module__ == "numpy" and getattr(value, "shape", None) == ()
+
+
+def without_numpy(value: Any) -> Any:
+    """The value, but Python's own for a scalar of numpy."""
+    return value.item() if is_numpy_scalar(value) else value
+
+
+def take_numpy_scalars(record: Any) -> None:
+    """Puts Python's own values in place of numpy's scalars in a dataclass's fields.
+
+    For its ``__post_init__``. Compiled kernels are made for Python's own, too.
+    """
+    for item in fields(record):
+        value = getattr(record, item.name)
+        if is_numpy_scalar(value):
+            object.__setattr__(record, item.name, value.item())
