@@ -106,7 +106,7 @@ def test_a_fault_that_strikes_once_costs_nothing(tmp_path: Path, marks: Marks, d
         strategy=Straight(8, 9, 10),
         simulator=simulator,
         workers=2,
-        drive_limit=1.0 if deed is hang else None,
+        drive_limit=4.0 if deed is hang else None,
     ).run()
     with CampaignStore.open(tmp_path / "c") as store:
         attempts = {r.candidate.id: r.attempts for r in store.tests() if r.attempts != 1}
