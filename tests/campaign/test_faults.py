@@ -491,7 +491,7 @@ def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
         running.press_ctrl_c()
         running.until(lambda: "Finishing what runs" in running.err.read_text(), "it is noticed")
         marks.make("go")
-        assert running.ends() == 130
+        assert running.ends() == 130, running.err.read_text()
     # Five, the two that waited, and what quick workers had got ahead of time.
     assert 7 <= running.told() <= 5 + 2 * PREFETCH
     assert f"Interrupted: {running.told()} simulations" in running.out.read_text()
@@ -511,7 +511,7 @@ def test_ctrl_c_twice_leaves_at_once_and_loses_nothing(tmp_path: Path, marks: Ma
         running.until(lambda: "Finishing what runs" in running.err.read_text(), "it is noticed")
         start = time.monotonic()
         running.press_ctrl_c()
-        assert running.ends() == 130
+        assert running.ends() == 130, running.err.read_text()
         assert time.monotonic() - start < 0.5 * LIMIT
     assert "Interrupted: 5 simulations" in running.out.read_text()
     assert "Traceback" not in running.err.read_text()
@@ -527,7 +527,7 @@ def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks, presses: in
         start = time.monotonic()
         for _ in range(presses):
             running.press_ctrl_c()
-        assert running.ends() == 130
+        assert running.ends() == 130, running.err.read_text()
         assert time.monotonic() - start < 0.5 * LIMIT
     assert "Traceback" not in running.err.read_text()
     assert running.told() == 0

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from contents import contents
 from test_campaign import BENT, LOOP, STRAIGHT, Scripted, fails_when_bent
 
+import frenetic.campaign.campaign as campaign_module
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary, TestRecord
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.record import Attempt
@@ -232,3 +235,23 @@ def test_progress_may_still_come_first(tmp_path: Path) -> None:
     seen: list[Progress] = []
     campaign(tmp_path, Budget(simulations=2)).run(seen.append)
     assert [one.simulations for one in seen] == [1, 1, 2]
+
+
+@pytest.mark.parametrize("presses", [1, 2])
+def test_what_a_second_ctrl_c_breaks_is_an_interruption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, presses: int
+) -> None:
+    def compile_with_a_deaf_callback() -> None:
+        """As llvmlite does, whose callbacks cannot raise."""
+        for _ in range(presses):
+            with suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr(campaign_module, "compile_kernels", compile_with_a_deaf_callback)
+    searching = campaign(tmp_path / "c", Budget(simulations=2))
+    if presses == 2:
+        assert searching.run().interrupted
+    else:
+        with pytest.raises(RuntimeError, match="no compiled object"):
+            searching.run()

@@ -23,6 +23,8 @@ class Interrupt:
     """Whether the user asked to stop."""
 
     requested = False
+    insisted = False
+    """Whether they asked again, so that a `KeyboardInterrupt` was raised."""
 
 
 @contextmanager
@@ -40,6 +42,7 @@ def catch_interrupt(on_request: Callable[[], None] | None = None) -> Iterator[In
 
     def request(number: int, frame: FrameType | None) -> None:
         if interrupt.requested:
+            interrupt.insisted = True
             signal.default_int_handler(number, frame)
         interrupt.requested = True
         if on_request is not None:

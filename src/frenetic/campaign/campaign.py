@@ -39,7 +39,7 @@ from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
-from frenetic.errors import CampaignError, reason_of, traceback_of
+from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
 from frenetic.fingerprint import fingerprint_of, package_versions
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
@@ -514,6 +514,16 @@ class Campaign(ShownCampaign):
         except Exception as error:
             raise CampaignError(f"the twin does not start: {reason_of(error)}") from error
 
+    def _is_interruption(self, error: BaseException) -> bool:
+        """Whether an error of a search comes of Ctrl-C."""
+        if isinstance(error, SystemError):  # of compiled code, which returned at that moment
+            error = error.__cause__ or error
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        # A compiler that the second one breaks off may fail in its own way.
+        insisted = self._interrupt is not None and self._interrupt.insisted
+        return insisted and not isinstance(error, FreneticError)
+
     def _keep_margin(self) -> None:
         """Has the strategy check roads with this campaign's margin; its record says so.
 
@@ -633,16 +643,15 @@ class Campaign(ShownCampaign):
                 )
                 interrupted = is_stopped and tally.budget_spent < 1.0 and not tally.ended
                 self._search_so_far = tally, outstanding
-        except (KeyboardInterrupt, SystemError) as error:
-            # Raised while compiled code returns, an interrupt arrives as its SystemError.
-            if not isinstance(error.__cause__ or error, KeyboardInterrupt):
+        except (KeyboardInterrupt, Exception) as error:
+            interrupted = self._is_interruption(error)
+            if not interrupted:
+                log.progress(tally.progress(time.perf_counter() - start), force=True)
+                cause: dict[str, Any] = {}
+                if trace := traceback_of(error):
+                    cause["traceback"] = trace
+                log.write(Event.GAVE_UP, reason_of(error), level="error", **cause)
                 raise
-            interrupted = True
-        except Exception as error:
-            log.progress(tally.progress(time.perf_counter() - start), force=True)
-            cause: dict[str, Any] = {"traceback": trace} if (trace := traceback_of(error)) else {}
-            log.write(Event.GAVE_UP, reason_of(error), level="error", **cause)
-            raise
         finally:
             self._interrupt = None
             tally.seconds = time.perf_counter() - start
