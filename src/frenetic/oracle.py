@@ -111,8 +111,9 @@ def assess_record(
     if share > tolerance:
         end = LEFT_LANE
     elif (
+        # Near the centre line's end, or at the end of a lane that is too wide to come near it.
         math.hypot(x - table[last, 0], y - table[last, 1]) <= goal and s >= last * ds - 2.0 * goal
-    ) or (s >= last * ds - 1e-9 and -lane_width <= d <= 0.0):  # a wide lane's end is far from that
+    ) or (s >= last * ds - 1e-9 and -lane_width <= d <= 0.0):
         end = REACHED
     else:
         # The latest record at least stuck_time ago, where records come at a steady rate; guessed,

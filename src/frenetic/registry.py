@@ -305,17 +305,17 @@ class Registry:
     ) -> None:
         """Refuses texts, and numbers for truth values, where a parameter takes these kinds only."""
         refused = (str, int) if "bool" in kinds else str
-        for parameter in inspect.signature(factory).parameters.values():
+        parameters = inspect.signature(factory).parameters
+        for name, value in options.items():
             # A text where annotations are not evaluated.
-            wanted = inspect.formatannotation(parameter.annotation).strip("'")
-            value = options.get(parameter.name)
+            wanted = inspect.formatannotation(parameters[name].annotation).strip("'")
             if (
                 kinds.issuperset(re.split(r"[ |]+", wanted))
                 and isinstance(value, refused)
                 and not isinstance(value, bool)
             ):
                 raise FreneticError(
-                    f"{self.kind} {spec!r}: {parameter.name} is {value!r}: {needed} is needed"
+                    f"{self.kind} {spec!r}: {name} is {value!r}: {needed} is needed"
                 )
 
     def _import(self, target: str, spec: str, own: bool = False) -> Callable[..., Any]:

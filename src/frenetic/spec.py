@@ -20,7 +20,6 @@ import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
-from numbers import Real
 from pathlib import Path, PurePath
 from types import FunctionType, MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
@@ -109,7 +108,7 @@ def require_count(name: str, value: float, least: int = 1) -> int:
     """
     if not is_number(value) or value != int(value) or value < least:
         given: object = value
-        text = given if isinstance(given, Real) else shown(given)
+        text = given if isinstance(given, numbers.Real) else shown(given)
         raise ValueError(f"{name} is {text}: a whole number of at least {least} is needed")
     return int(value)
 
@@ -725,16 +724,16 @@ def _repr(value: object) -> str:
         return told(_repr) if told(repr) == text else text  # it may have a repr of its own
     is_set = type(value).__repr__ in (set.__repr__, frozenset.__repr__)
     # Numbers have the same hashes in every process, and records have them in this order.
-    if not isinstance(value, (set, frozenset)) or not is_set or all(map(_is_number, value)):
+    if not isinstance(value, (set, frozenset)) or not is_set or all(map(_is_numeric, value)):
         return repr(value)
     items = f"{{{', '.join(sorted(map(_repr, value)))}}}"
     return items if type(value) is set else f"{type(value).__name__}({items})"
 
 
-def _is_number(value: object) -> bool:
+def _is_numeric(value: object) -> bool:
     """Whether it is a number, or a tuple of numbers."""
     if isinstance(value, tuple):
-        return all(map(_is_number, value))
+        return all(map(_is_numeric, value))
     return isinstance(value, numbers.Number)
 
 
@@ -878,7 +877,7 @@ def shown(value: object) -> str:
 
 def is_number(value: object) -> bool:
     """Whether it is a finite number, of numpy too."""
-    if isinstance(value, bool) or not isinstance(value, Real):
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return False
     try:
         return math.isfinite(float(value))

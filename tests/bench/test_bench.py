@@ -12,6 +12,7 @@ import sys
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pids
@@ -70,6 +71,14 @@ def ran(bench: Bench, workers: int = 2) -> dict[str, RunEnd]:
 def results_of(folder: Path) -> list[tuple[Outcome, bytes]]:
     with CampaignStore.open(folder) as store:
         return [(test.outcome, test.candidate.curvatures.tobytes()) for test in store.tests()]
+
+
+def first_messages(spec: str, folder: Path, *, log: Path) -> list[dict[str, Any] | None]:
+    """The first two of a generator's process; they are all, if it asks for no test."""
+    bench = bench_of(folder, Entrant(name="it", spec=spec))
+    told = assignment(bench.entrants[0], bench.terms, 1, folder, folder)
+    with GeneratorProcess(told, folder=folder / "work", log=log) as process:
+        return [process.receive(LIMIT), process.receive(LIMIT)]
 
 
 # Each of them ends in its own way, and only it is concerned
@@ -369,10 +378,7 @@ def test_a_generator_goes_on_when_its_log_cannot_be_written(tmp_path: Path) -> N
         "            print('loud' * 1000)\n",
         encoding="utf-8",
     )
-    bench = bench_of(tmp_path, Entrant(name="loud", spec=str(tmp_path / "loud.py:Loud")))
-    told = assignment(bench.entrants[0], bench.terms, 1, tmp_path, tmp_path)
-    with GeneratorProcess(told, folder=tmp_path / "work", log=Path("/dev/full")) as process:
-        messages = [process.receive(LIMIT), process.receive(LIMIT)]
+    messages = first_messages(f"{tmp_path / 'loud.py'}:Loud", tmp_path, log=Path("/dev/full"))
     assert [message and message["kind"] for message in messages] == ["ready", "end"]
 
 
@@ -427,11 +433,8 @@ def test_libraries_of_a_generator_take_one_thread_unless_the_user_wants_more(
         "    def start(self): raise ValueError(os.environ['OMP_NUM_THREADS'])\n",
         encoding="utf-8",
     )
-    entrant = Entrant(name="counting", spec=str(tmp_path / "counting.py:Counting"))
-    bench = bench_of(tmp_path, entrant)
-    told = assignment(entrant, bench.terms, 1, tmp_path, tmp_path)
-    with GeneratorProcess(told, folder=tmp_path / "work", log=tmp_path / "log") as process:
-        messages = [process.receive(LIMIT), process.receive(LIMIT)]
+    spec = f"{tmp_path / 'counting.py'}:Counting"
+    messages = first_messages(spec, tmp_path, log=tmp_path / "log")
     assert messages[1] is not None
     assert messages[1]["detail"] == f"ValueError: {seen}"
 

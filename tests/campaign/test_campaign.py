@@ -21,7 +21,7 @@ from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, StrategyError
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
-from frenetic.redrive.robustness import read_reruns, rerun
+from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic, Frenetic2021, Origin, RandomSearch, SearchEnded
 from frenetic.simulators import EmbeddedSimulator, Rules
@@ -422,6 +422,7 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
         variations=shares,
     )
     assert [kept.test_id for kept in read_reruns(tmp_path / "numpy")] == [one.test_id]
+    assert json.loads(json.dumps(rerun_document(one)))["seed"] == 3
 
 
 def test_a_count_that_is_no_number_is_named(tmp_path: Path) -> None:

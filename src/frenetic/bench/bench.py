@@ -16,7 +16,6 @@ import msgspec
 
 from frenetic._support.file_locks import FileLock
 from frenetic._support.files import write_file
-from frenetic._support.json_value import plain
 from frenetic._support.words import counted, format_duration
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
 from frenetic.analysis.metrics import measure_campaign
@@ -303,10 +302,7 @@ class Bench:
             )
 
     def _require_same(self) -> None:
-        theirs, ours = (
-            read_bench(self.folder),
-            json.loads(json.dumps(self.as_json(), default=plain)),
-        )
+        theirs, ours = read_bench(self.folder), json.loads(json.dumps(self.as_json()))
         recorded = _decoded(theirs, self.folder / BENCH)
         for entrant, begun in zip(recorded.entrants, theirs["entrants"], strict=True):
             if entrant.source() != begun.get("source"):
@@ -335,7 +331,7 @@ class Bench:
         path = self.folder / BENCH
         write_file(
             path,
-            json.dumps(document, indent=1, default=plain) + "\n",
+            json.dumps(document, indent=1) + "\n",
             remedy="choose another folder with --out",
             durable=True,
         )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.scalars import take_numpy_scalars
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
 from frenetic.campaign.record import TestRecord, as_text
@@ -283,6 +284,9 @@ class Run:
     variations: tuple[Variation, ...] = ()
     drives: tuple[Redrive, ...] = ()
     """Drives in the planned order."""
+
+    def __post_init__(self) -> None:
+        take_numpy_scalars(self)
 
     def by_test(self) -> dict[int, tuple[Redrive, ...]]:
         """Test -> its drives, in their order."""

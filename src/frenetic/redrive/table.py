@@ -23,7 +23,6 @@ from typing import Any, Final, Self, TypeVar
 from msgspec import convert
 from msgspec.json import decode as decode_json
 
-from frenetic._support.json_value import plain
 from frenetic._support.words import present_moment
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
@@ -357,16 +356,13 @@ def _take_in(path: Path, runs: list[Run], source: str) -> None:
 def _insert_run(connection: sqlite3.Connection, run: Run, source: str | None = None) -> int:
     values = (
         str(run.purpose),
+        *(json.dumps(part, sort_keys=True) for part in (dict(run.driver), dict(run.simulator))),
         *(
-            json.dumps(part, sort_keys=True, default=plain)
-            for part in (dict(run.driver), dict(run.simulator))
-        ),
-        *(
-            None if numbers is None else json.dumps(asdict(numbers), default=plain)
+            None if numbers is None else json.dumps(asdict(numbers))
             for numbers in (run.rules, run.car)
         ),
         run.planned,
-        None if run.seed is None else int(run.seed),
+        run.seed,
         json.dumps(sorted(map(asdict, run.variations), key=lambda one: str(one["quantity"]))),
         source,
         present_moment(),

@@ -27,6 +27,9 @@ class CarBody:
     centre_ahead: float = 0.0
     """Distance of the rectangle's centre ahead of the centre of mass, in m."""
 
+    def __post_init__(self) -> None:
+        take_numpy_scalars(self)
+
     def to_array(self) -> FloatArray:
         """Length, width and centre_ahead, (3,), as the kernels take them."""
         return np.array([self.length, self.width, self.centre_ahead])

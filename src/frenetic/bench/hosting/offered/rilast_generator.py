@@ -47,7 +47,7 @@ class RILaST:
             pipeline = importlib.import_module(f"code_pipeline.{name}")
             sys.modules[f"beamng_sim.code_pipeline.{name}"] = pipeline
         configurations = _rilast("common.load_config")
-        configurations.load_config = lambda name: _configuration(name, configurations.yaml)
+        configurations.load_config = lambda name: _configuration(name, configurations)
         _rilast("test_generators.abstract_test_generator").get_random_seed = _seed
         problem = _rilast("problems.lkas_problem").LKASProblem
         plain = _rilast("test_generators.lkas_test_generator")
@@ -67,11 +67,11 @@ def _rilast(name: str) -> Any:
     return importlib.import_module(f"rilast.{name}")
 
 
-def _configuration(name: str, yaml: Any) -> dict[str, Any]:
+def _configuration(name: str, loader: Any) -> dict[str, Any]:
     """RILaST's configuration of a test generator, with files that any folder finds."""
-    package = Path(importlib.import_module("rilast").__file__ or "").parent
+    package = Path(loader.__file__).parents[1]
     file = package / "test_generators" / "configs" / f"{name}.yaml"
-    values: dict[str, Any] = yaml.safe_load(file.read_text(encoding="utf-8"))
+    values: dict[str, Any] = loader.yaml.safe_load(file.read_text(encoding="utf-8"))
     return values | {key: str(package.parent / values[key]) for key in FILES if key in values}
 
 
