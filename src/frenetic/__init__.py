@@ -15,7 +15,7 @@ ensure_kernel_cache()  # before anything imports numba
 install_moved()
 
 if TYPE_CHECKING:
-    from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, TestRecord, evaluate
+    from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test, evaluate
     from frenetic.drivers import (
         BeamngAi,
         Camera,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     )
     from frenetic.errors import FreneticError
     from frenetic.export import data_frame
-    from frenetic.oracle import Departure, Result, judge
+    from frenetic.oracle import Finding, Result, judge
     from frenetic.outcome import Outcome
     from frenetic.report import draw_drive, draw_road
     from frenetic.road import Pose, Road, Verdict, check_validity
@@ -55,7 +55,7 @@ __getattr__ = lazy_names(
             "Campaign",
             "CampaignStore",
             "Summary",
-            "TestRecord",
+            "Test",
             "evaluate",
         ),
         "frenetic.drivers": (
@@ -74,7 +74,7 @@ __getattr__ = lazy_names(
         ),
         "frenetic.errors": ("FreneticError",),
         "frenetic.export": ("data_frame",),
-        "frenetic.oracle": ("Departure", "Result", "judge"),
+        "frenetic.oracle": ("Finding", "Result", "judge"),
         "frenetic.outcome": ("Outcome",),
         "frenetic.report": ("draw_drive", "draw_road"),
         "frenetic.road": ("Pose", "Road", "Verdict", "check_validity"),
@@ -108,12 +108,12 @@ __all__ = [
     "Candidate",
     "Controls",
     "Delayed",
-    "Departure",
     "Drive",
     "DriveSetup",
     "Driver",
     "EmbeddedSimulator",
     "Evaluation",
+    "Finding",
     "Frenetic",
     "Frenetic2021",
     "FreneticError",
@@ -132,7 +132,7 @@ __all__ = [
     "Stanley",
     "Strategy",
     "Summary",
-    "TestRecord",
+    "Test",
     "Trajectory",
     "Vehicle",
     "Verdict",

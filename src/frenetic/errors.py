@@ -6,7 +6,9 @@ import linecache
 import os
 import sys
 import traceback
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 _MOST = 450  # characters of a line about an error
 _MOST_SOURCE = 80  # characters of a line of source
@@ -44,20 +46,49 @@ def place_of(error: BaseException) -> str:
     the deepest in the package that we called. The file is given as seen from the entry of
     `sys.path` that it is imported from. Empty if there is no such call.
     """
+    place = _call_of(error)
+    if place is None:
+        return ""
+    file, line = place
+    source = " ".join(linecache.getline(file, line).split())
+    if len(source) > _MOST_SOURCE:
+        source = f"{source[: _MOST_SOURCE - 3]}..."
+    return f"{_short(file)[-100:]}:{line}{': ' if source else ''}{source}"
+
+
+def _call_of(error: BaseException) -> tuple[str, int] | None:
+    """File and line at which the user's code raised, see `place_of`."""
     calls = [
         (frame.f_code.co_filename, line)
         for frame, line in traceback.walk_tb(error.__traceback__)
         if _is_foreign(frame.f_code.co_filename)
     ]
-    own = [call for call in calls if not any(part in call[0] for part in _INSTALLED)]
     if not calls:
-        return ""
+        return None
+    own = [call for call in calls if not any(part in call[0] for part in _INSTALLED)]
     first = _package_of(calls[0][0])
-    file, line = (own or [call for call in calls if _package_of(call[0]) == first])[-1]
-    source = " ".join(linecache.getline(file, line).split())
-    if len(source) > _MOST_SOURCE:
-        source = f"{source[: _MOST_SOURCE - 3]}..."
-    return f"{_short(file)[-100:]}:{line}{': ' if source else ''}{source}"
+    return (own or [call for call in calls if _package_of(call[0]) == first])[-1]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of the driver or the simulator that broke a drive."""
+
+    part: Literal["driver", "simulator"]
+    kind: str
+    """Name of the error's class."""
+    file: str = ""
+    """File in which the user's code raised, see `place_of`; empty if unknown."""
+    line: int = 0
+    """Line in this file; 0 if unknown."""
+
+    @classmethod
+    def of(cls, part: Literal["driver", "simulator"], error: BaseException) -> Fault:
+        """The fault that an error tells of; one of ours tells of its cause."""
+        if isinstance(error, FreneticError) and error.__cause__ is not None:
+            error = error.__cause__
+        file, line = _call_of(error) or ("", 0)
+        return cls(part, type(error).__name__, file and _short(file)[-100:], line)
 
 
 def _is_foreign(file: str) -> bool:

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Final, Literal, TypeAlias
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Finite, NotNegative, Share
 from frenetic._support.compiled import njit
+from frenetic.errors import Fault
 from frenetic.outcome import Outcome
 from frenetic.road.geometry import heading_at, project_global, project_near, reach_of
 from frenetic.road.overlap import share_outside
@@ -35,19 +37,29 @@ DISTANCE, OFFSET, OOB_SHARE = range(3)
 
 
 @dataclass(frozen=True)
-class Departure:
-    """The place where a car left its lane by more than the tolerance."""
+class Finding:
+    """One breach of a criterion in a drive."""
 
-    time: float
+    criterion: str
+    """Name of the criterion, such as `LANE`."""
+    value: Finite
+    """Value that breached it."""
+    limit: Finite
+    """Limit of that value."""
+    side: Side | None
+    """Side of the ego lane, in driving direction; None if the criterion knows none."""
+    time: NotNegative
     """Simulated time, in s."""
-    distance: float
+    distance: Finite
     """Distance along the road, in m."""
-    x: float
+    x: Finite
     """Coordinate of the centre of mass, in m."""
-    y: float
+    y: Finite
     """Coordinate of the centre of mass, in m."""
-    side: Side
-    """Side of the ego lane on which the car left, in driving direction."""
+
+
+LANE: Final = "lane"
+"""Criterion of leaving the lane: the share of the car's box outside it."""
 
 
 @dataclass(frozen=True)
@@ -57,16 +69,23 @@ class Result:
     outcome: Outcome
     reason: str
     """The reason, in one sentence."""
-    moobd: float | None = None
-    """Minimum oob distance, in m; None unless PASS or FAIL."""
-    moobd_distance: float | None = None
-    """Distance along the road where the oob distance was least, in m; None unless PASS or FAIL."""
-    max_oob_share: float | None = None
-    """Largest share 0..1 of the car's box outside the ego lane; None unless PASS or FAIL."""
-    duration: float = 0.0
-    """Simulated time until the drive ended, in s."""
-    departure: Departure | None = None
-    """Place where the car left the lane, if it failed for that reason."""
+    moobd: Finite | None = None
+    """Minimum oob distance, in m; None unless PASS or FAIL, or if nobody measured it."""
+    moobd_distance: Finite | None = None
+    """Distance along the road where the oob distance was least, in m; None with the MOOBD."""
+    max_oob_share: Share | None = None
+    """Largest share 0..1 of the car's box outside the ego lane; None with the MOOBD."""
+    duration: NotNegative | None = None
+    """Simulated time until the drive ended, in s; None if nothing was driven."""
+    findings: tuple[Finding, ...] = ()
+    """Breaches of the criteria, in the order of time."""
+    fault: Fault | None = None
+    """The fault of the driver or simulator that broke the drive."""
+
+    @property
+    def departure(self) -> Finding | None:
+        """The place where the car left its lane by more than the tolerance; None if it did not."""
+        return next((one for one in self.findings if one.criterion == LANE), None)
 
 
 @njit()
@@ -225,7 +244,7 @@ def judge(road: Road, drive: Drive) -> Result:
     if drive.error is not None or records == 0:
         duration = float(drive.trajectory.time[-1]) if records else 0.0
         reason = drive.error or "The simulator recorded nothing"
-        return Result(Outcome.ERROR, reason, duration=duration)
+        return Result(Outcome.ERROR, reason, duration=duration, fault=drive.fault)
     path = drive.trajectory
     if not all(np.isfinite(column).all() for column in (path.time, path.x, path.y, path.heading)):
         reason = "The simulator recorded places that are no numbers"
@@ -234,18 +253,24 @@ def judge(road: Road, drive: Drive) -> Result:
     i = len(seen.distance) - 1
     duration = float(drive.trajectory.time[i])
     least = int(np.argmin(seen.oob_distance))
-    outcome, departure = Outcome.FAIL, None
+    outcome = Outcome.FAIL
+    findings: tuple[Finding, ...] = ()
     rules = drive.rules
     if seen.end == REACHED:
         outcome, reason = Outcome.PASS, "Car reached the end of the road"
     elif seen.end == LEFT_LANE:
         side: Side = "left" if seen.lateral_offset[i] > 0.0 else "right"
-        departure = Departure(
-            duration,
-            float(seen.distance[i]),
-            float(drive.trajectory.x[i]),
-            float(drive.trajectory.y[i]),
-            side,
+        findings = (
+            Finding(
+                LANE,
+                float(seen.oob_share[i]),
+                rules.oob_tolerance,
+                side,
+                duration,
+                float(seen.distance[i]),
+                float(path.x[i]),
+                float(path.y[i]),
+            ),
         )
         reason = (
             f"Car drove out of the lane to the {side} after {seen.distance[i]:.0f} m:"
@@ -272,5 +297,5 @@ def judge(road: Road, drive: Drive) -> Result:
         float(seen.distance[least]),
         float(seen.oob_share.max()),
         duration,
-        departure,
+        findings,
     )

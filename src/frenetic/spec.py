@@ -158,8 +158,6 @@ class EarlierCampaign:
 
     folder: str
     """Its folder, as it was given."""
-    digest: str = ""
-    """SHA-256 of what was taken from it; empty before that."""
     simulations: int = 0
     """Its drives."""
     failures: int = 0
@@ -177,7 +175,7 @@ class EarlierCampaign:
             ValueError: it is none; the message follows "is ..:".
         """
         numbers = {item.name: _whole_number(0) for item in fields(cls) if item.type == "int"}
-        value = _object_of(folder=_text, digest=_text, **numbers)(value)
+        value = _object_of(folder=_text, **numbers)(value)
         return cls(**{item.name: value[item.name] for item in fields(cls)})
 
     def __str__(self) -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers import Driver, Planner
 from frenetic.outcome import Outcome
@@ -44,7 +44,7 @@ def store_of(
             candidate = Candidate(told, np.zeros(5), 10.0, Origin("random"))
             store.asked(candidate)
             store.told(
-                TestRecord(
+                Test(
                     candidate=candidate,
                     told=told,
                     outcome=outcome,

@@ -12,7 +12,7 @@ from contents import contents
 from test_campaign import BENT, LOOP, STRAIGHT, Scripted, fails_when_bent
 
 import frenetic.campaign.campaign as campaign_module
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary, TestRecord
+from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement
@@ -112,10 +112,10 @@ def test_a_spent_budget_grows(tmp_path: Path) -> None:
 
 
 def test_only_stored_tests_are_reported_in_order_and_whole(tmp_path: Path) -> None:
-    seen: list[TestRecord] = []
+    seen: list[Test] = []
     search = campaign(tmp_path)
 
-    def look(test: TestRecord) -> None:
+    def look(test: Test) -> None:
         with CampaignStore.open(tmp_path) as store:
             assert store.stored() == test.told
         seen.append(test)
@@ -134,7 +134,7 @@ def test_a_callback_stops_a_campaign_which_goes_on_afterwards(
 ) -> None:
     search = campaign(tmp_path, Budget(simulations=30), **options)
 
-    def until_it_fails(test: TestRecord) -> None:
+    def until_it_fails(test: Test) -> None:
         if test.outcome is Outcome.FAIL:
             search.stop()
 
@@ -187,7 +187,7 @@ def test_what_was_stored_with_the_test_at_an_error_is_reported_by_the_next_run(
     search = campaign(tmp_path, Budget(simulations=4))
     seen: list[int | None] = []
 
-    def fail(test: TestRecord) -> None:
+    def fail(test: Test) -> None:
         seen.append(test.told)
         raise KeyError("mine")
 

@@ -21,7 +21,7 @@ from permissions import bound_by_permissions
 
 from frenetic._support.file_locks import FileLock
 from frenetic.campaign import store as store_module
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, MIGRATIONS, CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -46,10 +46,10 @@ def make_trajectory(seed: int, records: int = 60) -> Trajectory:
     return Trajectory.from_rows(np.cumsum(steps, axis=0) / 1000.0)
 
 
-def make_record(id: int, outcome: Outcome | None = None) -> TestRecord:  # noqa: A002
+def make_record(id: int, outcome: Outcome | None = None) -> Test:  # noqa: A002
     """Outcomes in turn, MOOBDs in no order."""
     outcome = outcome or (Outcome.FAIL, Outcome.PASS, Outcome.INVALID, Outcome.ERROR)[id % 4]
-    record = TestRecord(
+    record = Test(
         candidate=make_candidate(id),
         told=id,
         outcome=outcome,
@@ -92,8 +92,8 @@ def assert_same_candidate(one: Candidate, other: Candidate) -> None:
         assert one.points.tolist() == other.points.tolist()
 
 
-def assert_same(one: TestRecord, other: TestRecord) -> None:
-    for item in fields(TestRecord):
+def assert_same(one: Test, other: Test) -> None:
+    for item in fields(Test):
         mine, theirs = getattr(one, item.name), getattr(other, item.name)
         if item.name == "candidate":
             assert_same_candidate(mine, theirs)

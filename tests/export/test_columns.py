@@ -6,7 +6,7 @@ import re
 from dataclasses import fields
 from pathlib import Path
 
-from frenetic.campaign import TestRecord
+from frenetic.campaign import Test
 from frenetic.export.tables import TABLES, TESTS, TRAJECTORIES
 from frenetic.simulators import Trajectory
 
@@ -24,7 +24,7 @@ def test_the_page_names_every_column_and_no_other() -> None:
 
 def test_columns_are_called_what_they_are_called_elsewhere() -> None:
     assert tuple(column.name for column in TRAJECTORIES[1:]) == Trajectory.names()
-    kept = {item.name for item in fields(TestRecord)} - {
+    kept = {item.name for item in fields(Test)} - {
         "candidate",
         "pose",
         "trajectory",

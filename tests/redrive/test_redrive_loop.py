@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from frenetic.campaign import CampaignStore, TestRecord
+from frenetic.campaign import CampaignStore, Test
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.drivers import Driver, Planner
@@ -29,7 +29,7 @@ def campaign(searched_campaign: Path) -> Path:
     return searched_campaign
 
 
-def records_of(folder: Path) -> list[TestRecord]:
+def records_of(folder: Path) -> list[Test]:
     with CampaignStore.open(folder) as store:
         return [record for record in store.tests() if record.outcome.is_driven]
 
@@ -39,7 +39,7 @@ def made_tester(folder: Path) -> RoadTester:
         return campaign_tester(store, EmbeddedSimulator(), Planner())
 
 
-def tasks_of(records: list[TestRecord], conditions: Conditions = USUAL) -> list[Task]:
+def tasks_of(records: list[Test], conditions: Conditions = USUAL) -> list[Task]:
     return [Task.of(i, record, conditions) for i, record in enumerate(records, start=1)]
 
 
@@ -91,8 +91,8 @@ def test_only_roads_that_were_driven_are_driven_again() -> None:
     candidate = Candidate(9, np.zeros(2), 10.0, Origin("random"))
     facts = {"told": 1, "reason": "", "budget_spent": 0.0, "seconds": 0.0}
     pose = (0.0, 0.0, 0.0)
-    refused = TestRecord(candidate=candidate, outcome=Outcome.INVALID, pose=pose, **facts)  # type: ignore[arg-type]
-    lost = TestRecord(candidate=candidate, outcome=Outcome.ERROR, **facts)  # type: ignore[arg-type]
+    refused = Test(candidate=candidate, outcome=Outcome.INVALID, pose=pose, **facts)  # type: ignore[arg-type]
+    lost = Test(candidate=candidate, outcome=Outcome.ERROR, **facts)  # type: ignore[arg-type]
     for record in (refused, lost):
         with pytest.raises(CampaignError, match=f"test 9 is {record.outcome}: only a road that"):
             Task.of(1, record)

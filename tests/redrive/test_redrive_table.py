@@ -19,7 +19,7 @@ from checksums import forget_checksums
 from permissions import bound_by_permissions
 from redrives import as_older, forget_redrives, redriven
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, RoadTester, TestRecord
+from frenetic.campaign import Budget, Campaign, CampaignStore, RoadTester, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.store import DATABASE, MIGRATIONS
 from frenetic.drivers import Planner
@@ -283,7 +283,7 @@ def test_each_smaller_road_is_stored_as_it_is_found(campaign: Path) -> None:
     with CampaignStore.open(campaign) as store:
         first, second = (store.test(number) for number in failures(campaign)[:2])
 
-    def minimised(record: TestRecord, progress: Any = None) -> Minimised:
+    def minimised(record: Test, progress: Any = None) -> Minimised:
         simulator = EmbeddedSimulator()
         with simulator:
             return minimise_test(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers import Planner
@@ -51,7 +51,7 @@ def make_hostile(folder: Path, searched: Path) -> Path:
             )
             store.asked(candidate)
             store.told(
-                TestRecord(
+                Test(
                     candidate=candidate,
                     told=number,
                     outcome=Outcome.FAIL,
@@ -90,7 +90,7 @@ def make_refused(folder: Path, searched: Path) -> Path:
         candidate = Candidate(1, np.zeros(3), 10.0, Origin("random"))
         store.asked(candidate)
         store.told(
-            TestRecord(
+            Test(
                 candidate=candidate,
                 told=1,
                 outcome=Outcome.INVALID,

@@ -25,7 +25,7 @@ from frenetic import (
     Planner,
     RandomSearch,
 )
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
 from frenetic.cli import cli
 from frenetic.drivers import appearance
@@ -47,7 +47,7 @@ def run(folder: Path, driver: Driver, simulations: int) -> None:
     ).run()
 
 
-def camera_data(record: TestRecord, config: Mapping[str, JSONValue]) -> CameraData | None:
+def camera_data(record: Test, config: Mapping[str, JSONValue]) -> CameraData | None:
     return DriverCamera(config, Path("nowhere")).saw(record)
 
 

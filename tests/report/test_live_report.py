@@ -16,7 +16,7 @@ import pytest
 from html_browser import Trouble
 from playwright.sync_api import Browser, expect
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.progress import Progress
 from frenetic.campaign.store import LOCK
@@ -34,7 +34,7 @@ LIMIT = 60.0  # s until a page or an edition has to be there
 
 
 @pytest.fixture(scope="module")
-def tests(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, list[TestRecord]]:
+def tests(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, list[Test]]:
     """The record of a campaign, and its tests."""
     folder = tmp_path_factory.mktemp("live") / "searched"
     Campaign(
@@ -51,7 +51,7 @@ def tests(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, list[TestRecor
 class Growing:
     """A campaign that grows test by test."""
 
-    def __init__(self, folder: Path, config: Any, tests: Sequence[TestRecord]) -> None:
+    def __init__(self, folder: Path, config: Any, tests: Sequence[Test]) -> None:
         self.folder = folder
         self._tests = list(tests)
         self.store = CampaignStore.create(folder, config)
@@ -82,7 +82,7 @@ class Growing:
 
 
 @pytest.fixture
-def begin(tmp_path: Path, tests: tuple[Any, list[TestRecord]]) -> Iterator[Callable[[], Growing]]:
+def begin(tmp_path: Path, tests: tuple[Any, list[Test]]) -> Iterator[Callable[[], Growing]]:
     made: list[Growing] = []
 
     def begun() -> Growing:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
@@ -27,9 +27,9 @@ def recorded(
     *,
     id: int = 1,  # noqa: A002
     length: float = 230.0,
-) -> TestRecord:
+) -> Test:
     """A test of a straight road."""
-    return TestRecord(
+    return Test(
         candidate=Candidate(id, np.zeros(24), length / 23.0, Origin("random")),
         told=id,
         outcome=outcome,
@@ -49,7 +49,7 @@ def redriven(
     departure_distance: float | None = None,
     departure_side: Side | None = None,
     *,
-    test: TestRecord | None = None,
+    test: Test | None = None,
 ) -> Redrive:
     """A drive of a test's road."""
     return Redrive(

@@ -37,7 +37,8 @@ from frenetic.analysis.segments import (
     segment_profile,
     segments_of,
 )
-from frenetic.campaign.record import EarlierTest, TestRecord
+from frenetic.campaign.earlier import EarlierTest, read_earlier
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
@@ -120,7 +121,7 @@ class Failure:
         cls,
         road: Road,
         drive: Drive,
-        result: Result | TestRecord,
+        result: Result | Test,
         *,
         id: int = 0,  # noqa: A002
     ) -> Failure | None:
@@ -131,7 +132,7 @@ class Failure:
         return cls.of(segment, id=id, moobd=result.moobd or 0.0)
 
     @classmethod
-    def of_test(cls, record: TestRecord) -> Failure | None:
+    def of_test(cls, record: Test) -> Failure | None:
         """The failure of a stored test; None unless it failed and was read with its trajectory."""
         if record.outcome is not Outcome.FAIL or record.drive is None:
             return None
@@ -244,7 +245,7 @@ def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clu
     Raises:
         CampaignError: the campaign is damaged.
     """
-    return distinct_among(failures_of(store, limit), store.earlier())
+    return distinct_among(failures_of(store, limit), read_earlier(store))
 
 
 def distinct_among(failures: Sequence[Failure], earlier: Sequence[EarlierTest]) -> Clusters:
@@ -306,7 +307,7 @@ def nearest_misses(store: CampaignStore, number: int = NEAR_MISSES) -> Clusters:
 
 def representative_failures(
     store: CampaignStore, number: int = LISTED, *, clusters: Clusters | None = None
-) -> list[TestRecord]:
+) -> list[Test]:
     """The most severe failure of each of the ``number`` most severe clusters, the worst first.
 
     The records come without their trajectories; fewer where there are fewer distinct failures.

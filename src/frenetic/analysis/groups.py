@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import require_list
+from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import FIRST_VERSION, comparable, short_version
-from frenetic.spec import earlier_of
 
 PARTS: Final = (
     "strategy",
     "driver",
     "simulator",
-    "changes",
     "rules",
     "budget",
     "map_size",
@@ -29,8 +29,7 @@ PARTS: Final = (
     "start_from",
     "fingerprints",
 )
-"""Parts of a configuration that repeats share; the strategy's seed differs. The changes are those
-that were accepted when a campaign was resumed."""
+"""Parts of a configuration that repeats share; the strategy's seed differs."""
 
 
 def find_campaigns(place: Path | str) -> list[Path]:
@@ -82,13 +81,14 @@ def parts_of(folder: Path | str) -> dict[str, Any]:
         CampaignError: it is not there or damaged.
     """
     with CampaignStore.open(folder) as store:
-        config, facts, changes = store.config, store.facts, store.changes
+        config, facts, earlier = store.config, store.facts, store.fact(FACT)
     parts: dict[str, Any] = {name: comparable(config.get(name)) for name in PARTS}
     parts["budget"] = facts.get("budget", parts["budget"])
     parts["fingerprints"] = parts["fingerprints"] or None
     parts["objective"] = config.get("objective", MOOBD)
-    parts["start_from"] = [one.digest for one in earlier_of(config)] or None
-    parts["changes"] = [str(change) for change in changes if change.what] or None
+    parts["start_from"] = None
+    if earlier is not None:
+        parts["start_from"] = hashlib.sha256(json.dumps(earlier).encode()).hexdigest()
     strategy = parts["strategy"]
     if isinstance(strategy, dict) and isinstance(strategy.get("options"), dict):
         options = {k: v for k, v in strategy["options"].items() if k != "seed"}
@@ -115,8 +115,6 @@ def _names(configurations: list[dict[str, Any]]) -> list[str]:
 
 def _word(part: str, value: Any, others: Sequence[Any]) -> str:
     """Value of a part, as opposed to other configurations."""
-    if part == "changes":
-        return "changed" if value else "unchanged"
     if part == "start_from":
         return "warm-started" if value else "started afresh"
     if not isinstance(value, dict):

@@ -9,7 +9,7 @@ from typing import Final
 
 from frenetic.analysis.features import FEATURES, Features, features_of
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import UnknownNameError
 from frenetic.outcome import Outcome
@@ -22,7 +22,7 @@ ORDERS: Final = ("severity", "told", "duration")
 class ListedTest:
     """A test of a list."""
 
-    record: TestRecord
+    record: Test
     """Without its trajectory."""
     features: Features | None
     """Features of its segment; None if the list asks for none, or if nothing was driven."""
@@ -77,7 +77,7 @@ def list_tests(
     return sorted(chosen, key=lambda test: _place(test, sort))
 
 
-def _features(store: CampaignStore, record: TestRecord) -> Features | None:
+def _features(store: CampaignStore, record: Test) -> Features | None:
     if not record.outcome.is_driven:
         return None
     test = store.test(record.id)
@@ -98,5 +98,5 @@ def _place(test: ListedTest, sort: str) -> float:
         return record.told
     if sort == "severity":
         return math.inf if record.moobd is None else record.moobd
-    value = record.duration if sort == "duration" else _value(test, sort)
+    value = record.result.duration if sort == "duration" else _value(test, sort)
     return math.inf if value is None or math.isnan(value) else -value

@@ -30,7 +30,7 @@ from frenetic.analysis.segments import Segment, segments_of
 from frenetic.analysis.sparseness import competition_sparseness, diversity
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.progress import Tally
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
 from frenetic.search.random_search import RANDOM
@@ -523,7 +523,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         failed_by_chance = []
         for record in store.tests():
             # Logs of old versions hold only the time of each test.
-            spent = spent + record.seconds if record.elapsed is None else record.elapsed
+            spent = record.elapsed
             outcome = record.outcome
             tally.count(record.candidate, outcome, record.moobd)
             if outcome.is_simulated:
@@ -615,7 +615,7 @@ def _read_failures(store: CampaignStore, ids: Container[int]) -> list[_Failure]:
     ]
 
 
-def _measure_failure(record: TestRecord, segment: Segment) -> _Failure:
+def _measure_failure(record: Test, segment: Segment) -> _Failure:
     points = record.candidate.points
     submitted = segment.road.road_points if points is None else points
     left = record.departure

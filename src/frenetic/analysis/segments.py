@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore, Order
-from frenetic.oracle import Assessment, Departure, Side, assess
+from frenetic.oracle import Assessment, Finding, Side, assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.geometry import sample_line
@@ -101,7 +101,7 @@ class Segment:
 def segment_of(
     road: Road,
     drive: Drive,
-    departure: Departure | None,
+    departure: Finding | None,
     *,
     before: float = REACH,
     after: float = REACH,
@@ -156,7 +156,7 @@ def segments_of(
     *,
     order_by: Order = "told",
     limit: int | None = None,
-) -> Iterator[tuple[TestRecord, Segment]]:
+) -> Iterator[tuple[Test, Segment]]:
     """The driven tests of a campaign, one by one, each with its segment.
 
     Args:

@@ -170,7 +170,7 @@ class GeneratorStrategy:
             description=_reason(attempt),
             records=self._records(evaluation, attempt),
             spent=self._clock.spent,
-            simulated=attempt.result.duration if attempt else 0.0,
+            simulated=(attempt.result.duration if attempt else None) or 0.0,
         )
         self._since = time.monotonic()
         with suppress(GeneratorLostError):  # its last words may still wait to be received

@@ -24,12 +24,11 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.arrays import FloatArray
 from frenetic._support.files import require_list
 from frenetic.analysis.groups import find_campaigns
-from frenetic.campaign.record import POSE
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import FreneticError, RoadError
 from frenetic.oracle import LEFT_LANE, assess
 from frenetic.outcome import Outcome
-from frenetic.road import Road
+from frenetic.road import Pose, Road
 from frenetic.road.files import road_file
 from frenetic.search.records import Trace
 from frenetic.simulators.drive import Rules
@@ -351,7 +350,7 @@ def _drive_of(
     if not Outcome(outcome).is_driven:
         return None
     described = {**entries, "lane_width": terms.lane_width}
-    pose = [entries.get(name) for name in POSE]
+    pose = [entries.get(name) for name in Pose._fields]
     if None not in pose:  # as in our own tables
         described.setdefault("pose", pose)
     try:

@@ -3,7 +3,7 @@
 from frenetic.campaign.campaign import LOOKAHEAD, Campaign, new_folder
 from frenetic.campaign.objective import evaluate
 from frenetic.campaign.progress import Progress, Summary
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.spec import Budget
@@ -16,7 +16,7 @@ __all__ = [
     "Progress",
     "RoadTester",
     "Summary",
-    "TestRecord",
+    "Test",
     "evaluate",
     "new_folder",
 ]

@@ -19,21 +19,14 @@ from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.json_value import plain
 from frenetic._support.pictures import ShownCampaign, data_frame
-from frenetic._support.words import counted, present_moment
-from frenetic.campaign.changes import (
-    CHANGES,
-    PARTS,
-    PartChange,
-    changed_parts,
-    present_parts,
-    read_changes,
-)
-from frenetic.campaign.earlier import stored_earlier, take_earlier
+from frenetic._support.words import counted
+from frenetic.campaign.changes import PARTS, changed_parts
+from frenetic.campaign.earlier import fact_of, read_earlier, stored_earlier, take_earlier
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, ObservingStrategy, replay, require_fresh, start
-from frenetic.campaign.objective import MOOBD, Objective
+from frenetic.campaign.objective import MOOBD, Objective, objectives
 from frenetic.campaign.progress import Progress, Summary, Tally
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.screening import ScreeningSummary, Twin, screened
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
@@ -313,7 +306,7 @@ class Campaign(ShownCampaign):
         simulations: int | Callable[[Progress], None] | None = None,
         on_progress: Callable[[Progress], None] | None = None,
         *,
-        on_test: Callable[[TestRecord], object] | None = None,
+        on_test: Callable[[Test], object] | None = None,
         on_start: Callable[[], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
     ) -> Summary:
@@ -366,7 +359,9 @@ class Campaign(ShownCampaign):
         configuration = self.configuration()
         with ExitStack() as stack:
             self._enter_twin(stack)
-            store = stack.enter_context(CampaignStore.create(self.folder, configuration, taken))
+            store = stack.enter_context(
+                CampaignStore.create(self.folder, configuration, fact_of(taken))
+            )
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
             tally = Tally()
@@ -374,7 +369,7 @@ class Campaign(ShownCampaign):
             self.notes = tuple(f"starts from {earlier}" for earlier in self.start_from)
             for note in self.notes:
                 log.write(Event.LOG, note, logger=__name__)
-            start(self.strategy, store.earlier(), tally)
+            start(self.strategy, read_earlier(store), tally)
             stack.enter_context(_saying_what_is_stored(store, tally))
             return self._search(store, log, tally, {}, limit, callbacks)
 
@@ -442,10 +437,9 @@ class Campaign(ShownCampaign):
         self,
         on_progress: Callable[[Progress], None] | None = None,
         *,
-        on_test: Callable[[TestRecord], object] | None = None,
+        on_test: Callable[[Test], object] | None = None,
         on_start: Callable[[], None] | None = None,
         on_interrupt: Callable[[], None] | None = None,
-        accept_changed: bool = False,
     ) -> Summary:
         """Resumes the campaign in the folder, whatever ended it.
 
@@ -459,9 +453,6 @@ class Campaign(ShownCampaign):
             on_test: as for `run`, with tests that are new.
             on_start: called when the log is replayed and the simulator has started.
             on_interrupt: called at the first Ctrl-C.
-            accept_changed: go on with a strategy, driver, simulator, or built-in rules that differ
-                from those of the campaign in arguments, source or version, and mark in the campaign
-                from which result on. `notes` says what cannot be compared.
 
         Raises:
             CampaignError: there is no such campaign, another process writes it, it was made with
@@ -477,21 +468,18 @@ class Campaign(ShownCampaign):
                 self._keep_margin()
             self.start_from, taken = stored_earlier(store)
             configuration = self.configuration()
-            changes = self._changes(store, configuration, accept_changed=accept_changed)
-            store.require_whole()
+            self._check_same(store, configuration)
+            store.require_sound()
             self._enter_twin(stack)
             tally, outstanding = replay(
                 store,
                 self.strategy,
                 self.budget,
                 self.objective,
-                is_revised=any(
-                    "strategy" in one.parts for one in read_changes(changes.get(CHANGES))
-                ),
                 earlier=taken,
             )
             # However this process ends, the campaign is resumed to this budget.
-            store.reopen(budget=asdict(self.budget), **changes)
+            store.reopen(budget=asdict(self.budget))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
             _log_start(log, Event.RESUMED, tally, configuration)
@@ -540,17 +528,11 @@ class Campaign(ShownCampaign):
             return {}
         return {"objective": fingerprint_of(self.objective.measure).to_json()}
 
-    def _changes(
-        self,
-        store: CampaignStore,
-        configuration: Mapping[str, JSONValue],
-        *,
-        accept_changed: bool,
-    ) -> dict[str, list[dict[str, JSONValue]]]:
-        """The campaign's fact about changed parts, if there is anything new; fills `notes`.
+    def _check_same(self, store: CampaignStore, configuration: Mapping[str, JSONValue]) -> None:
+        """Checks that a stored campaign was made on these terms with these parts; fills `notes`.
 
         Raises:
-            CampaignError: the log was made by other parts, and that is not accepted.
+            CampaignError: it was not.
         """
         ours = json.loads(json.dumps(configuration, default=plain))
         for name in ("rules", "map_size", "margin", "lane_width", "lookahead", "objective"):
@@ -560,41 +542,18 @@ class Campaign(ShownCampaign):
                     f"{self.folder} was made with another {name.replace('_', ' ')}:"
                     f" {json.dumps(theirs)[:300]}, not {json.dumps(ours[name])[:300]}"
                 )
-        recorded = store.parts
-        found = changed_parts(recorded, ours)
+        found = changed_parts(store.config, ours)
         changed = [text for one in found.values() for text in one.changed]
-        if changed and not accept_changed:
+        if changed:
             others = [name for name, one in found.items() if one.changed and name in PARTS]
             raise CampaignError(
                 f"{self.folder} was made with another {' and '.join(others) or 'version'}:"
-                f" {'; '.join(changed)[:1000]}; restore it, or go on and mark that with"
-                " --accept-changed (in Python: resume(accept_changed=True))"
+                f" {'; '.join(changed)[:1000]}; restore it, or start a new campaign from this one:"
+                f" frenetic run --from {self.folder}"
             )
         unknown = [text for one in found.values() for text in one.unknown]
-        first = sum(store.by_outcome().values()) + 1
-        self.notes = tuple(
-            f"{what}: {'; '.join(texts)}"
-            for what, texts in (
-                ("whether these are as before is unknown", unknown),
-                (f"changed from result {first} on", changed),
-            )
-            if texts
-        )
-        # A change without a result since is replaced.
-        earlier = [change for change in store.changes if change.first < first]
-        before = present_parts(store.config, earlier)
-        since = changed_parts(before, ours)
-        parts = {
-            name: ours[name]
-            for name, one in since.items()
-            if (one.changed or one.unknown) and ours[name] != before.get(name)
-        }
-        if parts:
-            what = tuple(text for one in since.values() for text in one.changed)
-            earlier.append(PartChange(first, present_moment(), what, parts))
-        if not earlier and not store.changes:
-            return {}
-        return {CHANGES: [change.to_json() for change in earlier]}
+        if unknown:
+            self.notes = (f"whether these are as before is unknown: {'; '.join(unknown)}",)
 
     def _search(
         self,
@@ -707,14 +666,14 @@ class Campaign(ShownCampaign):
         return data_frame(self.folder)
 
     @property
-    def best_test(self) -> TestRecord | None:
+    def best_test(self) -> Test | None:
         """The stored test that is worst for the driver, by the objective; None before a drive.
 
         Raises:
             CampaignError: there is no campaign, or it is damaged.
         """
         with CampaignStore.open(self.folder) as store:
-            if values := store.objectives():
+            if values := objectives(store):
                 turn = -1.0 if self.objective.higher_is_worse else 1.0
                 return store.test(min(values, key=lambda test: turn * values[test]))
             lowest = next(store.tests(order_by="moobd", limit=1, with_trajectory=True), None)
@@ -734,7 +693,7 @@ class _Callbacks:
     """The functions of a user that a campaign calls, see `Campaign.run`."""
 
     on_progress: Callable[[Progress], None] | None
-    on_test: Callable[[TestRecord], object] | None
+    on_test: Callable[[Test], object] | None
     on_start: Callable[[], None] | None
     on_interrupt: Callable[[], None] | None
 

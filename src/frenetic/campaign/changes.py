@@ -1,88 +1,16 @@
-"""Changes of a campaign's parts that were accepted when it was resumed."""
+"""Changes of a campaign's parts since it was made."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from collections.abc import Mapping
+from typing import Final
 
 from frenetic._support.json_value import JSONValue
 from frenetic.fingerprint import Differences, differences, other_version
-from frenetic.spec import describe, of_today, read_part
+from frenetic.spec import describe
 
-CHANGES: Final = "changes"
-"""Name of the fact with the accepted changes."""
 PARTS: Final = ("strategy", "driver", "simulator")
 _TERMS: Final = "fingerprints"
-
-
-@dataclass(frozen=True)
-class PartChange:
-    """A change of parts, from a test on."""
-
-    first: int
-    """Number of telling of the first test with the changed parts."""
-    at: str
-    """When it was accepted, UTC, ISO 8601."""
-    what: tuple[str, ...]
-    """What changed, each in a few words; empty if only fingerprints were added to a campaign of an
-    older version."""
-    parts: Mapping[str, Any]
-    """Name of a part -> its description from then on."""
-
-    @classmethod
-    def read(cls, value: Any) -> PartChange:
-        """A change from JSON.
-
-        Raises:
-            ValueError: it is none; the message follows "is ..:".
-        """
-        fault = ValueError("a list of changes with first, at, what and parts is needed")
-        if not isinstance(value, Mapping):
-            raise fault
-        first, at, what, parts = (value.get(name) for name in ("first", "at", "what", "parts"))
-        if type(first) is not int or first < 1 or not isinstance(at, str):
-            raise fault
-        if not isinstance(what, list) or not all(isinstance(text, str) for text in what):
-            raise fault
-        if not isinstance(parts, Mapping) or not set(parts) <= {*PARTS, _TERMS}:
-            raise fault
-        return cls(first, at, tuple(what), {k: read_part(k, v) for k, v in parts.items()})
-
-    def to_json(self) -> dict[str, JSONValue]:
-        """The change in the campaign's facts."""
-        return {
-            "first": self.first,
-            "at": self.at,
-            "what": list(self.what),
-            "parts": dict(self.parts),
-        }
-
-    def __str__(self) -> str:
-        return f"from result {self.first} on: {'; '.join(self.what)}"
-
-
-def read_changes(value: object) -> tuple[PartChange, ...]:
-    """The changes in a campaign's fact, in order; none if it is None.
-
-    Raises:
-        ValueError: it is damaged.
-    """
-    if value is None:
-        return ()
-    if not isinstance(value, Sequence) or isinstance(value, str):
-        raise ValueError("a list of changes is needed")
-    return tuple(map(PartChange.read, value))
-
-
-def present_parts(
-    config: Mapping[str, JSONValue], changes: Sequence[PartChange]
-) -> dict[str, JSONValue]:
-    """A campaign's configuration with the parts that it was resumed with last."""
-    parts = dict(of_today(config))
-    for change in changes:
-        parts |= change.parts
-    return parts
 
 
 def version_notes(recorded: Mapping[str, JSONValue], **parts: object) -> list[str]:

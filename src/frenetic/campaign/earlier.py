@@ -8,29 +8,49 @@ earlier campaign is needed no more.
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
+from msgspec import Struct, convert, to_builtins
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.bounds import Count, Finite, NotNegative, Positive
+from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.campaign.objective import Objective, evaluation_of
-from frenetic.campaign.record import EarlierTest, TestRecord, row_of_earlier
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError
+from frenetic.oracle import Side
 from frenetic.outcome import Outcome
 from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
 from frenetic.search.random_search import EARLIER
-from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.records import Candidate, Evaluation, Origin, Trace
 from frenetic.spec import EarlierCampaign, read_part
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierTest:
+    """Test of an earlier campaign that a search starts from."""
+
+    campaign: int
+    """Number from 1 of the campaign among those that it starts from."""
+    test: int
+    """Id of the test there."""
+    evaluation: Evaluation
+    """Result, as the strategy is told it; its candidate counts from 1 in this order."""
+
+    @property
+    def number(self) -> int:
+        """Number from 1 among all tests that a search starts from."""
+        return self.evaluation.candidate.id
+
 
 _APART: Final = 1.0
 """Least difference of two taken tests, in m."""
@@ -72,7 +92,6 @@ def take_earlier(
         campaigns.append(
             EarlierCampaign(
                 str(folder),
-                digest=digest_of(own),
                 simulations=sum(n for one, n in by_outcome.items() if one.is_simulated),
                 failures=by_outcome[Outcome.FAIL],
                 taken=len(own),
@@ -100,19 +119,7 @@ def stored_earlier(
         campaigns = read_part("start_from", store.config.get("start_from", []))
     except ValueError as error:
         raise CampaignError(f"{store.folder} is damaged: its start_from: {error}") from None
-    tests = store.earlier()
-    if any(test.campaign > len(campaigns) for test in tests):
-        raise CampaignError(
-            f"{store.folder} is damaged: it took tests from a campaign that it does not name;"
-            " restore it from a copy"
-        )
-    for number, campaign in enumerate(campaigns, start=1):
-        if digest_of(test for test in tests if test.campaign == number) != campaign.digest:
-            raise CampaignError(
-                f"{store.folder} is damaged: what it took from {campaign.folder} is not what it"
-                " holds; restore it from a copy"
-            )
-    return campaigns, tests
+    return campaigns, read_earlier(store)
 
 
 def driven_again(store: CampaignStore) -> dict[int, EarlierTest]:
@@ -123,10 +130,10 @@ def driven_again(store: CampaignStore) -> dict[int, EarlierTest]:
     """
     earlier = {
         (test.evaluation.candidate.step, test.evaluation.candidate.curvatures.tobytes()): test
-        for test in store.earlier()
+        for test in read_earlier(store)
     }
     select = """
-        SELECT id, step, curvatures FROM candidate JOIN test ON id = candidate_id
+        SELECT id, step, curvatures FROM test
         WHERE operator = ? AND outcome IN ('PASS', 'FAIL')
     """
     rows = store.rows(select, (EARLIER,)) if earlier else ()
@@ -143,26 +150,91 @@ def still_failing(store: CampaignStore) -> str:
     had_failed = [one for one, test in again.items() if test.evaluation.outcome is Outcome.FAIL]
     if not had_failed:
         return ""
-    failing = {one for (one,) in store.rows("SELECT candidate_id FROM test WHERE outcome = 'FAIL'")}
+    failing = {one for (one,) in store.rows("SELECT id FROM test WHERE outcome = 'FAIL'")}
     still = len(failing.intersection(had_failed))
     return f"{still} of {counted(len(had_failed), 'earlier failure')} driven again still failed"
 
 
-def digest_of(tests: Iterable[EarlierTest]) -> str:
-    """SHA-256 of what is taken from a campaign."""
-    digest = hashlib.sha256()
-    for test in tests:
-        for value in row_of_earlier(test)[_OWN:]:
-            digest.update(value if isinstance(value, bytes) else json.dumps(value).encode())
-    return digest.hexdigest()
+class _Row(Struct):
+    """An `EarlierTest` in the fact; arrays are float64, in base64."""
+
+    campaign: Count
+    test: Count
+    step: Positive
+    curvatures: bytes
+    outcome: Literal["PASS", "FAIL"]
+    moobd: Finite
+    objective: Finite | None
+    place: Finite | None
+    side: Side | None
+    duration: NotNegative | None
+    distance: bytes
+    lateral_offset: bytes
+    speed: bytes
 
 
-_OWN: Final = 2  # the first columns number the test and its campaign
+FACT: Final = "earlier"
+"""Name of the fact with the tests that were taken."""
+_OF_EVALUATION: Final = ("objective", "place", "side", "duration")
+_OF_TRACE: Final = ("distance", "lateral_offset", "speed")
+
+
+def fact_of(tests: Sequence[EarlierTest]) -> dict[str, JSONValue]:
+    """The fact with what was taken from earlier campaigns; none if nothing was."""
+    return {FACT: [to_builtins(_row_of(test), builtin_types=()) for test in tests]} if tests else {}
+
+
+def _row_of(test: EarlierTest) -> _Row:
+    told = test.evaluation
+    candidate, trace = told.candidate, told.trace
+    assert trace is not None
+    assert told.moobd is not None
+    return _Row(
+        test.campaign,
+        test.test,
+        float(candidate.step),
+        candidate.curvatures.tobytes(),
+        "FAIL" if told.outcome is Outcome.FAIL else "PASS",
+        float(told.moobd),
+        *(getattr(told, name) for name in _OF_EVALUATION),
+        *(np.ascontiguousarray(getattr(trace, name), np.float64).tobytes() for name in _OF_TRACE),
+    )
+
+
+def read_earlier(store: CampaignStore) -> list[EarlierTest]:
+    """What a campaign took from earlier ones.
+
+    Raises:
+        CampaignError: it is damaged.
+    """
+    try:
+        rows = convert(store.fact(FACT) or [], list[_Row])
+        return [_test_of(number, row) for number, row in enumerate(rows, start=1)]
+    except ValueError as error:
+        raise CampaignError(
+            f"{store.folder} is damaged: what it started from: {error}; restore it from a copy"
+        ) from None
+
+
+def _test_of(number: int, row: _Row) -> EarlierTest:
+    trace = Trace(*(np.frombuffer(getattr(row, name)) for name in _OF_TRACE))
+    if not 0 < len(trace.distance) == len(trace.lateral_offset) == len(trace.speed):
+        raise ValueError("a drive has not as many offsets and speeds as distances")
+    candidate = Candidate(number, np.frombuffer(row.curvatures), row.step, Origin(EARLIER))
+    told = Evaluation(
+        candidate,
+        Outcome(row.outcome),
+        row.moobd,
+        0.0,
+        **{name: getattr(row, name) for name in _OF_EVALUATION},
+        read_trace=lambda: trace,
+    )
+    return EarlierTest(row.campaign, row.test, told)
 
 
 def _worth_taking(
     store: CampaignStore, objective: Objective, fitting: _Fitting, approaches: _Approaches
-) -> Iterator[tuple[TestRecord, Evaluation]]:
+) -> Iterator[tuple[Test, Evaluation]]:
     for outcome, (most, looked_at) in _MOST.items():
         taken = 0
         for record in store.tests(outcome, "moobd", looked_at):
@@ -191,7 +263,7 @@ class _Fitting:
         self._step = step
         self.refused = 0
 
-    def accepts(self, record: TestRecord) -> bool:
+    def accepts(self, record: Test) -> bool:
         road = record.candidate
         fits = self._step is None or road.step == self._step
         fits = fits and self._tester.fitted(road)[1].valid

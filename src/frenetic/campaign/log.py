@@ -324,6 +324,17 @@ class CampaignLog:
             self._file = None
 
 
+def told_in_log(folder: Path) -> int:
+    """The most results of which a campaign's log tells; 0 if it tells of none."""
+    most = 0
+    with suppress(OSError), (folder / LOG).open("rb") as file:
+        for line in file:
+            with suppress(ValueError, LookupError, TypeError):
+                record = json.loads(line)
+                most = max(most, record["tests"] + record["dropped"])
+    return most
+
+
 class _LogHandler(logging.Handler):
     """Writes records of Python's logging to a campaign's log."""
 

@@ -7,6 +7,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from numbers import Integral
 from typing import Any, Final, Protocol, runtime_checkable
@@ -17,10 +18,12 @@ import numpy as np
 from frenetic._support.child_processes import one_process
 from frenetic._support.interrupt import Interrupt
 from frenetic._support.json_value import JSONValue
+from frenetic._support.words import present_moment
+from frenetic.campaign.earlier import EarlierTest
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.objective import Objective, evaluation_of
 from frenetic.campaign.progress import Progress, Tally
-from frenetic.campaign.record import Attempt, EarlierTest, TestRecord
+from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_raised
@@ -29,7 +32,6 @@ from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import (
     Ledger,
-    RevisableStrategy,
     SearchEnded,
     SelectiveStrategy,
     Strategy,
@@ -104,8 +106,7 @@ class Dispatcher:
         self._running: set[int] = set()  # ids
         self._tries: Counter[int] = Counter()
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
-        # Told, perhaps not written, with the tracebacks of errors.
-        self._unwritten: list[tuple[TestRecord, str, Progress]] = []
+        self._unwritten: list[tuple[Test, Progress]] = []  # told
         self._unreported = unreported  # written
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
@@ -152,9 +153,9 @@ class Dispatcher:
         if self._unwritten:
             self._store.write()
             written, self._unwritten = self._unwritten, []
-            for record, traceback, progress in written:
-                self._log_result(record, traceback)
-                self._unreported.append((record.id, progress))
+            for test, progress in written:
+                self._log_result(test)
+                self._unreported.append((test.id, progress))
         while self._unreported:
             yield self._unreported.popleft()
 
@@ -300,28 +301,28 @@ class Dispatcher:
         tally.count(candidate, result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
         tally.budget_spent = self._budget.spent(tally.simulations, elapsed, tally.failures)
-        record = attempt.record(
-            candidate,
+        test = Test(
+            candidate=candidate,
+            attempt=attempt,
             told=tally.told,
             budget_spent=tally.budget_spent,
             attempts=self._tries.pop(candidate.id, 0),
             elapsed=elapsed,
+            finished_at=present_moment(),
             setting=self._store.setting,
         )
-        self._store.told(record, attempt.packed, hold=True)
-        del self._outstanding[candidate.id]
         if self._observing is not None:
             self._observing.observe(attempt)
-        evaluation = evaluation_of(record, attempt.stored_trajectory, self._objective)
-        value = self._objective.value_of(evaluation)
-        if value is not None:
-            self._store.measured(candidate.id, value)
+        evaluation = evaluation_of(test, attempt.stored_trajectory, self._objective)
+        test = replace(test, objective=self._objective.value_of(evaluation))
+        self._store.told(test)
+        del self._outstanding[candidate.id]
         tally.measure(self._objective, evaluation)
         tell(self._strategy, evaluation, tally)
         self._log_notice()
         progress = tally.progress(time.perf_counter() - self._start)
-        self._unwritten.append((record, attempt.traceback, progress))
-        self._give_up_if_hopeless(record)
+        self._unwritten.append((test, progress))
+        self._give_up_if_hopeless(test)
 
     def _is_wanted(self, candidate: Candidate) -> bool:
         if self._selective is None:
@@ -332,22 +333,22 @@ class Dispatcher:
         except Exception as error:
             raise _raised(error) from error
 
-    def _give_up_if_hopeless(self, record: TestRecord) -> None:
+    def _give_up_if_hopeless(self, test: Test) -> None:
         """Raises a `CampaignError` if no road was judged for too long."""
-        if record.outcome is Outcome.INVALID:
+        if test.outcome is Outcome.INVALID:
             self._refused += 1
-        elif record.outcome is Outcome.ERROR:
+        elif test.outcome is Outcome.ERROR:
             self._broken, self._refused = self._broken + 1, 0
-        elif record.outcome.is_driven:
+        elif test.outcome.is_driven:
             self._broken = self._refused = 0
         if self._broken >= MAX_ERRORS_IN_A_ROW:
             raise CampaignError(
-                f"the last {self._broken} drives broke, so the campaign gives up: {record.reason}"
+                f"the last {self._broken} drives broke, so the campaign gives up: {test.reason}"
             )
         if self._refused >= MAX_INVALID_IN_A_ROW:
             raise StrategyError(
                 f"the last {self._refused} roads were refused, so the campaign gives up:"
-                f" {record.reason}; is the map too small?"
+                f" {test.reason}; is the map too small?"
             )
 
     def _log_notice(self) -> None:
@@ -356,24 +357,23 @@ class Dispatcher:
         if _without_numbers(self._tally.notice) not in ("", _without_numbers(before)):
             self._log.write(Event.NOTICE, self._tally.notice, level="warning")
 
-    def _log_result(self, record: TestRecord, traceback: str) -> None:
-        number = record.candidate.id
-        if record.outcome is Outcome.FAIL:
+    def _log_result(self, test: Test) -> None:
+        if test.outcome is Outcome.FAIL:
             self._log.write(
                 Event.TEST_FAILED,
-                f"test {number} failed: {record.reason}",
-                test=number,
-                moobd=record.moobd,
+                f"test {test.id} failed: {test.reason}",
+                test=test.id,
+                moobd=test.moobd,
             )
-        elif record.outcome is Outcome.ERROR:
+        elif test.outcome is Outcome.ERROR:
             self._log.write(
                 Event.TEST_ERROR,
-                f"test {number} broke: {record.reason}",
+                f"test {test.id} broke: {test.reason}",
                 level="error",
-                test=number,
-                attempts=record.attempts,
-                reason=record.reason,
-                **_traced(traceback),
+                test=test.id,
+                attempts=test.attempts,
+                reason=test.reason,
+                **_traced(test.attempt.traceback),
             )
 
     def _log_progress(self, *, force: bool = False) -> None:
@@ -534,7 +534,6 @@ def replay(
     budget: Budget,
     objective: Objective,
     *,
-    is_revised: bool = False,
     earlier: Sequence[EarlierTest] = (),
 ) -> tuple[Tally, dict[int, Candidate]]:
     """Replays the log to a fresh strategy, asking and telling in the same order.
@@ -544,8 +543,6 @@ def replay(
         strategy: fresh.
         budget: of the campaign.
         objective: of the campaign.
-        is_revised: whether an earlier version of the strategy made part of the log. Then its roads
-            take the place of those that the strategy proposes, if it is a `RevisableStrategy`.
         earlier: tests of earlier campaigns that it started from.
 
     Returns:
@@ -563,7 +560,7 @@ def replay(
     require_fresh(strategy)
     tally = Tally()
     start(strategy, earlier, tally)
-    asked = store.candidates_with_place()
+    asked = store.candidates()
     following = next(asked, None)
     outstanding: dict[int, Candidate] = {}
 
@@ -571,33 +568,23 @@ def replay(
         nonlocal following
         while following is not None and following[1] <= told:
             logged = following[0]
-            proposed = _proposed(strategy, tally)
-            if not _is_same(logged, proposed):
-                if (
-                    not is_revised
-                    or proposed is None
-                    or proposed.step != logged.step
-                    or not isinstance(strategy, RevisableStrategy)
-                ):
-                    raise _differs(store, logged)
-                strategy.replace(logged)
+            if not _is_same(logged, _proposed(strategy, tally)):
+                raise _differs(store, logged)
             outstanding[logged.id] = logged
             following = next(asked, None)
 
-    for record in store.tests():
+    for test in store.tests():
         ask_until(tally.told)
-        candidate = outstanding.pop(record.candidate.id, None)
+        candidate = outstanding.pop(test.id, None)
         if candidate is None:
             raise CampaignError(
-                f"{store.folder} is damaged: candidate {record.candidate.id} was told before it"
-                " was asked"
+                f"{store.folder} is damaged: candidate {test.id} was told before it was asked"
             )
-        read_trajectory = partial(store.trajectory, record.id)
-        evaluation = evaluation_of(record, read_trajectory, objective)
+        evaluation = evaluation_of(test, partial(store.trajectory, test.id), objective)
         tell(strategy, evaluation, tally)
-        tally.count(candidate, record.outcome, record.moobd)
+        tally.count(candidate, test.outcome, test.moobd)
         tally.measure(objective, evaluation)
-        tally.seconds = record.elapsed or tally.seconds + record.seconds
+        tally.seconds = test.elapsed
     ask_until(tally.told)
     tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
     return tally, outstanding

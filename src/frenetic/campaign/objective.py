@@ -22,7 +22,8 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError, describe_raised
 from frenetic.oracle import Result, assess, judge
 from frenetic.outcome import Outcome
@@ -120,6 +121,15 @@ def in_words(config: Mapping[str, Any], values: Mapping[int, float]) -> str:
     return f"{text}; best {course} drives, in test {first}"
 
 
+def objectives(store: CampaignStore) -> dict[int, float]:
+    """The objective's value for the tests that have one, by id in the order of ids.
+
+    There are none if the MOOBD is minimised.
+    """
+    select = "SELECT id, objective FROM test WHERE objective IS NOT NULL ORDER BY id"
+    return dict(store.rows(select))
+
+
 def moobd(road: Road, drive: Drive) -> float:
     """Minimum oob distance, in m; lower is worse."""
     return float(assess(road, drive).oob_distance.min())
@@ -180,14 +190,14 @@ def evaluate(
 
 
 def evaluation_of(
-    record: TestRecord, read_trajectory: Callable[[], Trajectory | None], objective: Objective
+    test: Test, read_trajectory: Callable[[], Trajectory | None], objective: Objective
 ) -> Evaluation:
     """The evaluation of a test.
 
     Everything follows from what is stored, so it is the same when the campaign is resumed.
 
     Args:
-        record: the test, with its setting.
+        test: the test, with its setting.
         read_trajectory: gives its trajectory as it is stored, None if nothing was driven.
         objective: what the strategy minimises.
 
@@ -195,21 +205,22 @@ def evaluation_of(
         CampaignError: the objective has no value for it.
     """
     severity = None
-    if record.outcome.is_driven and objective.name != MOOBD:
-        drive = replace(record, trajectory=read_trajectory()).drive
-        severity = None if drive is None else objective.severity(record.road, drive)
+    if test.outcome.is_driven and objective.name != MOOBD:
+        attempt = replace(test.attempt, trajectory=read_trajectory())
+        drive = replace(test, attempt=attempt).drive
+        severity = None if drive is None else objective.severity(test.road, drive)
     return _told(
-        record.candidate,
-        record,
-        record.budget_spent,
+        test.candidate,
+        test.result,
+        test.budget_spent,
         severity,
-        lambda: _trace(record, read_trajectory()),
+        lambda: _trace(test, read_trajectory()),
     )
 
 
 def _told(
     candidate: Candidate,
-    result: Result | TestRecord,
+    result: Result,
     budget_spent: float,
     severity: float | None,
     read_trace: Callable[[], Trace | None],
@@ -228,10 +239,10 @@ def _told(
     )
 
 
-def _trace(record: TestRecord, path: Trajectory | None) -> Trace | None:
-    if path is None or not record.outcome.is_driven:
+def _trace(test: Test, path: Trajectory | None) -> Trace | None:
+    if path is None or not test.outcome.is_driven:
         return None
-    return _trace_of(record.road, path, record.duration)
+    return _trace_of(test.road, path, test.result.duration)
 
 
 def _trace_of(road: Road, path: Trajectory, duration: float | None) -> Trace:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import msgspec
 import numpy as np
@@ -20,11 +20,10 @@ from frenetic._support.json_value import JSONValue
 from frenetic._support.statistics import a12, rank_correlation
 from frenetic._support.words import counted
 from frenetic.campaign.objective import Objective
-from frenetic.errors import FreneticError
+from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.profile import Profile
-from frenetic.search.records import Screening
-from frenetic.search.screened import Screened
+from frenetic.search.screened import NOTE, Screened
 from frenetic.search.strategy import RevisableStrategy
 from frenetic.spec import Spec
 
@@ -107,6 +106,21 @@ def _check_terms(profile: Profile, spec: Spec, *, source: object) -> None:
         )
 
 
+class Screening(msgspec.Struct, frozen=True):
+    """What a twin did on a candidate's road, see `frenetic.search.screened.NOTE`."""
+
+    role: Literal["screened", "control"]
+    drawn: int
+    outcome: Outcome
+    moobd: float | None = None
+
+
+def _noted(notes: str) -> Screening | None:
+    """The screening in a candidate's notes, None without."""
+    note = msgspec.json.decode(notes).get(NOTE)
+    return None if note is None else msgspec.convert(note, Screening)
+
+
 @dataclass(frozen=True)
 class ScreeningSummary:
     """What screening came to in a campaign."""
@@ -168,7 +182,16 @@ class ScreeningSummary:
         Raises:
             CampaignError: the campaign is damaged.
         """
-        return cls.of(store.screenings()) if store.config.get("screen") else None
+        if not store.config.get("screen"):
+            return None
+        rows = store.rows("SELECT notes, outcome, moobd FROM test ORDER BY id")
+        try:
+            return cls.of(
+                (_noted(notes), None if outcome is None else Outcome(outcome), moobd)
+                for notes, outcome, moobd in rows
+            )
+        except ValueError as error:
+            raise CampaignError(f"{store.folder} is damaged: a screening: {error}") from None
 
     def as_json(self) -> dict[str, JSONValue]:
         """The summary as a JSON object."""

@@ -18,9 +18,10 @@ bytes.
 A point of the car's box moves by less than 0.2 mm, so an oracle that judges the stored trajectory
 finds the oob distances that it found in the original one, to well within 1 mm.
 
-Layout, all numbers little-endian: version (1 byte), number of records n (4 bytes), bytes per
-difference for each of the 11 columns (11 bytes), then one zlib stream of the first two records as
-64-bit integers, (11, 2) in row-major order, and the other n - 2 differences. These are zigzag-coded
+Layout, all numbers little-endian: CRC-32 of the rest (4 bytes), number of records n (4 bytes),
+number of columns k (1 byte), for each column its place in `RESOLUTIONS` (1 byte), for each column
+the bytes per difference (1 byte), then one zlib stream of the first two records as 64-bit integers,
+(k, 2) in row-major order, and the other n - 2 differences. These are zigzag-coded
 (the sign in the lowest bit) and laid out byte by byte: first the lowest bytes of all columns that
 have any, then the next higher bytes of the columns that need two, and so on, so that the mostly
 empty high bytes stand together.
@@ -55,10 +56,13 @@ RESOLUTIONS: Final = {
     "throttle": 1e-3,  # share
     "brake": 1e-3,  # share
 }
-"""Column -> the step to which its values are rounded, in the column's own unit."""
+"""Column -> the step to which its values are rounded, in the column's own unit.
 
-_VERSION: Final = 1
-_HEADER: Final = struct.Struct("<BI11s")
+A stored trajectory names its columns by their places here, so new ones come at the end."""
+
+_HEADER: Final = struct.Struct("<IB")
+_CRC: Final = struct.Struct("<I")
+_PLACES: Final = bytes(range(len(RESOLUTIONS)))
 _LEVEL: Final = 1  # the highest levels save another 5 % of the bytes at twice the time
 _COLUMNS: Final = len(RESOLUTIONS)
 _SMOOTH: Final = 8
@@ -92,13 +96,14 @@ def encode(trajectory: Trajectory) -> bytes:
         for plane in range(widths.max()):
             wide_enough = codes[widths > plane] >> np.uint64(8 * plane)
             parts.append(wide_enough.astype(np.uint8).tobytes())
-    return _HEADER.pack(_VERSION, count, widths.tobytes()) + _compress(b"".join(parts))
+    data = _HEADER.pack(count, _COLUMNS) + _PLACES + widths.tobytes() + _compress(b"".join(parts))
+    return _CRC.pack(zlib.crc32(data)) + data
 
 
 def decode(data: bytes) -> Trajectory:
     """Return the trajectory in `data`, which is validated.
 
-    Raises a `CampaignError` if `data` is not what `encode` writes, or comes from a newer version.
+    Raises a `CampaignError` if `data` is not what `encode` writes.
     """
     return Trajectory(*decode_columns(data))
 
@@ -113,34 +118,30 @@ def rounded(trajectory: Trajectory) -> Trajectory:
 
 def decode_columns(data: bytes) -> FloatArray:
     """Return the decoded (11, n) array, its columns in the order of `RESOLUTIONS`."""
-    if len(data) < _HEADER.size:
+    own = data[_CRC.size :]
+    if len(own) < _HEADER.size or zlib.crc32(own) != _CRC.unpack_from(data)[0]:
+        raise CampaignError("a stored trajectory is damaged: it does not match its checksum")
+    count, there = _HEADER.unpack_from(own)
+    rows, stream = own[_HEADER.size :][: 2 * there], own[_HEADER.size + 2 * there :]
+    places, widths = rows[:there], rows[there:]
+    if places != _PLACES:
         raise CampaignError(
-            f"a stored trajectory is damaged: {len(data)} bytes are less than its header"
+            f"a stored trajectory has the columns {list(places)}, this version of frenetic reads"
+            f" {list(_PLACES)}: another one wrote it"
         )
-    version, count, width_bytes = _HEADER.unpack_from(data)
-    if version != _VERSION:
+    if count > MAX_RECORDS or max(widths) > 8:
         raise CampaignError(
-            f"a stored trajectory has format {version}, this version of frenetic reads format "
-            f"{_VERSION}: upgrade frenetic, or the data is damaged"
-        )
-    if count > MAX_RECORDS:
-        raise CampaignError(
-            f"a stored trajectory is damaged: it claims {count} records, at most {MAX_RECORDS} "
-            "are possible"
-        )
-    if max(width_bytes) > 8:
-        raise CampaignError(
-            f"a stored trajectory is damaged: it claims {max(width_bytes)} bytes per value"
+            f"a stored trajectory is damaged: it claims {count} records of {max(widths)} bytes"
         )
     first = min(count, 2)
     rest = count - first
     head_size = _COLUMNS * first * 8
-    body = _decompress(data[_HEADER.size :], head_size + rest * sum(width_bytes))
+    body = _decompress(stream, head_size + rest * sum(widths))
     heads = np.frombuffer(body, dtype="<i8", count=_COLUMNS * first).reshape(_COLUMNS, first)
     steps = np.empty((_COLUMNS, count), dtype=np.int64)
     steps[:, :first] = heads
     if rest:
-        _sum_up(steps, _unzigzag(_read_planes(body[head_size:], width_bytes, rest)))
+        _sum_up(steps, _unzigzag(_read_planes(body[head_size:], widths, rest)))
     if count and max(-int(steps.min()), int(steps.max())) > _LIMIT:
         raise CampaignError("a stored trajectory is damaged: a value is out of range")
     columns: FloatArray = steps / _STEPS_PER_UNIT

@@ -123,7 +123,7 @@ def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]
                 " versions there, with frenetic.redrive.back_to_back"
             )
         spec = recorded_spec(store, {"driver": driver, "driver_options": options})
-        recorded: Any = store.parts["driver"]
+        recorded: Any = store.config["driver"]
     simulator = spec.simulator
     return replace(
         spec,

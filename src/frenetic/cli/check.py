@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli.console import Log, counted_progress, print_facts, shell
+from frenetic.cli.console import Log, counted_progress, print_facts
 from frenetic.cli.options import CampaignFolder, json_option
 
 if TYPE_CHECKING:
     from frenetic.campaign.check import CheckReport
+
+SHOWN: Final = 20
+"""Most findings that are printed."""
 
 
 @click.command()
@@ -34,8 +37,10 @@ def check(campaign: Path, quick: bool, as_json: bool) -> None:
         click.echo(json.dumps(_as_json(report)))
     else:
         print_facts(_facts(report))
-        for finding in report.findings:
-            click.echo(f"{finding.severity}: {finding.subject}: {finding.message}")
+        for finding in report.findings[:SHOWN]:
+            click.echo(finding)
+        if len(report.findings) > SHOWN:
+            click.echo(f"{len(report.findings) - SHOWN:,} more")
         number = counted(len(report.findings), "finding")
         found = "nothing is wrong" if report.is_sound else number
         print_facts([("check", found + (", nothing judged again" if quick else ""))])
@@ -44,58 +49,30 @@ def check(campaign: Path, quick: bool, as_json: bool) -> None:
 
 
 def _facts(report: CheckReport) -> list[tuple[str, str]]:
-    holds = report.holdings
-    counts = holds.counts
-    per_test = holds.bytes_per_test
-    written_by = "" if holds.writer is None else f": {holds.writer} writes it right now"
-    kilobytes = "" if per_test is None else f", {per_test / 1e3:.1f} kB per result"
+    counts = report.counts
+    per_test = f", {report.size / 1e3 / counts.told:.1f} kB per result" if counts.told else ""
     return [
         ("campaign", str(report.folder)),
-        ("made", holds.created_at.replace("T", " ") or "unknown"),
-        ("state", f"{holds.state}{written_by}{_left_to_do(report)}"),
+        ("made", report.created_at.replace("T", " ") or "unknown"),
         ("results", counts.in_words()),
-        ("waiting", f"{holds.outstanding:,} asked and not told"),
-        ("drives", f"{holds.trajectories:,} trajectories"),
-        ("on disk", f"{holds.size / 1e6:,.1f} MB{kilobytes}"),
-        ("schema", str(holds.schema)),
-        ("versions", ", ".join(f"{name} {version}" for name, version in holds.versions.items())),
+        ("waiting", f"{report.outstanding:,} asked and not told"),
+        ("drives", f"{report.trajectories:,} trajectories"),
+        ("on disk", f"{report.size / 1e6:,.1f} MB{per_test}"),
+        ("versions", ", ".join(f"{name} {version}" for name, version in report.versions.items())),
     ]
 
 
-def _left_to_do(report: CheckReport) -> str:
-    """The command that finishes what a kill left, if it did."""
-    from frenetic.campaign.check import State
-    from frenetic.report.html import REPORT
-
-    holds, folder = report.holdings, shell(report.folder)
-    if holds.state is State.UNFINISHED and holds.is_spent:
-        return f" though its budget is spent; what is missing: frenetic resume {folder}"
-    if holds.state in (State.UNFINISHED, State.INTERRUPTED):
-        return f"; go on: frenetic resume {folder}"
-    if holds.state is State.FINISHED and not (report.folder / REPORT).is_file():
-        return f", but there is no report: frenetic report {folder}"
-    return ""
-
-
 def _as_json(report: CheckReport) -> dict[str, Any]:
-    holds = report.holdings
     return {
         "folder": str(report.folder),
         "is_sound": report.is_sound,
-        "findings": [
-            {"severity": f.severity, "subject": f.subject, "message": f.message}
-            for f in report.findings
-        ],
-        "state": holds.state,
-        "budget_spent": holds.is_spent,
-        "writer": holds.writer,
-        "created_at": holds.created_at,
-        "asked": holds.counts.asked,
-        "told": holds.told,
-        **holds.counts.counts_json(),
-        "by_outcome": dict(holds.counts.by_outcome),
-        "trajectories": holds.trajectories,
-        "bytes": holds.size,
-        "schema": holds.schema,
-        "versions": dict(holds.versions),
+        "findings": list(report.findings),
+        "created_at": report.created_at,
+        "asked": report.counts.asked,
+        "told": report.counts.told,
+        **report.counts.counts_json(),
+        "by_outcome": dict(report.counts.by_outcome),
+        "trajectories": report.trajectories,
+        "bytes": report.size,
+        "versions": dict(report.versions),
     }

@@ -62,7 +62,7 @@ def confirm(
     with CampaignStore.open(campaign) as store:
         chosen = chosen_tests(store, test_ids, top if test_ids else top or LISTED)
         spec = recorded_spec(store, given)
-        recorded = store.parts
+        recorded = store.config
     if not chosen:
         click.echo("[]" if as_json else f"{campaign} holds no failure")
         return

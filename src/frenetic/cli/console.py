@@ -20,7 +20,7 @@ from frenetic.cli import silence
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
-    from frenetic.campaign import CampaignStore, Progress, TestRecord
+    from frenetic.campaign import CampaignStore, Progress
     from frenetic.oracle import Result
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
@@ -231,7 +231,7 @@ def clusters_json(clusters: Clusters) -> list[dict[str, Any]]:
     ]
 
 
-def facts_of_drive(result: Result | TestRecord, duration: float | None) -> list[tuple[str, str]]:
+def facts_of_drive(result: Result, duration: float | None) -> list[tuple[str, str]]:
     """Facts about a drive, fresh or recorded."""
     facts = []
     if result.moobd is not None and result.moobd_distance is not None:

@@ -37,7 +37,7 @@ from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_record
 
 if TYPE_CHECKING:
-    from frenetic.campaign import RoadTester, TestRecord
+    from frenetic.campaign import RoadTester, Test
     from frenetic.redrive.minimise import Minimised, MinimiseProgress
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road import Road
@@ -58,7 +58,7 @@ class Work:
     files: MinimisedFiles
     campaign: Path | None = None
     """The campaign's folder and test, if it is one's."""
-    record: TestRecord | None = None
+    record: Test | None = None
 
     @property
     def test_id(self) -> int | None:

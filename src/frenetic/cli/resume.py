@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +32,6 @@ from frenetic.spec import Budget, Spec
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
 @worker_options
-@click.option(
-    "--accept-changed",
-    is_flag=True,
-    help="Go on with parts that changed since, such as an edited driver, and mark from which result"
-    " on.",
-)
 @place_options
 @fail_on_failure_option
 @json_option
@@ -50,7 +43,6 @@ def resume(
     workers: int | None,
     cluster: str | None,
     drive_limit: float | None,
-    accept_changed: bool,
     fail_on_failure: bool,
     as_json: bool,
 ) -> None:
@@ -110,5 +102,6 @@ def resume(
     text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
     if is_spent:
         text = f"Finishing after {counts.tests} tests, which spent the budget"
-    how = partial(the_campaign.resume, accept_changed=accept_changed)
-    search(the_campaign, how, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+    search(
+        the_campaign, the_campaign.resume, text, as_json, spec.seed, fail_on_failure=fail_on_failure
+    )

@@ -133,7 +133,7 @@ def _list_tests(
             "told": test.record.told,
             "outcome": str(test.record.outcome),
             "moobd": test.record.moobd,
-            "duration": test.record.duration,
+            "duration": test.record.result.duration,
             "operator": test.record.candidate.origin.operator,
             "reason": test.record.reason,
             "features": {
@@ -155,7 +155,7 @@ def _list_tests(
                 row["id"],
                 row["outcome"],
                 two_digits(test.record.moobd),
-                two_digits(test.record.duration),
+                two_digits(test.record.result.duration),
                 *(None if v is None else f"{v:.3g}" for v in row["features"].values()),
                 row["reason"],
             )
@@ -171,7 +171,7 @@ def _list_tests(
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
     from frenetic.campaign.earlier import still_failing
-    from frenetic.campaign.objective import in_words
+    from frenetic.campaign.objective import in_words, objectives
     from frenetic.campaign.screening import ScreeningSummary, screen_text
 
     counts = store.counts()
@@ -213,14 +213,13 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
                 f" be out, map of {config.get('map_size')} m",
             ),
-            ("objective", in_words(config, store.objectives())),
+            ("objective", in_words(config, objectives(store))),
             *(("starts from", str(earlier)) for earlier in earlier_of(config)),
             ("budget", spent),
             ("results", counts.in_words()),
             *([("known before", text)] if (text := still_failing(store)) else []),
             *([("screening", screening.in_words())] if screening is not None else []),
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
-            *(("changed", str(change)) for change in store.changes if change.what),
         ]
     )
     if len(found):
@@ -276,7 +275,7 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
             raise
         drawn = f"not drawn, {error}; choose a place with --plot"
     if as_json:
-        document = road_document(test, store.parts_of(test.told))
+        document = road_document(test, store.config)
         document |= {"picture": drawn, "told": record.told}
         click.echo(json.dumps(document))
         return
@@ -292,10 +291,10 @@ def _show_test(store: CampaignStore, test_id: int, plot: Path | None, as_json: b
         ("outcome", f"{record.outcome}  {record.reason}"),
         ("origin", f"{origin.operator}{parents}{source}, generation {origin.generation}"),
         ("road", f"{test.road.length:.1f} m, {len(test.road.curvatures)} curvatures"),
-        ("driver", _part(store.parts_of(record.told).get("driver"))),
+        ("driver", _part(store.config.get("driver"))),
     ]
-    facts += facts_of_drive(record, record.duration)
-    value = store.objectives().get(test_id)
+    facts += facts_of_drive(record.result, record.result.duration)
+    value = record.objective
     if value is not None:
         facts.append(("objective", f"{value:.4g} ({store.config.get('objective')})"))
     facts += [

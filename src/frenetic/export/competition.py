@@ -20,7 +20,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.words import text_cell
 from frenetic.analysis.competition import competition_segment
 from frenetic.analysis.sparseness import competition_sparseness
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import RoadError
 from frenetic.oracle import assess
@@ -178,7 +178,7 @@ def competition_document(
     return document
 
 
-def stored_test_document(test: TestRecord) -> dict[str, Any]:
+def stored_test_document(test: Test) -> dict[str, Any]:
     """A campaign's test as `competition_document` gives it."""
     is_invalid = test.outcome is Outcome.INVALID
     verdict = Verdict(not is_invalid, test.reason if is_invalid else "")
@@ -240,7 +240,7 @@ def write_competition_folder(
     _write_row(folder / "experiment_description.csv", _experiment(store))
 
 
-def _is_road(record: TestRecord) -> bool:
+def _is_road(record: Test) -> bool:
     """Whether there is a road; what was proposed may be none."""
     try:
         return record.road is not None
@@ -248,7 +248,7 @@ def _is_road(record: TestRecord) -> bool:
         return False
 
 
-def _write_test(folder: Path, record: TestRecord) -> None:
+def _write_test(folder: Path, record: Test) -> None:
     document: Mapping[str, Any]
     if _is_road(record):
         document = stored_test_document(record)
@@ -280,19 +280,19 @@ class _Statistics:
         self._segments: list[FloatArray] = []
         self._seconds = self._simulated = self._elapsed = 0.0
 
-    def count(self, record: TestRecord) -> None:
+    def count(self, record: Test) -> None:
         """Takes one more test into account."""
         self._outcomes[record.outcome] += 1
-        self._simulated += record.duration or 0.0
+        self._simulated += record.result.duration or 0.0
         if record.outcome is not Outcome.INVALID:
-            self._seconds += record.seconds
-        self._elapsed = record.elapsed or self._elapsed + record.seconds
+            self._seconds += record.attempt.seconds
+        self._elapsed = record.elapsed
         departure = record.departure
         if record.outcome is Outcome.FAIL and departure is not None and _is_road(record):
             self._departures += 1
             by_geometry = self._rule == "geometry"
             if by_geometry:
-                self._sides[departure.side] += 1
+                self._sides[str(departure.side)] += 1
             if by_geometry and not self._with_sparseness:
                 return
             points = record.candidate.points

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.files import write_file
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.export.competition import GROUND, competition_document, stored_test_document
 from frenetic.export.openscenario import to_openscenario
@@ -52,7 +52,7 @@ class ExportedRoad:
     """km/h."""
     shoulder: float = 0.0
     """Ground beyond each lane, in m; only OpenDRIVE knows it."""
-    test: TestRecord | None = None
+    test: Test | None = None
     """The campaign's test with this road, if any."""
     origin: tuple[float, float] = ORIGIN
     """Latitude and longitude of (0, 0), in degrees; only OpenDRIVE knows them."""

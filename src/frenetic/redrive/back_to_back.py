@@ -20,7 +20,7 @@ from typing import Any, Final
 
 from frenetic.analysis.failures import representative_failures
 from frenetic.campaign.campaign import LOOKAHEAD, Campaign
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver, Noisy
@@ -110,7 +110,7 @@ def plan(
     failures: dict[RoadSet, tuple[int, ...]] = {}
     for roads, folder in folders.items():
         with CampaignStore.open(folder) as store:
-            configurations.append(store.parts)
+            configurations.append(store.config)
             if top is None:
                 failing = store.tests(Outcome.FAIL)
             else:
@@ -154,7 +154,7 @@ class VersionDrives:
     simulator: Mapping[str, JSONValue]
     fresh: Path
     """Folder of the campaign with the fresh roads."""
-    roads: Mapping[RoadSet, tuple[TestRecord, ...]]
+    roads: Mapping[RoadSet, tuple[Test, ...]]
     """The tests whose roads these are, the fresh ones first."""
     drives: Mapping[RoadSet, Mapping[int, tuple[Redrive, ...]]]
     """Test -> its drives, as many as are planned."""
@@ -335,7 +335,7 @@ class _VersionDriver:
     def _drive(
         self,
         fresh: Path,
-        roads: Mapping[RoadSet, tuple[TestRecord, ...]],
+        roads: Mapping[RoadSet, tuple[Test, ...]],
         driven: Mapping[int, tuple[Redrive, ...]],
     ) -> VersionDrives:
         """Drives on all roads, but for the first drives on the fresh ones that are ``driven``."""
@@ -352,14 +352,14 @@ class _VersionDriver:
         return VersionDrives(self.driver, self.simulator, fresh, roads, drives, missing)
 
     def _drive_in(
-        self, folder: Path, records: Sequence[TestRecord], conditions: Sequence[Conditions]
+        self, folder: Path, records: Sequence[Test], conditions: Sequence[Conditions]
     ) -> dict[int, tuple[Redrive, ...]]:
         """Drives tests of a campaign, each in all conditions, unless such drives are stored."""
         driving = self._driving
         # A road whose worker was lost lies nowhere: nobody can drive it again.
-        placed = [record for record in records if record.pose is not None]
+        placed = [record for record in records if record.attempt.pose is not None]
         found: dict[int, tuple[Redrive, ...]] = {
-            record.id: () for record in records if record.pose is None or not conditions
+            record.id: () for record in records if record.attempt.pose is None or not conditions
         }
         self._add(len(conditions) * (len(records) - len(placed)))
         if not conditions:
@@ -409,7 +409,7 @@ class _VersionDriver:
         return stored
 
 
-def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[TestRecord, ...]]:
+def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[Test, ...]]:
     """The tests whose roads are planned, the fresh ones first."""
     roads = {RoadSet.FRESH: _fresh_records(fresh, plan.fresh)}
     for chosen, failing in plan.failures.items():
@@ -418,7 +418,7 @@ def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[TestRecord, .
     return roads
 
 
-def _fresh_records(folder: Path, number: int) -> tuple[TestRecord, ...]:
+def _fresh_records(folder: Path, number: int) -> tuple[Test, ...]:
     """The first fresh roads, those of failures with their drives."""
     with CampaignStore.open(folder) as store:
         driven = [record for record in store.tests() if record.outcome.is_simulated]
@@ -429,9 +429,11 @@ def _fresh_records(folder: Path, number: int) -> tuple[TestRecord, ...]:
         )
 
 
-def _recorded(record: TestRecord) -> Redrive:
+def _recorded(record: Test) -> Redrive:
     """The campaign's own drive of a test."""
-    return Redrive.of(record, record, seconds=record.seconds, trajectory=record.trajectory)
+    return Redrive.of(
+        record, record.result, seconds=record.attempt.seconds, trajectory=record.trajectory
+    )
 
 
 def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any, Final, TypeAlias, TypedDict, Unpack
 
@@ -22,7 +21,7 @@ from frenetic.analysis.failures import Failure
 from frenetic.campaign.campaign import prepare
 from frenetic.campaign.changes import version_notes
 from frenetic.campaign.loop import MAX_ATTEMPTS
-from frenetic.campaign.record import Attempt, TestRecord
+from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import Placement, RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
@@ -31,7 +30,6 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.redrive.table import RunWriter
-from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.drive import Drive, Trajectory
@@ -56,14 +54,18 @@ class Task:
     """Its place and conditions; None to fit it into the map like any candidate."""
 
     @classmethod
-    def of(cls, number: int, record: TestRecord, conditions: Conditions = USUAL) -> Task:
+    def of(cls, number: int, record: Test, conditions: Conditions = USUAL) -> Task:
         """A stored test as drive ``number`` of many.
 
         Raises:
             CampaignError: the test's road was refused, so that it lies nowhere.
         """
         candidate = record.candidate
-        if record.pose is None or not record.outcome.is_test or record.outcome is Outcome.INVALID:
+        if (
+            record.attempt.pose is None
+            or not record.outcome.is_test
+            or record.outcome is Outcome.INVALID
+        ):
             raise CampaignError(
                 f"test {candidate.id} is {record.outcome}: only a road that was driven can be"
                 " driven again"
@@ -71,7 +73,7 @@ class Task:
         origin = Origin(OPERATOR, (candidate.id,), candidate.origin.generation)
         return cls(
             Candidate(number, candidate.curvatures, candidate.step, origin),
-            Placement(Pose(*record.pose), conditions),
+            Placement(record.attempt.pose, conditions),
         )
 
 
@@ -120,18 +122,9 @@ def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) 
 
 
 def warn_of_versions(store: CampaignStore, simulator: Simulator, driver: Driver) -> None:
-    """Logs a warning for each part that is another version of the campaign's.
-
-    Of a campaign that was resumed with changed parts the warning says of which results.
-    """
-    firsts = [1, *(change.first for change in store.changes if change.what)]
-    for first, following in zip_longest(firsts, firsts[1:]):
-        if first == following:
-            continue  # changed again before any result
-        end = "on" if following is None else f"to {following - 1}"
-        which = "" if len(firsts) == 1 else f"from result {first} {end}: "
-        for note in version_notes(store.parts_of(first), simulator=simulator, driver=driver):
-            logger.warning("%s%s", which, note)
+    """Logs a warning for each part that is another version of the campaign's."""
+    for note in version_notes(store.config, simulator=simulator, driver=driver):
+        logger.warning("%s", note)
 
 
 def new_run(purpose: Purpose, tester: RoadTester, planned: int, **drawn: Any) -> Run:
@@ -152,7 +145,7 @@ def drive_again(
     folder: Path | str,
     purpose: Purpose,
     tester: RoadTester,
-    drives: Sequence[tuple[TestRecord, Conditions]],
+    drives: Sequence[tuple[Test, Conditions]],
     *,
     optional: bool = False,
     on_progress: Callable[[RedriveProgress], None] | None = None,
@@ -227,9 +220,7 @@ class _Differences:
         self._tester = tester
         self._recorded: dict[int, Failure | None] = {}
 
-    def of(
-        self, record: TestRecord, attempt: Attempt, trajectory: Trajectory | None
-    ) -> float | None:
+    def of(self, record: Test, attempt: Attempt, trajectory: Trajectory | None) -> float | None:
         """Difference of a failing drive in m; None if one of the trajectories is missing."""
         if record.id not in self._recorded:
             with CampaignStore.open(self._folder) as store:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from frenetic.analysis.failures import THRESHOLD, Failure
-from frenetic.campaign.record import Attempt, TestRecord
+from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, FreneticError
@@ -231,7 +231,7 @@ def minimise(
 
 def minimise_test(
     folder: Path | str,
-    record: TestRecord,
+    record: Test,
     tester: RoadTester,
     *,
     max_drives: int = MAX_DRIVES,

@@ -20,7 +20,7 @@ from typing import Final
 from frenetic._support.words import counted
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
 from frenetic.fingerprint import over_each_other
 from frenetic.oracle import Side, judge
@@ -74,7 +74,7 @@ class Verdict(StrEnum):
 class Pair:
     """A road with the drives of both versions, one or more each."""
 
-    record: TestRecord
+    record: Test
     """The test of the campaign that holds the road."""
     old: tuple[Redrive, ...]
     new: tuple[Redrive, ...]

@@ -12,7 +12,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
-from frenetic.campaign.record import TestRecord, as_text
+from frenetic.campaign.record import Test, as_text
 from frenetic.campaign.store import JSONValue
 from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
@@ -95,10 +95,10 @@ class Change(StrEnum):
 class Redrive:
     """A drive of a campaign's road after the campaign: a row of its table.
 
-    It holds the verdict in the form of the campaign's own `TestRecord`.
+    It holds the verdict in the form of the campaign's own `Test`.
     """
 
-    recorded: TestRecord = field(compare=False)
+    recorded: Test = field(compare=False)
     """The campaign's own test."""
     conditions: Conditions
     outcome: Outcome
@@ -129,8 +129,8 @@ class Redrive:
     @classmethod
     def of(
         cls,
-        recorded: TestRecord,
-        result: Result | TestRecord,
+        recorded: Test,
+        result: Result | Test,
         conditions: Conditions = USUAL,
         *,
         seconds: float | None = None,
@@ -313,7 +313,7 @@ def matches_document(drives: Iterable[Redrive]) -> dict[str, JSONValue]:
     return {str(match): counts.get(match, 0) for match in Match}
 
 
-def verdict_document(drive: Redrive | TestRecord) -> dict[str, JSONValue]:
+def verdict_document(drive: Redrive | Test) -> dict[str, JSONValue]:
     """The end of a drive as a JSON object."""
     return {
         "outcome": str(drive.outcome),

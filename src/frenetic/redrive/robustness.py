@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Final, Unpack
 
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.fingerprint import comparison_key, differences
@@ -86,7 +86,7 @@ class Influence:
 class Rerun:
     """Repeats of one test's failure."""
 
-    recorded: TestRecord = field(compare=False)
+    recorded: Test = field(compare=False)
     """The campaign's own test."""
     variations: tuple[Variation, ...]
     seed: int

@@ -30,7 +30,7 @@ from frenetic.campaign.record import (
     Column,
     Kind,
     RowError,
-    TestRecord,
+    Test,
     checksum_fault,
     read_row,
     with_checksum,
@@ -168,7 +168,7 @@ def _read_runs(store: CampaignStore, purpose: Purpose, stored: Collection[str]) 
             runs[number] = _to_run(purpose, *parts[1:8])
             _require_checksum(parts)
     drives: dict[int, list[Redrive]] = {number: [] for number in runs}
-    records: dict[int, TestRecord] = {}
+    records: dict[int, Test] = {}
     difference = _DIFFERENCE.name if _DIFFERENCE.name in stored else "NULL"
     for row in store.rows(_SELECT_DRIVES.format(difference, store.checksum_column), (purpose,)):
         data = row[-3]

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.oracle import Result
@@ -34,7 +34,7 @@ def file_stem(candidate_id: int) -> str:
     return f"test-{candidate_id:05d}"
 
 
-def verdict_entries(result: Result | TestRecord) -> dict[str, Any]:
+def verdict_entries(result: Result) -> dict[str, Any]:
     """The entries of a road's document that say how it was driven."""
     return {
         "test_outcome": str(result.outcome),
@@ -57,7 +57,7 @@ def road_entries(road: Road) -> dict[str, Any]:
     }
 
 
-def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[str, Any]:
+def road_document(record: Test, config: Mapping[str, JSONValue]) -> dict[str, Any]:
     """A test as a JSON object that `frenetic drive` and the competition's tools can read."""
     candidate, road = record.candidate, record.road
     driven = drive_record(config)
@@ -65,7 +65,7 @@ def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[s
         "id": candidate.id,
         "is_valid": record.outcome is not Outcome.INVALID,
         "validation_message": record.reason if record.outcome is Outcome.INVALID else "",
-        **verdict_entries(record),
+        **verdict_entries(record.result),
         "origin": {
             "operator": candidate.origin.operator,
             "parents": list(candidate.origin.parents),
@@ -80,7 +80,7 @@ def road_document(record: TestRecord, config: Mapping[str, JSONValue]) -> dict[s
 
 def write_failures(
     store: CampaignStore,
-    listed: Sequence[TestRecord],
+    listed: Sequence[Test],
 ) -> bool:
     """Writes the failing roads as JSON files and pictures of the listed ones.
 
@@ -105,7 +105,7 @@ def write_failures(
     try:
         folder.mkdir(exist_ok=True)
         for record in store.tests(Outcome.FAIL, order_by="moobd", limit=MOST_FILES):
-            document = json.dumps(road_document(record, store.parts_of(record.told))) + "\n"
+            document = json.dumps(road_document(record, store.config)) + "\n"
             path = folder / f"{file_stem(record.candidate.id)}.json"
             if _holds(path, document):
                 kept.add(record.candidate.id)

@@ -17,7 +17,7 @@ from frenetic._support.words import signed
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import Clusters, Failure
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.report.comparison import draw_curves
@@ -80,7 +80,7 @@ def _drive(drive: Drive) -> str:
 
 
 @html_of.register
-def _test(test: TestRecord) -> str:
+def _test(test: Test) -> str:
     origin = test.candidate.origin
     parents = f" of {', '.join(map(str, origin.parents))}" if origin.parents else ""
     made = ("Origin", f"{origin.operator}{parents}", f"generation {origin.generation}")

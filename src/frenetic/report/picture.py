@@ -197,7 +197,7 @@ def facts_of_drive(road: Road, seen: SeenDrive) -> list[Fact]:
             if left is None and result.outcome.is_driven
             else "–"
             if left is None
-            else left.side,
+            else str(left.side),
             "" if left is None else f"at {left.distance:.0f} m",
         ),
         ("Duration", f"{result.duration:.1f} s", ""),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from frenetic.search.frenetic import Frenetic
 from frenetic.search.frenetic_2021 import Frenetic2021
 from frenetic.search.random_search import RandomSearch
-from frenetic.search.records import Candidate, Evaluation, Origin, Screening, Trace
+from frenetic.search.records import Candidate, Evaluation, Origin, Source, Trace
 from frenetic.search.screened import Screened
 from frenetic.search.strategy import (
     CheckingStrategy,
@@ -24,9 +24,9 @@ __all__ = [
     "Origin",
     "RandomSearch",
     "Screened",
-    "Screening",
     "SearchEnded",
     "SelectiveStrategy",
+    "Source",
     "Strategy",
     "Trace",
     "WarmStartingStrategy",

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from copy import copy
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -30,17 +29,12 @@ class Origin:
 
 
 @dataclass(frozen=True)
-class Screening:
-    """What a twin did on a candidate's road before the slow simulator got it."""
+class Source:
+    """Test of another campaign whose road is driven again."""
 
-    role: Literal["screened", "control"]
-    """Whether the twin chose it, or the strategy proposed it as without a twin."""
-    drawn: int
-    """Number of roads that the twin drove to choose it, 0 for a control."""
-    outcome: Outcome
-    """Of the twin's drive."""
-    moobd: float | None = None
-    """Of the twin's drive, in m; None unless PASS or FAIL."""
+    campaign: str
+    """Its folder."""
+    test: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +54,14 @@ class Candidate:
     Then these are judged and driven where they lie, and the curvatures follow from them; there are
     none if no road passes through the points.
     """
-    screening: Screening | None = field(default=None, init=False)
-    """None if no twin drove it; see `screened_as`. It stays behind where a candidate is copied."""
+    conditions: Mapping[str, float] = field(default_factory=dict)
+    """Name of a condition -> its value, as far as they differ from the campaign's."""
+    repeat: int = 0
+    """Number from 0 of this drive among those of the same road in the same conditions."""
+    source: Source | None = None
+    """Test whose road it is; None if the strategy made it."""
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """What the strategy says of it, as JSON; stored, and read by nobody else."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "curvatures", _read_only(self.curvatures))
@@ -70,13 +70,7 @@ class Candidate:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Made anew, so that the values are read-only again.
-        return Candidate, (self.id, self.curvatures, self.step, self.origin, self.points)
-
-    def screened_as(self, screening: Screening) -> Candidate:
-        """The same candidate with what a twin did on its road."""
-        made = copy(self)
-        object.__setattr__(made, "screening", screening)
-        return made
+        return Candidate, tuple(getattr(self, item.name) for item in fields(Candidate))
 
 
 def _read_only(values: FloatArray) -> FloatArray:

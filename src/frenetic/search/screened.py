@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.search.approach import approaches, is_near
 from frenetic.search.archive import FAR, Archive, Place, places_of
-from frenetic.search.records import Candidate, Evaluation, Origin, Screening
+from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import (
     CheckingStrategy,
     RevisableStrategy,
@@ -24,13 +24,16 @@ from frenetic.search.strategy import (
 )
 
 if TYPE_CHECKING:
-    from typing import TypeAlias
+    from typing import Literal, TypeAlias
 
 Drive: TypeAlias = Callable[[Candidate, float], Evaluation]
 """Drives a candidate in the twin; told the spent share of the budget."""
 
 SCREENED: Final = "screened"
 """The operator that a screened road's origin names."""
+NOTE: Final = "screening"
+"""Name of the note about a candidate: ``role``, whether the twin chose it or it is a control,
+``drawn``, the roads that the twin drove to choose it, and ``outcome`` and ``moobd`` there."""
 DRAWN: Final = 20
 """Roads that the twin drives for each that is handed on."""
 
@@ -143,8 +146,7 @@ class Screened:
         self._credit = max(self._credit - 1.0, 0.0)
         candidate = self.strategy.ask()
         seen = self._drive(candidate, self._budget_spent)
-        screening = Screening("control", 0, seen.outcome, seen.moobd)
-        self._trials[candidate.id] = candidate.screened_as(screening)
+        self._trials[candidate.id] = _noted(candidate, "control", 0, seen)
         return self._trials[candidate.id]
 
     def tell(self, evaluation: Evaluation) -> None:
@@ -159,8 +161,7 @@ class Screened:
         trial = self._trials.pop(evaluation.candidate.id, None)
         if trial is None or self.stopped is not None or not evaluation.outcome.is_driven:
             return
-        assert trial.screening is not None
-        role = trial.screening.role
+        role = trial.notes[NOTE]["role"]
         has_failed = evaluation.outcome is Outcome.FAIL
         self._driven[role] += 1
         row = self._row_of.pop(trial.id, None)
@@ -295,12 +296,17 @@ class Screened:
             self._compare(other, prospect.place)
         self._row_of[number] = len(self._promised)
         self._promised.append((prospect.place, None))
-        screening = Screening("screened", self._drawn, seen.outcome, seen.moobd)
+        made = Candidate(number, scouted.curvatures, scouted.step, Origin(SCREENED))
+        candidate = _noted(made, "screened", self._drawn, seen)
         self._drawn = 0
-        origin = Origin(SCREENED)
-        candidate = Candidate(number, scouted.curvatures, scouted.step, origin).screened_as(
-            screening
-        )
         self.strategy.replace(candidate)
         self._trials[number] = candidate
         return candidate
+
+
+def _noted(
+    candidate: Candidate, role: Literal["screened", "control"], drawn: int, seen: Evaluation
+) -> Candidate:
+    """The same candidate with a note of what a twin did on its road."""
+    note = {"role": role, "drawn": drawn, "outcome": str(seen.outcome), "moobd": seen.moobd}
+    return replace(candidate, notes={**candidate.notes, NOTE: note})

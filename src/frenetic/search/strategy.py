@@ -89,11 +89,7 @@ class CheckingStrategy(Strategy, Protocol):
 
 @runtime_checkable
 class RevisableStrategy(Strategy, Protocol):
-    """A strategy that goes on from a search that an earlier version of it began.
-
-    Where it proposes another road than the earlier version did, a campaign that is resumed with
-    `--accept-changed` puts the earlier one's in place of its own.
-    """
+    """A strategy whose proposals another one may replace, as one that screens roads does."""
 
     def replace(self, candidate: Candidate) -> None:
         """Take a candidate instead of the one that was asked under its id and not told yet."""

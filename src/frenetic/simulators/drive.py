@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.pictures import Shown, draw, replay
 from frenetic._support.scalars import take_numpy_scalars
+from frenetic.errors import Fault, traceback_of
 
 if TYPE_CHECKING:
     from frenetic._support.pictures import Axes, Replay
@@ -151,6 +152,24 @@ class Trajectory:
         return np.column_stack([getattr(self, name) for name in self.names()])
 
 
+class Breakdown(NamedTuple):
+    """The error that broke a drive, in the order of `Drive`'s fields."""
+
+    error: str
+    traceback: str
+    fault: Fault
+
+    @classmethod
+    def of(
+        cls,
+        error: BaseException,
+        reason: str = "",
+        part: Literal["driver", "simulator"] = "driver",
+    ) -> Breakdown:
+        """The breakdown that an error of a part tells of, with a reason other than its text."""
+        return cls(reason or str(error), traceback_of(error), Fault.of(part, error))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Drive(Shown):
     """One execution of a road test."""
@@ -162,8 +181,23 @@ class Drive(Shown):
     """Reason why the simulator or the driver broke, None if the drive ended by the rules."""
     traceback: str = ""
     """Traceback of the error for the campaign's log, see `frenetic.errors.traceback_of`."""
+    fault: Fault | None = None
+    """The fault that the error tells of, if known."""
     road: Road | None = None
     """The road that was driven, for pictures; None if the simulator does not say."""
+
+    @classmethod
+    def of(
+        cls,
+        trajectory: Trajectory,
+        car: CarBody,
+        rules: Rules,
+        road: Road,
+        breakdown: Breakdown | None = None,
+    ) -> Self:
+        """A drive along a road, which something may have broken."""
+        error, trace, fault = breakdown or (None, "", None)
+        return cls(trajectory, car, rules, error, trace, fault, road)
 
     def plot(
         self, ax: Axes | None = None, *, road: Road | None = None, map_size: float | None = None

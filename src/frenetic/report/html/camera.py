@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image as Pictures
 
 from frenetic._support.arrays import evenly
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
@@ -86,7 +86,7 @@ class DriverCamera:
         self._config = config
         self._gaze = _Gaze(innermost(config.get("driver")), folder)
 
-    def saw(self, record: TestRecord) -> CameraData | None:
+    def saw(self, record: Test) -> CameraData | None:
         """What it saw in a test.
 
         None for a driver without a camera, in another simulator than the embedded one, or if the
@@ -189,13 +189,13 @@ def _eye(config: Mapping[str, JSONValue]) -> _Eye | None:
     return eye
 
 
-def _critical(record: TestRecord, path: Trajectory) -> int:
+def _critical(record: Test, path: Trajectory) -> int:
     """Record of the moment that matters: of the departure, or of the worst place, or the last."""
     if record.departure is not None:
         return min(int(np.searchsorted(path.time, record.departure.time)), len(path) - 1)
-    if record.moobd_distance is not None:
+    if record.result.moobd_distance is not None:
         along = record.road.track(np.column_stack([path.x, path.y]))[:, 0]
-        return int(np.argmin(np.abs(along - record.moobd_distance)))
+        return int(np.argmin(np.abs(along - record.result.moobd_distance)))
     return len(path) - 1
 
 

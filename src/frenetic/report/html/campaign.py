@@ -21,8 +21,9 @@ from frenetic.analysis.failures import (
 )
 from frenetic.analysis.segments import Segment, segment_of
 from frenetic.campaign.counts import Counts, key_of
-from frenetic.campaign.earlier import still_failing
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.earlier import read_earlier, still_failing
+from frenetic.campaign.objective import objectives
+from frenetic.campaign.record import Test
 from frenetic.campaign.screening import ScreeningSummary
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.errors import CampaignError
@@ -162,7 +163,6 @@ class GrowingReport:
         screening = ScreeningSummary.of_store(store)
         trouble = " ".join(
             [
-                *(f"Changed {one}." for one in store.changes if one.what),
                 *([screening.stopped] if screening is not None and screening.stopped else []),
                 trouble,
             ]
@@ -176,7 +176,7 @@ class GrowingReport:
             elapsed=elapsed,
             is_running=is_running,
             is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
-            objectives=store.objectives(),
+            objectives=objectives(store),
             known=still_failing(store),
             trouble=trouble,
             screening=screening,
@@ -236,7 +236,7 @@ class GrowingReport:
             )
             if test.id in mapped:
                 self._measured[test.id] = None if segment is None else Measured.of(segment)
-        return distinct_among([one for one in self._failures.values() if one], store.earlier())
+        return distinct_among([one for one in self._failures.values() if one], read_earlier(store))
 
     def _look(
         self, store: CampaignStore, shown: Sequence[int], mapped: Sequence[int]
@@ -279,7 +279,7 @@ class GrowingReport:
         )
 
 
-def _segment(record: TestRecord) -> Segment | None:
+def _segment(record: Test) -> Segment | None:
     """The segment of a test that was read with its trajectory; None if it has no records."""
     drive = record.drive
     if drive is None or not len(drive.trajectory):
@@ -326,7 +326,7 @@ def _to_show(
 
 def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
     """Repeats of its tests with the campaign's own parts, and trouble with them."""
-    parts = store.parts
+    parts = store.config
     driver, simulator = parts.get("driver"), parts.get("simulator")
     try:
         reruns, rules = read_reruns(store.folder), store.setting.rules

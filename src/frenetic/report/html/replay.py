@@ -9,7 +9,7 @@ from typing import Final
 
 from frenetic._support.files import write_file
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.report.html.page import Report, made_by, render
 from frenetic.report.html.tests import drive_data_of
 from frenetic.report.scene import look
@@ -56,7 +56,7 @@ class Replay:
         return f"<Replay of {self.title}: a notebook shows it, write('replay.html') keeps it>"
 
 
-def replay_drive(road: Road, drive: Drive, *, test: TestRecord | None = None) -> Replay:
+def replay_drive(road: Road, drive: Drive, *, test: Test | None = None) -> Replay:
     """The replay of a drive.
 
     Args:
@@ -68,7 +68,7 @@ def replay_drive(road: Road, drive: Drive, *, test: TestRecord | None = None) ->
         ValueError: the drive has no records.
     """
     seen = look(road, drive)
-    result = seen.result if test is None else test
+    result = seen.result if test is None else test.result
     segment = segment_of(road, seen.drive, result.departure)
     title = "Drive" if test is None else f"Test {test.id}"
     data = drive_data_of(0 if test is None else test.id, result, segment)

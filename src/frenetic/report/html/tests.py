@@ -11,9 +11,9 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment
-from frenetic.campaign.record import TestRecord
+from frenetic.campaign.record import Test
 from frenetic.errors import FreneticError
-from frenetic.oracle import Assessment, Departure, Result, Side
+from frenetic.oracle import Assessment, Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
 from frenetic.report.html.camera import CameraData
@@ -44,7 +44,7 @@ class TestSummary:
     origin: Origin
 
     @classmethod
-    def of(cls, record: TestRecord) -> TestSummary:
+    def of(cls, record: Test) -> TestSummary:
         """The summary of a stored test."""
         candidate = record.candidate
         return cls(candidate.id, record.outcome, record.moobd, record.elapsed, candidate.origin)
@@ -180,7 +180,7 @@ class DriveData:
     """m: length, width, centre_ahead."""
     speed_limit: float
     """km/h."""
-    departure: Departure | None
+    departure: Finding | None
     columns: tuple[tuple[int, ...], ...]
     """See `drive_columns`."""
     camera: CameraData | None
@@ -206,19 +206,21 @@ class DriveData:
         )
 
 
-def drive_data(record: TestRecord, segment: Segment) -> DriveData:
+def drive_data(record: Test, segment: Segment) -> DriveData:
     """The data of a test for a page, without files.
 
     Args:
         record: of the test.
         segment: of its drive, any.
     """
-    return drive_data_of(record.id, record, segment, generation=record.candidate.origin.generation)
+    return drive_data_of(
+        record.id, record.result, segment, generation=record.candidate.origin.generation
+    )
 
 
 def drive_data_of(
     id: int,  # noqa: A002
-    result: Result | TestRecord,
+    result: Result,
     segment: Segment,
     *,
     generation: int = 0,
@@ -288,9 +290,9 @@ def _minimised(folder: Path, file: str) -> MinimisedData | None:
         return None
 
 
-def _rounded_departure(place: Departure) -> Departure:
-    time, distance, x, y = (round(v, 3) for v in (place.time, place.distance, place.x, place.y))
-    return Departure(time, distance, x, y, place.side)
+def _rounded_departure(place: Finding) -> Finding:
+    names = ("time", "distance", "x", "y")
+    return replace(place, **{name: round(getattr(place, name), 3) for name in names})
 
 
 def _rounded(value: float | None, digits: int) -> float | None:

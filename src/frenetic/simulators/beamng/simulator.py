@@ -14,7 +14,7 @@ import numpy as np
 
 from frenetic.drivers import BeamngAi, Driver, DriveSetup, appearance
 from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls, under_layers
-from frenetic.errors import DriverError, traceback_of
+from frenetic.errors import DriverError
 from frenetic.road import Road
 from frenetic.simulators.beamng.car import (
     LENGTHS,
@@ -33,7 +33,7 @@ from frenetic.simulators.beamng.scene import (
     scene_of,
 )
 from frenetic.simulators.checks import Check, drive_checks
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.simulators.drive import Breakdown, CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
@@ -272,13 +272,14 @@ class BeamngSimulator:
                     f" {WIDEST_AI_LANE:g} m are needed"
                 )
         except DriverError as error:
-            return Drive(Trajectory.empty(), self.car, self.rules, str(error), road=road)
+            empty = Trajectory.empty()
+            return Drive.of(empty, self.car, self.rules, road, Breakdown.of(error))
         if self._is_worn:
             self._leave()
             self.connect()
         self._place_car(road)
         recording = _Recording(self, road)
-        error_text, trace = None, ""
+        breakdown: Breakdown | None = None
         try:
             with wall_limit(self.wall_limit):
                 if by_ai:
@@ -293,15 +294,16 @@ class BeamngSimulator:
                     f"BeamNG.tech did not finish a drive within {self.wall_limit:g} s of wall time"
                     f" ({len(recording)} records)"
                 ) from None
-            error_text = (
+            breakdown = Breakdown.of(
+                limit,
                 f"the driver did not finish its drive within {self.wall_limit:g} s of wall time"
-                f"{limit.place}"
+                f"{limit.place}",
             )
-            trace = traceback_of(limit)
         except DriverError as error:
-            error_text, trace = str(error), traceback_of(error)
+            breakdown = Breakdown.of(error)
         self._finish()
-        return Drive(recording.trajectory(), self.car, self.rules, error_text, trace, road)
+        path = recording.trajectory()
+        return Drive.of(path, self.car, self.rules, road, breakdown)
 
     def _finish(self) -> None:
         """Removes the road; the drive counts even if that fails."""

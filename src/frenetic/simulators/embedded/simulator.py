@@ -27,12 +27,12 @@ from frenetic.drivers.driver import (
 )
 from frenetic.drivers.laws import setup_array
 from frenetic.drivers.layers import Compiled, compiled_form
-from frenetic.errors import DriverError, traceback_of
+from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
-from frenetic.simulators.drive import Drive, Rules, Trajectory
+from frenetic.simulators.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.vehicle import (
@@ -189,12 +189,13 @@ class EmbeddedSimulator(StartingPlace):
         room = self._room[: columns_needed * most].reshape(columns_needed, most)
         setup = self.setup(road)
         compiled = compiled_form(driver, setup.period)
-        error, trace = None, ""
+        breakdown: Breakdown | None = None
         if compiled is not None:
             n = self._drive_compiled(road, compiled, setup, rules, room)
         else:
-            n, error, trace = self._drive_python(road, driver, setup, room)
-        return Drive(Trajectory(*room[:, :n]), self.car, self.rules, error, trace, road)
+            n, breakdown = self._drive_python(road, driver, setup, room)
+        path = Trajectory(*room[:, :n])
+        return Drive.of(path, self.car, self.rules, road, breakdown)
 
     def _drive_compiled(
         self,
@@ -229,16 +230,16 @@ class EmbeddedSimulator(StartingPlace):
         driver: Driver,
         setup: DriveSetup,
         room: FloatArray,
-    ) -> tuple[int, str | None, str]:
+    ) -> tuple[int, Breakdown | None]:
         """The compiled rollout's loop with calls of the driver in between.
 
-        Returns (records, error, its traceback).
+        Returns the number of records, and what broke it.
         """
         compile_kernels()  # not on the driver's time
         try:
             camera = camera_of(driver)
         except DriverError as error:
-            return 0, str(error), traceback_of(error)
+            return 0, Breakdown.of(error)
         renderer = None
         if camera is not None:
             renderer = Renderer(road, camera, scene_of(driver))
@@ -277,10 +278,10 @@ class EmbeddedSimulator(StartingPlace):
                 f"the driver did not finish its drive within {self.wall_limit:g} s of wall time"
                 f" (it had driven {at:.1f} s{error.place})"
             )
-            return written, text, traceback_of(error)
+            return written, Breakdown.of(error, text)
         except DriverError as error:
-            return written, str(error), traceback_of(error)
-        return written, None, ""
+            return written, Breakdown.of(error)
+        return written, None
 
 
 @cache

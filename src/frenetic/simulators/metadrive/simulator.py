@@ -14,10 +14,10 @@ import numpy as np
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Driver, blaming_driver, camera_of, checked_controls
-from frenetic.errors import DriverError, FreneticError, describe_error, traceback_of
+from frenetic.errors import DriverError, FreneticError, describe_error
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks
-from frenetic.simulators.drive import Drive, Rules, Trajectory
+from frenetic.simulators.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.simulators.metadrive.car import (
     PERIOD,
     STEPS_PER_PERIOD,
@@ -183,7 +183,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
         camera = camera_of(driver)
         world = self._world_for(road, camera)
         rows: list[list[float]] = []
-        error, trace = None, ""
+        breakdown: Breakdown | None = None
         try:
             own = metadrive_driver(driver)
             world.load(
@@ -201,15 +201,16 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
                 else:
                     self._follow_own(world, road, own, rows)
         except WallLimitExceeded as limit:
-            error = (
+            breakdown = Breakdown.of(
+                limit,
                 f"the drive did not end within {self.wall_limit:g} s of wall time (the car had"
-                f" driven {max(len(rows) - 1, 0) * PERIOD:.1f} s{limit.place})"
+                f" driven {max(len(rows) - 1, 0) * PERIOD:.1f} s{limit.place})",
             )
-            trace = traceback_of(limit)
         except DriverError as trouble:
-            error, trace = str(trouble), traceback_of(trouble)
+            breakdown = Breakdown.of(trouble)
         columns = np.array(rows).reshape(-1, len(Trajectory.names()))
-        return Drive(Trajectory.from_rows(columns), self.car, self.rules, error, trace, road)
+        path = Trajectory.from_rows(columns)
+        return Drive.of(path, self.car, self.rules, road, breakdown)
 
     def _world_for(self, road: Road, camera: Camera | None) -> World:
         """The world with this camera, None for none; started anew if it is another one's."""

@@ -1,0 +1,17 @@
+"""Kinds of numbers, with the bounds that `msgspec.convert` checks where input comes from outside."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated, Final, TypeAlias
+
+from msgspec import Meta
+
+_MOST: Final = sys.float_info.max
+
+Finite: TypeAlias = Annotated[float, Meta(ge=-_MOST, le=_MOST)]
+Positive: TypeAlias = Annotated[float, Meta(gt=0.0, le=_MOST)]
+NotNegative: TypeAlias = Annotated[float, Meta(ge=0.0, le=_MOST)]
+Share: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
+Count: TypeAlias = Annotated[int, Meta(ge=1, le=2**63 - 1)]
+Index: TypeAlias = Annotated[int, Meta(ge=0, le=2**63 - 1)]
