@@ -1,4 +1,4 @@
-"""Kinds of numbers, with the bounds that `msgspec.convert` checks where input comes from outside."""
+"""Kinds of numbers, with the bounds that `msgspec.convert` checks."""
 
 from __future__ import annotations
 

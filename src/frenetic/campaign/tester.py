@@ -14,7 +14,7 @@ from frenetic._support.child_processes import one_process
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.campaign.record import Attempt
 from frenetic.drivers.driver import Driver
-from frenetic.errors import RoadError, describe_raised, traceback_of
+from frenetic.errors import Fault, RoadError, describe_raised, traceback_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
@@ -24,19 +24,10 @@ from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.isolated import BrokenDriveError
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import USUAL, Conditions, in_conditions
+from frenetic.simulators.worlds import in_conditions, read_conditions
 from frenetic.spec import is_number, shown
 
 logger = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Place of a road that is driven again, and its changed conditions."""
-
-    pose: Pose
-    """Start of the road."""
-    conditions: Conditions = USUAL
 
 
 @dataclass(frozen=True)
@@ -77,30 +68,28 @@ class RoadTester:
             )
         check_pair(self.simulator, self.driver)
 
-    def test(self, candidate: Candidate, placement: Placement | None = None) -> Attempt:
-        """Drives a candidate's road if it is one, fits the map and is valid.
-
-        Args:
-            candidate: the road.
-            placement: place and conditions of a road that was driven before; by default it is
-                fitted into the map and driven like any other.
-        """
+    def test(self, candidate: Candidate) -> Attempt:
+        """Drives a candidate's road, in its conditions, if it is one, fits the map and is valid."""
         try:
-            if placement is not None:
-                return self._test_placed(candidate, placement)
             if candidate.points is not None:
-                return self._test_points(candidate.id, candidate.points)
+                road = self._through(candidate.points)
+            else:
+                fitted, verdict = self.fitted(candidate)
+                if fitted is None or not verdict.valid:
+                    return _refused(candidate.id, verdict.message, fitted.pose if fitted else None)
+                road = fitted
         except RoadError as error:
             return _refused(candidate.id, str(error))
-        fitted, verdict = self.fitted(candidate)
-        if fitted is None or not verdict.valid:
-            return _refused(candidate.id, verdict.message, fitted.pose if fitted else None)
-        return self._driven(candidate.id, fitted, self.driver)
+        if not candidate.conditions:
+            return self._driven(candidate.id, road, self.driver)
+        conditions = read_conditions(candidate.conditions)
+        with in_conditions(conditions, self.simulator, self.driver) as driver:
+            check_pair(self.simulator, driver)
+            return self._driven(candidate.id, road, driver)
 
     def attempt(
         self,
         candidate: Candidate,
-        placement: Placement | None = None,
         worker: str | None = None,
         *,
         keep: bool = False,
@@ -108,7 +97,7 @@ class RoadTester:
     ) -> Attempt:
         """Tests a candidate for a worker: timed, with a packed trajectory (see `Attempt.pack`)."""
         start = time.perf_counter()
-        attempt = self.test(candidate, placement)
+        attempt = self.test(candidate)
         if pack:
             attempt = attempt.pack(keep=keep)
         return replace(attempt, worker=worker, seconds=time.perf_counter() - start)
@@ -129,24 +118,16 @@ class RoadTester:
         """Drives a road; a simulator that raises gives a drive with an error."""
         return self._drive(road, self.driver)[0]
 
-    def _test_points(self, candidate_id: int, points: FloatArray) -> Attempt:
-        """Drives the road through points in place, if they are valid."""
+    def _through(self, points: FloatArray) -> Road:
+        """The road through points in place.
+
+        Raises:
+            RoadError: they are not valid, or there is none.
+        """
         verdict = check_validity(points, self.map_size)
         if not verdict.valid:
-            return _refused(candidate_id, verdict.message)
-        return self._driven(candidate_id, road_through(points, self.lane_width), self.driver)
-
-    def _test_placed(self, candidate: Candidate, placement: Placement) -> Attempt:
-        """Drives a road in place, possibly in other conditions, if it is valid there."""
-        road = Road(
-            candidate.curvatures, candidate.step, placement.pose, lane_width=self.lane_width
-        )
-        verdict = road.check_validity(self.map_size)
-        if not verdict.valid:
-            return _refused(candidate.id, verdict.message, road.pose)
-        with in_conditions(placement.conditions, self.simulator, self.driver) as driver:
-            check_pair(self.simulator, driver)
-            return self._driven(candidate.id, road, driver)
+            raise RoadError(verdict.message)
+        return road_through(points, self.lane_width)
 
     def _driven(self, candidate_id: int, road: Road, driver: Driver) -> Attempt:
         drive, broke = self._drive(road, driver)
@@ -172,14 +153,16 @@ class RoadTester:
             broke, drive = True, self._broken(str(error), error.traceback)
         except Exception as error:
             reason = f"the simulator raised {describe_raised(error)}"
-            broke, drive = True, self._broken(reason, traceback_of(error))
+            broke, drive = True, self._broken(reason, traceback_of(error), error)
         if drive.traceback:
             logger.debug("%s\n%s", drive.error, drive.traceback)
         return drive, broke
 
-    def _broken(self, reason: str, traceback: str) -> Drive:
+    def _broken(self, reason: str, traceback: str, error: Exception | None = None) -> Drive:
         simulator = self.simulator
-        return Drive(Trajectory.empty(), simulator.car, simulator.rules, reason, traceback)
+        fault = None if error is None else Fault.of("simulator", error)
+        empty = Trajectory.empty()
+        return Drive(empty, simulator.car, simulator.rules, reason, traceback, fault)
 
 
 def _refused(candidate_id: int, reason: str, pose: Pose | None = None) -> Attempt:

@@ -35,6 +35,7 @@ def confirm(
     top: int | None,
     workers: int,
     drive_limit: float | None,
+    out: Path | None,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -79,6 +80,7 @@ def confirm(
             test_ids=chosen,
             workers=workers,
             drive_limit=drive_limit,
+            out=out,
             **hooks,
         )
     if as_json:

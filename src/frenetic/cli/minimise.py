@@ -130,7 +130,7 @@ def minimise(
     """
     from frenetic._support.interrupt import catch_interrupt
     from frenetic.campaign import CampaignStore, RoadTester
-    from frenetic.redrive.loop import warn_of_versions
+    from frenetic.redrive.drives import warn_of_versions
     from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
     from frenetic.spec import describe
 

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
@@ -45,9 +46,18 @@ rows_option = click.option(
 )
 
 
+again_option = click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="FOLDER",
+    help="Campaign that drives them. [default: a folder in again/ of the CAMPAIGN]",
+)
+
+
 def redriving_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that choose parts and workers, and --json."""
-    return with_options([part_options, workers_option, drive_limit_option, json_option], command)
+    options = [part_options, workers_option, drive_limit_option, again_option, json_option]
+    return with_options(options, command)
 
 
 def recorded_spec(store: CampaignStore, given: Mapping[str, Any]) -> Spec:

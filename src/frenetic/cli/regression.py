@@ -41,6 +41,7 @@ def regression(
     with_rows: bool,
     workers: int,
     drive_limit: float | None,
+    out: Path | None,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -67,6 +68,7 @@ def regression(
             everything=everything,
             workers=workers,
             drive_limit=drive_limit,
+            out=out,
             **{**hooks, "on_progress": lambda now: show(now.tests, now.total)},
         )
     if junit is not None and not replayed.missing:

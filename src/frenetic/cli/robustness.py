@@ -24,7 +24,7 @@ from frenetic.cli.redrive import (
 
 if TYPE_CHECKING:
     from frenetic.redrive.conditions import Variation
-    from frenetic.redrive.loop import RedriveProgress
+    from frenetic.redrive.drives import RedriveProgress
     from frenetic.redrive.robustness import Rerun
     from frenetic.simulators import Simulator
 
@@ -90,6 +90,7 @@ def robustness(
     with_rows: bool,
     workers: int,
     drive_limit: float | None,
+    out: Path | None,
     as_json: bool,
     **given: Any,
 ) -> None:
@@ -136,6 +137,7 @@ def robustness(
             seed=seed,
             workers=workers,
             drive_limit=drive_limit,
+            out=out,
             **{**hooks, "on_progress": progress, "on_interrupt": stopping},
         )
     is_judged = any(one.judged for one in reruns)

@@ -5,8 +5,8 @@ Both versions drive on fresh random roads, which no search has chosen, and on th
 the campaigns of either; `frenetic.redrive.paired` says what the pairs show.
 
 The fresh roads are a campaign of their own, which the old version drives, in the folder of its
-campaign. Every other drive is stored in the database of the campaign whose road it is, and serves
-the next call, too.
+campaign. Every other drive is stored beside the campaign whose road it is, see
+`frenetic.redrive.drives`.
 """
 
 from __future__ import annotations
@@ -28,10 +28,9 @@ from frenetic.drivers.driver import stack_of
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import SHORT, comparison_key, differences
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import drive_again
+from frenetic.redrive.drives import by_test, drive_again
 from frenetic.redrive.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.redrive.record import Purpose, Redrive
-from frenetic.redrive.table import read_runs
 from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
@@ -364,49 +363,28 @@ class _VersionDriver:
         self._add(len(conditions) * (len(records) - len(placed)))
         if not conditions:
             return found
+        if not placed or self._interrupted:
+            return found
         with CampaignStore.open(folder) as store:
             setting = store.setting
         # Not `campaign_tester`, which warns of another version than the campaign's.
         terms = setting.map_size, setting.margin, setting.lane_width
-        tester = RoadTester(driving.simulator, driving.driver, *terms)
-        stored = self._stored(folder)
-        for record in placed:
-            known = stored.get(record.id, ())[: len(conditions)]
-            if [one.conditions for one in known] == list(conditions):
-                found[record.id] = known
-                self._add(len(known))
-        missing = [record for record in placed if record.id not in found]
-        if not missing or self._interrupted:
-            return found
-        planned = [(record, wanted) for record in missing for wanted in conditions]
         run = drive_again(
             folder,
             Purpose.BACK_TO_BACK,
-            tester,
-            planned,
-            optional=True,
+            RoadTester(driving.simulator, driving.driver, *terms),
+            placed,
+            conditions,
             workers=driving.workers,
             drive_limit=driving.drive_limit,
-            on_progress=lambda _: self._add(1),
+            on_progress=lambda now: self._show(now.drives),
             on_start=driving.on_start,
             on_interrupt=driving.on_interrupt,
         )
-        self._interrupted = len(run.drives) < len(planned)
-        whole = {i: own for i, own in run.by_test().items() if len(own) == len(conditions)}
+        self._add(len(run.drives))
+        self._interrupted = len(run.drives) < run.planned
+        whole = {i: own for i, own in by_test(run.drives).items() if len(own) == len(conditions)}
         return found | whole
-
-    def _stored(self, folder: Path) -> dict[int, tuple[Redrive, ...]]:
-        """Test -> stored and judged drives of the version."""
-        rules = self._driving.simulator.rules
-        stored: dict[int, tuple[Redrive, ...]] = {}
-        for run in read_runs(folder, Purpose.BACK_TO_BACK):
-            if comparison_key(run.driver, run.simulator) == self._parts and run.rules == rules:
-                stored |= {
-                    i: drives
-                    for i, drives in run.by_test().items()
-                    if all(drive.outcome.is_driven for drive in drives)
-                }
-        return stored
 
 
 def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[Test, ...]]:
@@ -431,9 +409,7 @@ def _fresh_records(folder: Path, number: int) -> tuple[Test, ...]:
 
 def _recorded(record: Test) -> Redrive:
     """The campaign's own drive of a test."""
-    return Redrive.of(
-        record, record.result, seconds=record.attempt.seconds, trajectory=record.trajectory
-    )
+    return Redrive(record, record)
 
 
 def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:

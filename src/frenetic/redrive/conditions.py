@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from msgspec import convert
 
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.search.strategy import require_whole
 from frenetic.simulators.simulator import Simulator
@@ -137,25 +136,3 @@ def draw_conditions(
                 changes["noise_seed"] = int(rng.integers(2**31))
             drawn[i] = replace(drawn[i], **changes)
     return tuple(drawn)
-
-
-# JSON
-
-
-def read_conditions(values: Any) -> Conditions:
-    """Conditions from JSON.
-
-    Raises:
-        AttributeError, ValueError: they are none.
-    """
-    if unknown := values.keys() - {one.name for one in fields(Conditions)}:
-        raise ValueError(f"a world has {', '.join(sorted(unknown))}")
-    return convert(values, Conditions)
-
-
-def conditions_document(conditions: Conditions) -> dict[str, JSONValue]:
-    """The differing conditions as a JSON object."""
-    values = {name: value for name, value in asdict(conditions).items() if value is not None}
-    if not any(name in values for name in SEEDED):
-        del values["noise_seed"]
-    return values

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Final, Unpack
@@ -21,7 +21,7 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import SHORT, comparison_key
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import RedriveOptions, campaign_tester, drive_again
+from frenetic.redrive.drives import RedriveOptions, campaign_tester, drive_again, read_runs
 from frenetic.redrive.record import (
     Agreement,
     Purpose,
@@ -32,10 +32,8 @@ from frenetic.redrive.record import (
     redrive_document,
     verdict_document,
 )
-from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import USUAL
 from frenetic.spec import part_text
 
 LEAST_PAIRS: Final = 3
@@ -106,7 +104,7 @@ class Confirmation:
 
     def drive(self, test: Redrive) -> Drive | None:
         """A test's drive in the other simulator, None if nothing was driven."""
-        return None if test.trajectory is None else Drive(test.trajectory, self.car, self.rules)
+        return test.test.drive
 
 
 @dataclass(frozen=True)
@@ -153,7 +151,7 @@ def confirm(
         folder,
         Purpose.CONFIRMATION,
         tester,
-        [(record, USUAL) for record in records],
+        records,
         on_progress=on_progress and (lambda now: on_progress(now.drives, now.total)),
         **how,
     )
@@ -174,15 +172,19 @@ def _of_run(run: Run) -> Confirmation:
 
 
 def read_confirmations(folder: Path | str) -> tuple[Confirmation, ...]:
-    """The stored confirmations of a campaign, oldest first.
+    """The stored confirmations of a campaign, one of each simulator, driver and rules.
 
-    Of those with the same simulator, driver and rules, the last counts.
+    Of a test's drives with these, the last counts.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    runs = read_runs(folder, Purpose.CONFIRMATION)
-    return latest((_of_run(run) for run in runs if run.drives), lambda one: one.key)
+    merged: dict[str, Confirmation] = {}
+    for run in read_runs(folder, Purpose.CONFIRMATION):
+        one = _of_run(run)
+        tests = {test.test_id: test for test in (merged.get(one.key, one).tests + one.tests)}
+        merged[one.key] = replace(one, tests=tuple(tests.values()))
+    return tuple(one for one in merged.values() if one.tests)
 
 
 def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:

@@ -11,17 +11,18 @@ from typing import Final
 
 import numpy as np
 
+from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic.analysis.failures import THRESHOLD, Failure
+from frenetic.campaign.loop import MAX_ATTEMPTS
 from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
+from frenetic.campaign.workers import InProcessWorker
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import STUCK, Result, assess, judge
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import DriveTasks, Task, new_run, redriving
-from frenetic.redrive.record import Match, Purpose, Redrive, Run
+from frenetic.redrive.record import Match, Redrive
 from frenetic.redrive.shrinking import Answer, Ending, Improvement, Shape, shrink
-from frenetic.redrive.table import RunWriter
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Origin
 from frenetic.simulators.drive import Drive
@@ -183,8 +184,8 @@ def minimise(
             f" {tester.lane_width:g} m: they have to agree"
         )
     start = Shape(tuple(road.curvatures), road.step)
-    with redriving(tester, is_entered=True) as drive_tasks:
-        trials = _Trials(tester, drive_tasks)
+    with catch_interrupt(None) as interrupt:
+        trials = _Trials(tester, interrupt)
         result = trials.drive(start)
         if result is None:
             raise KeyboardInterrupt  # before anything was found
@@ -239,7 +240,7 @@ def minimise_test(
     on_progress: Callable[[MinimiseProgress], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> Minimised:
-    """Minimises a campaign's failing road and stores each smaller road as it is found.
+    """Minimises a campaign's failing road, and says whether it still fails as recorded.
 
     Args:
         folder: of the campaign.
@@ -255,45 +256,34 @@ def minimise_test(
         FreneticError: as for `minimise`.
         ValueError: likewise.
     """
-
-    def run() -> Run:
-        return new_run(Purpose.MINIMISING, tester, max_drives)
-
     with CampaignStore.open(folder) as campaign:
         recorded = Failure.of_test(campaign.test(record.id))
-
-    def redrive(failed: FailedDrive) -> Redrive:
-        return Redrive.of(
-            record,
-            failed.result,
-            step=failed.road.step,
-            curvatures=failed.road.curvatures,
-            difference=None if recorded is None else recorded.difference(failed.failure),
-        )
-
-    with RunWriter(folder, Purpose.MINIMISING, run, optional=True) as writer:
-        minimised = minimise(
-            record.road,
-            tester,
-            max_drives=max_drives,
-            guard=guard,
-            on_progress=on_progress,
-            on_smaller=lambda number, failed: writer.add(number, redrive(failed)),
-            should_stop=should_stop,
-        )
-    return replace(minimised, match=redrive(minimised.original).match)
+    minimised = minimise(
+        record.road,
+        tester,
+        max_drives=max_drives,
+        guard=guard,
+        on_progress=on_progress,
+        should_stop=should_stop,
+    )
+    original = minimised.original
+    attempt = replace(record.attempt, result=original.result)
+    difference = None if recorded is None else recorded.difference(original.failure)
+    again = Redrive(record, replace(record, attempt=attempt), difference)
+    return replace(minimised, match=again.match)
 
 
 class _Trials:
     """Drives shapes and answers whether they fail like the first."""
 
-    def __init__(self, tester: RoadTester, drive_tasks: DriveTasks) -> None:
+    def __init__(self, tester: RoadTester, interrupt: Interrupt) -> None:
         self.failed: dict[Shape, FailedDrive] = {}
         """Those with the same failure, the first one first."""
         self.trouble = ""
         """Reason of the last broken drive."""
         self._tester = tester
-        self._drive_tasks = drive_tasks
+        self._worker = InProcessWorker(tester, is_entered=True, packs=False)
+        self._interrupt = interrupt
         self._asked = 0
         self._broken = 0  # drives in a row
 
@@ -313,16 +303,19 @@ class _Trials:
 
     def drive(self, shape: Shape) -> Result | None:
         """Result of a drive on the shape; None after Ctrl-C."""
+        if self._interrupt.requested:
+            return None
         self._asked += 1
-        origin = Origin(OPERATOR)
-        task = Task(Candidate(self._asked, np.array(shape.values), shape.step, origin))
+        road = Candidate(self._asked, np.array(shape.values), shape.step, Origin(OPERATOR))
         try:
-            attempt = next(self._drive_tasks([task]), None)
+            for _ in range(MAX_ATTEMPTS):
+                self._worker.submit(road)
+                (attempt,) = self._worker.wait(0.0)
+                if attempt.failure is None:
+                    break
         except CampaignError as error:  # the simulator does not start again
             attempt = Attempt.undriven(self._asked, Outcome.ERROR, str(error))
             self._broken = MAX_ERRORS_IN_A_ROW
-        if attempt is None:
-            return None
         result = attempt.result
         if result.outcome is Outcome.ERROR:
             self._broken += 1

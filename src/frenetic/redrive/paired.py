@@ -26,7 +26,6 @@ from frenetic.fingerprint import over_each_other
 from frenetic.oracle import Side, judge
 from frenetic.outcome import Outcome
 from frenetic.redrive.record import Change, Redrive
-from frenetic.simulators.drive import Drive
 
 SLOWER: Final = 0.01
 """Least share of the time by which a version counts as slower."""
@@ -153,7 +152,7 @@ class PairedRoads:
     def standing(self, version: Version) -> int:
         """Failing drives of a version in which it did not leave its lane: it stood, or was slow."""
         return sum(
-            drive.outcome is Outcome.FAIL and drive.departure_side is None
+            drive.outcome is Outcome.FAIL and drive.departure is None
             for pair in self.pairs
             for drive in pair.drives(version)
         )
@@ -284,7 +283,7 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
                 failing = (
                     one
                     for one in pair.drives(version)
-                    if one.outcome is Outcome.FAIL and one.trajectory is not None
+                    if one.outcome is Outcome.FAIL and one.test.trajectory is not None
                 )
                 found += [(version, roads, pair, one) for one in islice(failing, 1)]
     found.sort(key=lambda one: one[-1].moobd or 0.0)
@@ -311,10 +310,8 @@ def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...
 
 
 def _failure(number: int, redrive: Redrive) -> Failure:
-    setting, road = redrive.recorded.setting, redrive.recorded.road
-    assert setting is not None
-    assert redrive.trajectory is not None
-    drive = Drive(redrive.trajectory, setting.car, setting.rules)
+    road, drive = redrive.test.road, redrive.test.drive
+    assert drive is not None
     failure = Failure.of_drive(road, drive, judge(road, drive), id=number)
     assert failure is not None
     return failure

@@ -7,18 +7,18 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 
-from frenetic._support.arrays import FloatArray
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
-from frenetic.campaign.record import Test, as_text
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
-from frenetic.oracle import Result, Side
+from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
-from frenetic.simulators.drive import CarBody, Rules, Trajectory
-from frenetic.simulators.worlds import USUAL, Conditions
+from frenetic.simulators.drive import CarBody, Rules
+from frenetic.simulators.worlds import Conditions, read_conditions
 
 
 class Purpose(StrEnum):
@@ -32,8 +32,6 @@ class Purpose(StrEnum):
     """Whether they are fixed."""
     BACK_TO_BACK = "back-to-back"
     """Whether a new version of the driver is better."""
-    MINIMISING = "minimising"
-    """The shortest road that still fails."""
 
 
 class Match(StrEnum):
@@ -93,73 +91,45 @@ class Change(StrEnum):
 
 @dataclass(frozen=True)
 class Redrive:
-    """A drive of a campaign's road after the campaign: a row of its table.
-
-    It holds the verdict in the form of the campaign's own `Test`.
-    """
+    """A campaign's test, and its road driven again."""
 
     recorded: Test = field(compare=False)
     """The campaign's own test."""
-    conditions: Conditions
-    outcome: Outcome
-    moobd: float | None
-    """Minimum oob distance in m; None unless PASS or FAIL."""
-    departure_distance: float | None = None
-    """Place where the car left its lane, in m along the road; None if it did not."""
-    departure_side: Side | None = None
-    """The side of the lane on which it left."""
-    reason: str = ""
-    """Reason of the outcome, for people."""
-    max_oob_share: float | None = field(default=None, compare=False)
-    """Largest oob share of the drive, 0..1; None if unknown, as for the next two."""
-    duration: float | None = field(default=None, compare=False)
-    """Simulated time, in s."""
-    seconds: float | None = field(default=None, compare=False)
-    """Wall time that it took, in s."""
-    trajectory: Trajectory | None = field(default=None, compare=False)
-    """Trajectory; None if nothing was driven, or if it was not kept."""
-    step: float | None = field(default=None, compare=False)
-    """Distance between curvatures in m, of a smaller road than the test's; None for the test's."""
-    curvatures: FloatArray | None = field(default=None, compare=False)
-    """(N,) 1/m of that road."""
+    test: Test
+    """The test of the campaign that drove it again; the campaign's own for its own drive."""
     difference: float | None = None
     """Difference from the recorded failure in m, as of `frenetic.analysis.failures`; None unless
-    both failed, and in drives of older versions."""
+    both failed."""
 
-    @classmethod
-    def of(
-        cls,
-        recorded: Test,
-        result: Result | Test,
-        conditions: Conditions = USUAL,
-        *,
-        seconds: float | None = None,
-        trajectory: Trajectory | None = None,
-        step: float | None = None,
-        curvatures: FloatArray | None = None,
-        difference: float | None = None,
-    ) -> Redrive:
-        """The drive of a test's road, or of a smaller one, from its result.
+    @cached_property
+    def conditions(self) -> Conditions:
+        """The conditions of the drive."""
+        return read_conditions(self.test.candidate.conditions)
 
-        That of the campaign's own drive is the test itself.
-        """
-        departure = result.departure
-        return cls(
-            recorded,
-            conditions,
-            result.outcome,
-            result.moobd,
-            None if departure is None else departure.distance,
-            None if departure is None else departure.side,
-            as_text(result.reason),
-            result.max_oob_share,
-            result.duration,
-            seconds,
-            trajectory,
-            step,
-            curvatures,
-            difference,
-        )
+    @property
+    def outcome(self) -> Outcome:
+        """Its outcome."""
+        return self.test.outcome
+
+    @property
+    def moobd(self) -> float | None:
+        """Minimum oob distance in m; None unless PASS or FAIL."""
+        return self.test.moobd
+
+    @property
+    def reason(self) -> str:
+        """Reason of the outcome, for people."""
+        return self.test.reason
+
+    @property
+    def duration(self) -> float | None:
+        """Simulated time, in s."""
+        return self.test.result.duration
+
+    @property
+    def departure(self) -> Finding | None:
+        """Place where the car left its lane; None if it did not."""
+        return self.test.departure
 
     @property
     def test_id(self) -> int:
@@ -185,13 +155,14 @@ class Redrive:
         before = self.recorded
         if not self.outcome is before.outcome is Outcome.FAIL:
             return None
-        here, there = self.departure_distance, before.departure_distance
+        here, there = self.departure, before.departure
         if (here is None) != (there is None):
             return Match.OTHER_MECHANISM
-        if here is not None and there is not None and abs(here - there) > REACH:
-            return Match.ELSEWHERE
-        if self.departure_side != before.departure_side:
-            return Match.OTHER_SIDE
+        if here is not None and there is not None:
+            if abs(here.distance - there.distance) > REACH:
+                return Match.ELSEWHERE
+            if here.side != there.side:
+                return Match.OTHER_SIDE
         if self.difference is None:
             return Match.SAME_PLACE
         return Match.SAME if self.difference <= THRESHOLD else Match.OTHER_MECHANISM
@@ -260,8 +231,6 @@ class Redrive:
     @property
     def length(self) -> float:
         """Length of the road in m."""
-        if self.curvatures is not None and self.step is not None:
-            return (len(self.curvatures) - 1) * self.step
         candidate = self.recorded.candidate
         return (len(candidate.curvatures) - 1) * candidate.step
 
@@ -288,13 +257,6 @@ class Run:
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
 
-    def by_test(self) -> dict[int, tuple[Redrive, ...]]:
-        """Test -> its drives, in their order."""
-        drives: dict[int, list[Redrive]] = {}
-        for drive in self.drives:
-            drives.setdefault(drive.test_id, []).append(drive)
-        return {test_id: tuple(own) for test_id, own in drives.items()}
-
 
 def count_matches(drives: Iterable[Redrive]) -> dict[Match, int]:
     """Match -> number of drives that fail so, without those that are 0."""
@@ -315,11 +277,12 @@ def matches_document(drives: Iterable[Redrive]) -> dict[str, JSONValue]:
 
 def verdict_document(drive: Redrive | Test) -> dict[str, JSONValue]:
     """The end of a drive as a JSON object."""
+    place = drive.departure
     return {
         "outcome": str(drive.outcome),
         "moobd": drive.moobd,
-        "departure_distance": drive.departure_distance,
-        "departure_side": drive.departure_side,
+        "departure_distance": None if place is None else place.distance,
+        "departure_side": None if place is None else place.side,
     }
 
 

@@ -15,7 +15,14 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
-from frenetic.redrive.loop import RedriveOptions, RedriveProgress, campaign_tester, drive_again
+from frenetic.redrive.drives import (
+    RedriveOptions,
+    RedriveProgress,
+    campaign_tester,
+    drive_again,
+    latest,
+    read_runs,
+)
 from frenetic.redrive.record import (
     Change,
     Purpose,
@@ -24,9 +31,7 @@ from frenetic.redrive.record import (
     matches_document,
     matches_text,
 )
-from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import USUAL
 
 SUITE: Final = "frenetic replay"
 """Name of the suite in a JUnit file."""
@@ -104,8 +109,7 @@ def replay(
         folder,
         Purpose.REGRESSION,
         tester,
-        [(record, USUAL) for record in records],
-        optional=True,
+        records,
         on_progress=on_progress,
         **how,
     )
@@ -158,7 +162,7 @@ def replay_document(replay: Replay) -> dict[str, JSONValue]:
                 "reason": test.reason,
                 "duration": test.duration,
                 "length": test.length,
-                "seconds": test.seconds,
+                "seconds": test.test.attempt.seconds,
                 "change": str(test.change),
                 "match": test.match,
                 "difference": test.difference,
@@ -192,7 +196,7 @@ def junit(replay: Replay) -> bytes:
         "failures": str(sum(test.after is Outcome.FAIL for test in tests)),
         "errors": str(replay.count(Change.NOT_JUDGED)),
         "skipped": "0",
-        "time": _seconds(sum(test.seconds or 0.0 for test in tests)),
+        "time": _seconds(sum(test.test.attempt.seconds for test in tests)),
     }
     name = _text(replay.campaign)
     top = ET.Element("testsuites", {"name": SUITE, **counts})
@@ -200,7 +204,11 @@ def junit(replay: Replay) -> bytes:
     parts = {"driver": replay.driver, "simulator": replay.simulator}
     _add_properties(suite, {part: str(described["class"]) for part, described in parts.items()})
     for test in tests:
-        about = {"classname": name, "name": f"test {test.test_id}", "time": _seconds(test.seconds)}
+        about = {
+            "classname": name,
+            "name": f"test {test.test_id}",
+            "time": _seconds(test.test.attempt.seconds),
+        }
         _add_outcome(ET.SubElement(suite, "testcase", about), test)
     ET.indent(top)
     document: bytes = ET.tostring(top, encoding="utf-8", xml_declaration=True)

@@ -25,8 +25,16 @@ from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.fingerprint import comparison_key, differences
 from frenetic.outcome import Outcome
-from frenetic.redrive.conditions import Variation, conditions_document, draw_conditions
-from frenetic.redrive.loop import RedriveOptions, RedriveProgress, campaign_tester, drive_again
+from frenetic.redrive.conditions import Variation, draw_conditions
+from frenetic.redrive.drives import (
+    RedriveOptions,
+    RedriveProgress,
+    by_test,
+    campaign_tester,
+    drive_again,
+    latest,
+    read_runs,
+)
 from frenetic.redrive.record import (
     Purpose,
     Redrive,
@@ -36,7 +44,6 @@ from frenetic.redrive.record import (
     redrive_document,
     verdict_document,
 )
-from frenetic.redrive.table import latest, read_runs
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Rules
 from frenetic.simulators.simulator import Simulator
@@ -206,9 +213,8 @@ def rerun(
 ) -> tuple[Rerun, ...]:
     """Drives failing roads of a campaign again and stores how often they fail.
 
-    Each road is driven in place, in the same worlds as every other. The drives are stored in the
-    campaign, also after Ctrl-C, see `read_reruns`. They replace older ones of the same test with
-    the same parts and ranges. A test without a judged drive is not stored.
+    Each road is driven in the same worlds as every other. The drives are stored, see
+    `frenetic.redrive.drives` and `read_reruns`.
 
     Args:
         folder: of the campaign.
@@ -246,9 +252,11 @@ def rerun(
         folder,
         Purpose.ROBUSTNESS,
         tester,
-        [(record, one) for record in records for one in conditions],
+        records,
+        conditions,
+        seed=seed,
+        variations=variations,
         on_progress=on_progress,
-        drawn={"seed": seed, "variations": tuple(variations)},
         **how,
     )
     return tuple(_reruns_of(run))
@@ -256,7 +264,7 @@ def rerun(
 
 def _reruns_of(run: Run) -> Iterator[Rerun]:
     """The reruns of a run, one per test."""
-    for drives in run.by_test().values():
+    for drives in by_test(run.drives).values():
         yield Rerun(
             drives[0].recorded,
             run.variations,
@@ -336,7 +344,7 @@ def rerun_document(one: Rerun) -> dict[str, JSONValue]:
         },
         "drives": [
             {
-                "world": conditions_document(drive.conditions),
+                "world": dict(drive.test.candidate.conditions),
                 **redrive_document(drive),
                 "trouble": drive.trouble,
             }

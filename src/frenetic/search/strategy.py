@@ -155,6 +155,7 @@ class Ledger:
         step: float,
         origin: Origin,
         points: FloatArray | None = None,
+        **more: Any,
     ) -> Candidate:
         """Return a new candidate that carries the next id.
 
@@ -163,9 +164,10 @@ class Ledger:
             step: m between two curvature samples.
             origin: How the road was made.
             points: (N, 2) m, where it lies on the map, if it is to stay there; copied.
+            more: other fields of a `Candidate`.
 
         """
-        candidate = Candidate(self._last_id + 1, curvatures, step, origin, points)
+        candidate = Candidate(self._last_id + 1, curvatures, step, origin, points, **more)
         self._last_id = candidate.id
         self._outstanding[candidate.id] = candidate
         return candidate

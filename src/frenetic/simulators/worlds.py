@@ -12,9 +12,11 @@ import copy
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from types import MappingProxyType
 from typing import Final
+
+from msgspec import convert
 
 from frenetic.drivers import Delayed, Driver, Noisy, appearance
 from frenetic.drivers.appearance import CameraLayer
@@ -171,6 +173,27 @@ SEEDED: Final = ("noise", "rain", "grain")
 """Quantities whose layers draw random numbers, from `Conditions.noise_seed`."""
 USUAL: Final = Conditions()
 """The campaign's own."""
+
+
+def read_conditions(values: Mapping[str, float]) -> Conditions:
+    """Conditions by their names.
+
+    Raises:
+        ValueError: there is no such condition, or a value is none.
+    """
+    if unknown := sorted(values.keys() - {item.name for item in fields(Conditions)}):
+        raise ValueError(
+            f"there is no condition {', '.join(unknown)}: choose from {', '.join(QUANTITIES)}"
+        )
+    return convert(dict(values), Conditions)
+
+
+def conditions_document(conditions: Conditions) -> dict[str, float]:
+    """The conditions that differ from the campaign's, by their names."""
+    values = {name: value for name, value in asdict(conditions).items() if value is not None}
+    if not any(name in values for name in SEEDED):
+        del values["noise_seed"]
+    return values
 
 
 def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:

@@ -29,7 +29,7 @@ from frenetic._support.child_processes import (
 from frenetic.campaign.log import CampaignLog, Event, WorkerState
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.workers import Slot, states_of
 from frenetic.errors import CampaignError, describe_error
 from frenetic.registry import load_user_file, user_files
@@ -65,7 +65,6 @@ class Task(NamedTuple):
     number: int
     """Number that no other task has, by which its answer is known."""
     candidate: Candidate
-    placement: Placement | None
 
 
 class LocalWorkers:
@@ -120,13 +119,13 @@ class LocalWorkers:
         """Activity of each worker, by its name."""
         return states_of(self._workers)
 
-    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+    def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker."""
         worker = min(
             (worker for worker in self._workers if worker.room), key=lambda one: len(one.queue)
         )
         self._tasks += 1
-        task = Task(self._tasks, candidate, placement)
+        task = Task(self._tasks, candidate)
         worker.queue.append(task)
         if worker.state == "idle":
             worker.turn("driving", self._drive_limit)
@@ -141,7 +140,7 @@ class LocalWorkers:
         """
         while self._backlog and any(worker.room for worker in self._workers):
             task = self._backlog.popleft()
-            self.submit(task.candidate, task.placement)
+            self.submit(task.candidate)
         there = [worker for worker in self._workers if worker.state != "lost"]
         if not there:
             reasons = "; ".join(sorted({worker.loss for worker in self._workers}))
@@ -424,7 +423,7 @@ def _serve_one_start(line: Line, tester: RoadTester) -> bool:
             task: Task | None = pickle.loads(data)  # noqa: S301  # from our own parent
             if task is None:
                 return False
-            attempt = tester.attempt(task.candidate, task.placement)
+            attempt = tester.attempt(task.candidate)
             line.send(pickle.dumps(Answer(task.number, attempt)))
             if attempt.simulator_broke:
                 return True

@@ -11,7 +11,7 @@ from typing import Any, Final, Protocol, Self
 
 from frenetic.campaign.log import WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, reason_of, traceback_of
 from frenetic.search.records import Candidate
 
@@ -36,7 +36,7 @@ class Workers(Protocol):
     def states(self) -> Mapping[str, WorkerState]:
         """Activity of each worker, by its name."""
 
-    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+    def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker, to be tested as by `RoadTester.test`."""
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
@@ -115,7 +115,7 @@ class InProcessWorker(Workers):
         self._packs = packs
         self._is_entered = is_entered
         self._started = is_entered
-        self._task: tuple[Candidate, Placement | None] | None = None
+        self._task: Candidate | None = None
         self._tests = 0
         self._since = time.monotonic()
 
@@ -129,10 +129,10 @@ class InProcessWorker(Workers):
         state: WorkerStatus = "driving" if self._task else "idle"
         return {NAME: WorkerState(NAME, state, self._tests, time.monotonic() - self._since)}
 
-    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+    def submit(self, candidate: Candidate) -> None:
         """Takes the candidate that `wait` will test."""
         assert self._task is None
-        self._task = candidate, placement
+        self._task = candidate
         self._since = time.monotonic()
 
     def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - it takes what it takes
@@ -144,10 +144,10 @@ class InProcessWorker(Workers):
         if self._task is None:
             return ()
         self._start()
-        candidate, placement = self._task
+        candidate = self._task
         start = time.perf_counter()
         try:
-            attempt = self._tester.attempt(candidate, placement, NAME, keep=True, pack=self._packs)
+            attempt = self._tester.attempt(candidate, NAME, keep=True, pack=self._packs)
         except KeyboardInterrupt:
             raise
         except BaseException as error:

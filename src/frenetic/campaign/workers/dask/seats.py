@@ -27,7 +27,7 @@ from distributed import get_worker
 
 from frenetic._support.child_processes import Logged, LogSender
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
@@ -79,14 +79,14 @@ class Seat:
         self._end.atexit = False  # `_end_all` does that, and waits for it
         self._ask(thread.start)
 
-    def test(self, candidate: Candidate, placement: Placement | None = None) -> Driven:
+    def test(self, candidate: Candidate) -> Driven:
         """Tests a candidate, as by `RoadTester.test`.
 
         Raises:
             SeatError: the test itself failed, not the drive; the seat is closed.
         """
         thread = self._thread_of_seat
-        return self._ask(lambda: thread.test(candidate, placement))
+        return self._ask(lambda: thread.test(candidate))
 
     def restart(self) -> None:
         """Ends the simulator and starts it again.
@@ -182,10 +182,10 @@ class _SeatThread:
         tester.simulator.__enter__()
         self._tester = tester
 
-    def test(self, candidate: Candidate, placement: Placement | None) -> Driven:
+    def test(self, candidate: Candidate) -> Driven:
         """Tests a candidate."""
         assert self._tester is not None
-        attempt = self._tester.attempt(candidate, placement)
+        attempt = self._tester.attempt(candidate)
         logged, self._logged[:] = self._logged[:], []
         return Driven(attempt, logged)
 

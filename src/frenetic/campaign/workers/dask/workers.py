@@ -22,7 +22,7 @@ from typing import Final, Self
 from frenetic.campaign.log import CampaignLog, Event, WorkerState
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import CLOSING_LIMIT, START_LIMIT, STARTS
 from frenetic.campaign.workers.workers import Slot, Workers, states_of
 from frenetic.errors import CampaignError
@@ -113,13 +113,13 @@ class ClusterWorkers(Workers):
         """Activity of each seat, by the name of its worker and its number."""
         return states_of(self._all_seats())
 
-    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+    def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free seat."""
         seat = next(self._idle_seats())
         assert seat.handle is not None
         seat.candidate_id = candidate.id
         seat.turn("driving", self._drive_limit)
-        seat.begin(self._link.call(seat.host, Seat.test, seat.handle, candidate, placement))
+        seat.begin(self._link.call(seat.host, Seat.test, seat.handle, candidate))
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns finished attempts.

@@ -1,0 +1,91 @@
+"""The strategy that drives another campaign's roads again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.campaign.store import CampaignStore
+from frenetic.errors import CampaignError
+from frenetic.search.records import Candidate, Evaluation, Origin, Source
+from frenetic.search.strategy import Ledger, SearchEnded
+from frenetic.simulators.worlds import read_conditions
+
+OPERATOR: Final = "again"
+"""Operator in the origin of roads that are driven again."""
+
+
+class Again:
+    """Proposes the roads of a campaign's tests, each once in each of some conditions.
+
+    Args:
+        campaign: its folder.
+        tests: ids of the tests; they have to be driven ones.
+        conditions: of each drive of a test, by the names of `frenetic.simulators.worlds.Conditions`
+            as far as they differ from the campaign's; by default one drive in the campaign's own.
+
+    Raises:
+        CampaignError: there is no such campaign or test, it is damaged, or a test was not driven.
+        ValueError: conditions are none.
+    """
+
+    BEHAVIOUR: Final = 1
+
+    def __init__(
+        self,
+        campaign: Path | str,
+        tests: Iterable[int],
+        conditions: Sequence[Mapping[str, float]] = ({},),
+    ) -> None:
+        tests = list(tests)
+        self.options: Mapping[str, Any] = {
+            "campaign": str(campaign),
+            "tests": tests,
+            "conditions": [dict(one) for one in conditions],
+        }
+        for one in conditions:
+            read_conditions(one)
+        with CampaignStore.open(campaign) as store:
+            roads = [_driven(store, number) for number in tests]
+        self._drives = iter(
+            [(road, i, one) for road in roads for i, one in enumerate(self.options["conditions"])]
+        )
+        self._ledger = Ledger()
+
+    def __len__(self) -> int:
+        """Number of drives in all."""
+        return len(self.options["tests"]) * len(self.options["conditions"])
+
+    def ask(self) -> Candidate:
+        """The next road; raises `SearchEnded` after the last."""
+        drive = next(self._drives, None)
+        if drive is None:
+            raise SearchEnded("every road was driven again")
+        road, repeat, conditions = drive
+        return self._ledger.issue(
+            road.curvatures,
+            road.step,
+            Origin(OPERATOR),
+            road.points,
+            conditions=conditions,
+            repeat=repeat,
+            source=Source(self.options["campaign"], road.id),
+        )
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Takes the result of a candidate.
+
+        Raises:
+            ValueError: see `Ledger.settle`.
+        """
+        self._ledger.settle(evaluation)
+
+
+def _driven(store: CampaignStore, number: int) -> Candidate:
+    test = store.test(number, with_trajectory=False)
+    if not test.outcome.is_simulated:
+        raise CampaignError(
+            f"test {number} is {test.outcome}: only a road that was driven can be driven again"
+        )
+    return test.candidate
