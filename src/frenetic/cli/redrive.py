@@ -56,7 +56,13 @@ again_option = click.option(
 
 def redriving_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that choose parts and workers, and --json."""
-    options = [part_options, workers_option, drive_limit_option, again_option, json_option]
+    options: list[Any] = [
+        part_options,
+        workers_option,
+        drive_limit_option,
+        again_option,
+        json_option,
+    ]
     return with_options(options, command)
 
 
