@@ -472,9 +472,7 @@ class Campaign(ShownCampaign):
             if self.budget is None:
                 self.budget = _stored_budget(store)
             prepare(self.tester.simulator, is_here=self.cluster is None)
-            strategy = store.config.get("strategy")
-            if isinstance(strategy, Mapping) and "margin" in strategy:
-                self._keep_margin()
+            self._keep_margin()
             self.start_from, taken = stored_earlier(store)
             configuration = self.configuration()
             changes = self._changes(store, configuration, accept_changed=accept_changed)
@@ -525,10 +523,7 @@ class Campaign(ShownCampaign):
         return insisted and not isinstance(error, FreneticError)
 
     def _keep_margin(self) -> None:
-        """Has the strategy check roads with this campaign's margin; its record says so.
-
-        Older campaigns with another margin than the usual one did not, and go on so.
-        """
+        """Has the strategy check roads with this campaign's margin; its record says so."""
         margin = self.tester.margin
         if margin != MARGIN and isinstance(self.strategy, CheckingStrategy):
             self.strategy.keep_margin(margin)
@@ -660,7 +655,7 @@ class Campaign(ShownCampaign):
         summary = Summary.of(
             stored.by_outcome,
             stored.min_moobd,
-            stored.roads or 0,
+            stored.roads,
             seconds=tally.seconds,
             budget_spent=tally.budget_spent,
             seed=self.seed,

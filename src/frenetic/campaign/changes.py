@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from frenetic._support.json_value import JSONValue
 from frenetic.fingerprint import Differences, differences, other_version
-from frenetic.spec import describe, of_today, read_part
+from frenetic.spec import describe, read_part
 
 CHANGES: Final = "changes"
 """Name of the fact with the accepted changes."""
@@ -79,7 +79,7 @@ def present_parts(
     config: Mapping[str, JSONValue], changes: Sequence[PartChange]
 ) -> dict[str, JSONValue]:
     """A campaign's configuration with the parts that it was resumed with last."""
-    parts = dict(of_today(config))
+    parts = dict(config)
     for change in changes:
         parts |= change.parts
     return parts

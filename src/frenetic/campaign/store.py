@@ -170,7 +170,6 @@ MIGRATIONS: tuple[tuple[str, ...], ...] = (
             planned INTEGER NOT NULL CHECK (planned >= 0),  -- drives
             seed INTEGER,  -- from which conditions were drawn
             variations TEXT NOT NULL,  -- JSON: what was varied, and its ranges
-            source TEXT,  -- name and digest of the file of an older version that held it
             made_at TEXT NOT NULL,  -- UTC, ISO 8601
             ended_at TEXT  -- UTC, ISO 8601
         ) {_STRICT}

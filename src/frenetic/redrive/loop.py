@@ -191,7 +191,7 @@ def drive_again(
     failed = 0
     differences = _Differences(folder, tester)
     with (
-        RunWriter(folder, purpose, run, optional=optional) as writer,
+        RunWriter(folder, run, optional=optional) as writer,
         redriving(tester, **how) as drive_tasks,
     ):
         for attempt in drive_tasks(tasks):

@@ -271,7 +271,7 @@ def minimise_test(
             difference=None if recorded is None else recorded.difference(failed.failure),
         )
 
-    with RunWriter(folder, Purpose.MINIMISING, run, optional=True) as writer:
+    with RunWriter(folder, run, optional=True) as writer:
         minimised = minimise(
             record.road,
             tester,

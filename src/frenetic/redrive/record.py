@@ -49,7 +49,7 @@ class Match(StrEnum):
     ELSEWHERE = "elsewhere"
     """More than `frenetic.analysis.segments.REACH` away along the road."""
     SAME_PLACE = "same place"
-    """The same place and side; the mechanism is unknown, as older versions did not keep it."""
+    """The same place and side; the mechanism is unknown, as a trajectory is missing."""
 
 
 class Agreement(StrEnum):
@@ -124,7 +124,7 @@ class Redrive:
     """(N,) 1/m of that road."""
     difference: float | None = None
     """Difference from the recorded failure in m, as of `frenetic.analysis.failures`; None unless
-    both failed, and in drives of older versions."""
+    both failed and have a trajectory."""
 
     @classmethod
     def of(

@@ -2,20 +2,17 @@
 
 Each run is a row of ``redrive_run``, each drive one of ``redrive``. They have their own connection
 and a short transaction per drive, so SQLite's locks let a campaign, and others that drive again,
-write meanwhile. Side files of older versions are read into the tables once.
+write meanwhile.
 """
 
 from __future__ import annotations
 
-import base64
-import binascii
-import hashlib
 import json
 import logging
 import sqlite3
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Self, TypeVar
@@ -45,13 +42,12 @@ from frenetic.campaign.store import (
     translated,
 )
 from frenetic.campaign.trajectory_codec import decode, encode
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import CampaignError
 from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, conditions_document, read_conditions
 from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.simulators.drive import CarBody, Rules
-from frenetic.simulators.worlds import USUAL
 
 T = TypeVar("T")
 
@@ -84,7 +80,7 @@ _COLUMNS: Final[Mapping[str, Column]] = MappingProxyType(
     }
 )
 _DIFFERENCE: Final = Column("difference", Kind.REAL, "from the recorded failure", "m", True)
-_RUN: Final = "purpose, driver, simulator, rules, car, planned, seed, variations, source, made_at"
+_RUN: Final = "purpose, driver, simulator, rules, car, planned, seed, variations, made_at"
 # {} is the column of checksums, NULL in older schemas.
 _SELECT_RUNS: Final = f"""
     SELECT id, {_RUN}, {{}} FROM redrive_run WHERE purpose = ? ORDER BY id
@@ -97,7 +93,7 @@ _SELECT_DRIVES: Final = f"""
 """  # noqa: S608
 _INSERT_RUN: Final = f"""
     INSERT INTO redrive_run ({_RUN}, checksum)
-    VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
+    VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)
 """  # noqa: S608
 _INSERT_DRIVE: Final = f"""
     INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory, difference, checksum)
@@ -127,8 +123,7 @@ _DELETE_UNJUDGED: Final = """
 """
 _END_RUN: Final = "UPDATE redrive_run SET ended_at = :now WHERE id = :run"
 _DELETE_RUNS: Final = """
-    DELETE FROM redrive_run WHERE source IS NULL AND ended_at IS NOT NULL
-        AND id NOT IN (SELECT run FROM redrive)
+    DELETE FROM redrive_run WHERE ended_at IS NOT NULL AND id NOT IN (SELECT run FROM redrive)
 """
 
 
@@ -136,18 +131,13 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
     """The runs for a purpose, oldest first.
 
     Raises:
-        CampaignError: the database, or a file of an older version, is damaged, or a newer version
-            of frenetic has written it.
+        CampaignError: the database is damaged, or a newer version of frenetic has written it.
     """
-    folder = Path(folder)
-    file = SIDE_FILES.get(purpose)
-    if not any((folder / name).exists() for name in (DATABASE, *([file.name] if file else []))):
+    if not (Path(folder) / DATABASE).exists():
         return []
     with CampaignStore.open(folder) as store:
-        runs = take_in_side_file(store, purpose)
-        if stored := {name for (name,) in store.rows(_STORED_COLUMNS)}:
-            runs += _read_runs(store, purpose, stored)
-    return runs
+        stored = {name for (name,) in store.rows(_STORED_COLUMNS)}
+        return _read_runs(store, purpose, stored) if stored else []
 
 
 def latest(items: Iterable[T], key: Callable[[T], Hashable]) -> tuple[T, ...]:
@@ -233,18 +223,16 @@ class RunWriter:
 
     Args:
         folder: of the campaign.
-        purpose: of the run.
         describe: describes the run, once its simulator has started.
         optional: whether to go on if the run cannot be stored.
 
     Raises:
-        CampaignError: the database cannot be written, or a file of an older version is damaged.
+        CampaignError: the database cannot be written.
     """
 
     def __init__(
         self,
         folder: Path | str,
-        purpose: Purpose,
         describe: Callable[[], Run],
         *,
         optional: bool = False,
@@ -254,8 +242,6 @@ class RunWriter:
         self._optional = optional
         self._connection: sqlite3.Connection | None = None
         self._run: int | None = None
-        with CampaignStore.open(folder) as store:
-            take_in_side_file(store, purpose)
         with self._trying(), translated(self._path):
             self._connection = connect_to_write(self._path)
             self._owner = Owner(self._connection)
@@ -313,47 +299,7 @@ class RunWriter:
             self._close()
 
 
-def take_in_side_file(store: CampaignStore, purpose: Purpose) -> list[Run]:
-    """Reads an older version's file into the database, once, and renames the file.
-
-    Returns:
-        Its contents, where the database cannot be written.
-
-    Raises:
-        CampaignError: it is damaged, or a newer version of frenetic has written it.
-    """
-    file = SIDE_FILES.get(purpose)
-    path = store.folder / ("" if file is None else file.name)
-    if file is None or not path.exists():
-        return []
-    runs, digest = file.read(store)
-    try:
-        _take_in(store.folder / DATABASE, runs, f"{file.name} {digest}")
-    except CampaignError as error:
-        logger.debug("%s stays as it is: %s", path, error)
-        return runs
-    with suppress(OSError):  # else it is known by its digest
-        path.replace(path.with_name(f"{file.name}{READ}"))
-    return []
-
-
-def _take_in(path: Path, runs: list[Run], source: str) -> None:
-    with translated(path):
-        connection = connect_to_write(path)
-    try:
-        with translated(path), transaction(connection):
-            known = "SELECT 1 FROM redrive_run WHERE source = ?"
-            if connection.execute(known, (source,)).fetchone() is not None:
-                return
-            for run in runs:
-                number = _insert_run(connection, run, source)
-                for i, drive in enumerate(run.drives, start=1):
-                    _insert_drive(connection, number, i, drive)
-    finally:
-        connection.close()
-
-
-def _insert_run(connection: sqlite3.Connection, run: Run, source: str | None = None) -> int:
+def _insert_run(connection: sqlite3.Connection, run: Run) -> int:
     values = (
         str(run.purpose),
         *(json.dumps(part, sort_keys=True) for part in (dict(run.driver), dict(run.simulator))),
@@ -364,13 +310,10 @@ def _insert_run(connection: sqlite3.Connection, run: Run, source: str | None = N
         run.planned,
         run.seed,
         json.dumps(sorted(map(asdict, run.variations), key=lambda one: str(one["quantity"]))),
-        source,
         present_moment(),
     )
     number = connection.execute(_INSERT_RUN, with_checksum(values)).lastrowid
     assert number is not None
-    if source is not None:
-        connection.execute("UPDATE redrive_run SET ended_at = made_at WHERE id = ?", (number,))
     return number
 
 
@@ -390,136 +333,3 @@ def _insert_drive(connection: sqlite3.Connection, run: int, number: int, drive: 
         drive.difference,
     )
     connection.execute(_INSERT_DRIVE, with_checksum(values))
-
-
-# Side files of older versions
-
-READ: Final = ".read"
-"""Suffix of a file that has been read."""
-
-
-@dataclass(frozen=True)
-class SideFile:
-    """A file in a campaign's folder that holds a list of items."""
-
-    name: str
-    key: str
-    """Name of the list in the file's JSON object."""
-    maker: str
-    """The command that made it, and makes it again."""
-    read_item: Callable[[Any, CampaignStore], Run]
-
-    def read(self, store: CampaignStore) -> tuple[list[Run], str]:
-        """Its contents and digest.
-
-        Raises:
-            CampaignError: it cannot be read, is damaged, or was written by a newer version.
-        """
-        path = store.folder / self.name
-        try:
-            data = path.read_bytes()
-            document = decode_json(data)
-        except OSError as error:
-            raise CampaignError(f"{path} cannot be read: {error.strerror or error}") from None
-        except (ValueError, RecursionError):
-            raise self._damaged(store, "it is not JSON") from None
-        version = document.get("version") if isinstance(document, dict) else None
-        if isinstance(version, int) and version > _VERSION:
-            raise CampaignError(
-                f"{path} was written by a newer version of frenetic (form {version}, this one reads"
-                f" {_VERSION}): upgrade frenetic"
-            )
-        try:
-            if version != _VERSION:
-                raise ValueError(f"its version is {version!r}")
-            runs = [self.read_item(item, store) for item in document[self.key]]
-        except (AttributeError, LookupError, TypeError, ValueError, OverflowError) as error:
-            raise self._damaged(store, f"{type(error).__name__}: {error}") from None
-        except FreneticError as error:
-            raise self._damaged(store, str(error)) from None
-        return runs, hashlib.sha256(data).hexdigest()
-
-    def _damaged(self, store: CampaignStore, what: str) -> CampaignError:
-        return CampaignError(
-            f"{store.folder / self.name} is damaged ({what[:200]}): remove it, and let"
-            f" '{self.maker}' make it again"
-        )
-
-
-_VERSION: Final = 1  # of the form of these files
-
-
-def _rerun(item: Any, store: CampaignStore) -> Run:
-    test_id = convert(item["test"], int)
-    _repeat(item["recorded"])
-    drives = [_repeat(drive) for drive in item["drives"]]
-    variations = [Variation.read(one) for one in item["variations"]]
-    recorded = store.test(test_id, with_trajectory=False)
-    return Run(
-        Purpose.ROBUSTNESS,
-        dict(item["driver"]),
-        dict(item["simulator"]),
-        planned=len(drives),
-        seed=convert(item["seed"], int),
-        variations=tuple(variations),
-        drives=tuple(Redrive(recorded, **drive) for drive in drives),
-    )
-
-
-def _repeat(item: Any) -> dict[str, Any]:
-    trouble = convert(item["trouble"], str | None)
-    conditions = read_conditions(item["world"])
-    return {**_verdict(item), "conditions": conditions, "reason": trouble or ""}
-
-
-def _confirmation(item: Any, store: CampaignStore) -> Run:
-    simulator, driver = _described(item["simulator"]), _described(item["driver"])
-    drives = [_confirmed(one, store) for one in item["tests"]]
-    return Run(
-        Purpose.CONFIRMATION,
-        driver,
-        simulator,
-        convert(item["rules"], Rules),
-        convert(item["car"], CarBody),
-        planned=len(drives) + convert(item["missing"], int),
-        drives=tuple(drives),
-    )
-
-
-def _confirmed(item: Any, store: CampaignStore) -> Redrive:
-    packed = item["trajectory"]
-    try:
-        trajectory = None if packed is None else decode(base64.b64decode(packed, validate=True))
-    except binascii.Error as error:
-        raise ValueError(f"a trajectory is no base64: {error}") from None
-    _verdict(item["recorded"])
-    return Redrive(
-        conditions=USUAL,
-        **_verdict(item["other"]),
-        reason=str(item["reason"]),
-        trajectory=trajectory,
-        recorded=store.test(convert(item["test"], int), with_trajectory=False),
-    )
-
-
-def _described(part: Any) -> dict[str, Any]:
-    if not isinstance(part, dict) or not isinstance(part.get("class"), str):
-        raise TypeError("a part without a class")
-    return part
-
-
-def _verdict(item: Any) -> dict[str, Any]:
-    names = ("outcome", "moobd", "departure_distance", "departure_side")
-    values = {name: TEST_COLUMNS[name].read(item[name]) for name in names}
-    return {**values, "outcome": Outcome(values["outcome"])}
-
-
-SIDE_FILES: Final[Mapping[Purpose, SideFile]] = MappingProxyType(
-    {
-        Purpose.ROBUSTNESS: SideFile("reruns.json", "reruns", "frenetic rerun", _rerun),
-        Purpose.CONFIRMATION: SideFile(
-            "confirmations.json", "confirmations", "frenetic confirm", _confirmation
-        ),
-    }
-)
-"""Purpose of driving again -> the file with its drives."""
