@@ -177,7 +177,7 @@ def test_a_campaign_that_is_running_can_be_driven_again(tmp_path: Path) -> None:
 KILLED = """
 import os, signal, sys
 from frenetic import EmbeddedSimulator, Planner
-from frenetic.analysis import rerun
+from frenetic.redrive.robustness import rerun
 
 def told(progress):
     print(progress.drives, flush=True)

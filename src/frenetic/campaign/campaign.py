@@ -13,12 +13,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.json_value import plain
-from frenetic._support.pictures import ShownCampaign, data_frame
+from frenetic._support.notebook import Shown
 from frenetic._support.words import counted, present_moment
 from frenetic.campaign.changes import (
     CHANGES,
@@ -63,9 +63,6 @@ from frenetic.spec import (
     require_count,
 )
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
 LOOKAHEAD: Final = 16
@@ -105,7 +102,7 @@ def prepare(simulator: Simulator, *, is_here: bool = True) -> None:
         raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
 
 
-class Campaign(ShownCampaign):
+class Campaign(Shown):
     """One search with its budget.
 
     Args:
@@ -692,14 +689,6 @@ class Campaign(ShownCampaign):
         if self.workers == 1:
             return InProcessWorker(self.tester)
         return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
-
-    def tests(self) -> pd.DataFrame:
-        """The stored tests as a data frame in the order of telling, see `frenetic.data_frame`.
-
-        Raises:
-            FreneticError: pandas or pyarrow is not installed, or there is no campaign.
-        """
-        return data_frame(self.folder)
 
     @property
     def best_test(self) -> TestRecord | None:

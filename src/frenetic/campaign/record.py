@@ -15,12 +15,12 @@ from datetime import datetime
 from enum import Enum, auto
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Self, get_args
+from typing import Any, ClassVar, Final, NamedTuple, Self, get_args
 
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.pictures import Shown, draw, replay
+from frenetic._support.notebook import Shown
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.errors import CampaignError
 from frenetic.oracle import Departure, Result, Side
@@ -30,9 +30,6 @@ from frenetic.search.random_search import EARLIER
 from frenetic.search.records import Candidate, Evaluation, Origin, Screening, Trace
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.spec import decode_config, is_number, shown
-
-if TYPE_CHECKING:
-    from frenetic._support.pictures import Axes, Replay
 
 
 @dataclass(frozen=True)
@@ -224,36 +221,6 @@ class TestRecord(Shown):
         trouble = self.reason if self.outcome is Outcome.ERROR else None
         car, rules = self._setting.car, self._setting.rules
         return Drive(self.trajectory, car, rules, trouble, road=self.road)
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draws the test from above on Matplotlib's axes: its drive, or else its road.
-
-        Args:
-            ax: axes to draw on; those of a new figure of pyplot's if None.
-
-        Returns:
-            The axes.
-
-        Raises:
-            CampaignError: the campaign does not record with what it was driven.
-        """
-        drive = self.drive
-        if drive is None:
-            return draw("plot_road", self.road, ax)
-        return draw("plot_drive", drive, ax, road=self.road)
-
-    def animate(self) -> Replay:
-        """The test's drive as a replay, see `Drive.animate`.
-
-        Raises:
-            ValueError: it has no drive.
-            CampaignError: the campaign does not record with what it was driven.
-        """
-        if self.drive is None:
-            raise ValueError(
-                f"test {self.id} has no drive: it was not driven, or was read without trajectory"
-            )
-        return replay(self.road, self.drive, test=self)
 
     def __repr__(self) -> str:
         """The test at a glance."""

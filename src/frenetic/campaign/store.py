@@ -41,7 +41,7 @@ from frenetic._support.file_locks import FileLock
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic._support.json_value import plain
-from frenetic._support.pictures import ShownCampaign
+from frenetic._support.notebook import Shown
 from frenetic._support.words import present_moment
 from frenetic.campaign.changes import CHANGES, PartChange, present_parts, read_changes
 from frenetic.campaign.counts import StoredCounts, road_key
@@ -302,7 +302,7 @@ _CONFIG: Final = "config"
 _CREATED_AT: Final = "created_at"
 
 
-class CampaignStore(ShownCampaign):
+class CampaignStore(Shown):
     """The database of one campaign, open for one writer or for reading.
 
     Made by `create` or `open`; a context manager that closes it. One process writes at a time and
