@@ -16,8 +16,9 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
-from frenetic.analysis import Variation, rerun
 from frenetic.analysis.failures import distinct_failures
+from frenetic.redrive.conditions import Variation
+from frenetic.redrive.robustness import rerun
 from frenetic.report.html import LiveReport, write_report
 
 IMAGES = Path(__file__).resolve().parent / "images"

@@ -21,8 +21,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 HERE = Path(__file__).parent
 DURATIONS = HERE / "durations.txt"
-APART = ("test_docs.py", "test_compatibility.py")
-"""Files whose tests share nothing that takes long to make: any process may take any of them."""
+APART = "test_docs.py"
+"""File whose tests share nothing that takes long to make: any process may take any of them."""
 CALLERS = (
     *("CLICOLOR", "CLICOLOR_FORCE", "COLORTERM", "COLUMNS", "FORCE_COLOR", "LINES", "NO_COLOR"),
     *("TERM", "TTY_COMPATIBLE", "TTY_INTERACTIVE", "MATPLOTLIBRC", "MPLBACKEND", "PYTHONWARNINGS"),

@@ -9,10 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from frenetic._support.kernel_cache import ensure_kernel_cache
-from frenetic._support.public_names import install_moved, lazy_names
+from frenetic._support.public_names import lazy_names
 
 ensure_kernel_cache()  # before anything imports numba
-install_moved()
 
 if TYPE_CHECKING:
     from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test, evaluate

@@ -341,7 +341,6 @@ class Spec:
         Raises:
             CampaignError: the record is damaged; the message lists all faults.
         """
-        config = of_today(config)
         decoded = decode_config(config)
         command: Any = config.get("command")
         faults = [f"the {fault}" for fault in decoded.faults]
@@ -583,35 +582,6 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
                 " the command"
             )
     return registry.make_from(part.name, part.options, available)
-
-
-# Records of older versions
-
-_LISTING_1: Final = "frenetic.search.frenetic:Frenetic"
-_LISTING_1_TODAY: Final = "frenetic.search.frenetic_2021:Frenetic2021"
-
-
-def of_today(config: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A campaign's record whose Listing 1, once called ``frenetic``, is named as it is today."""
-    strategy: Any = config.get("strategy")
-    options = strategy.get("options") if isinstance(strategy, Mapping) else None
-    if not isinstance(options, Mapping) or "cross_freq" not in options:
-        return config
-    if strategy.get("class") != _LISTING_1:
-        return config
-    renamed = {**config, "strategy": {**strategy, "class": _LISTING_1_TODAY}}
-    command: Any = config.get("command")
-    if isinstance(command, Mapping) and isinstance(command.get("strategy_options"), Mapping):
-        name, given = listing_1_of_today("frenetic", command["strategy_options"])
-        renamed["command"] = {**command, "strategy": name, "strategy_options": given}
-    return renamed
-
-
-def listing_1_of_today(name: str, options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-    """Today's name and options of a strategy that was called ``frenetic`` when it was Listing 1."""
-    if name != "frenetic":
-        return name, dict(options)
-    return "frenetic-2021", {"max_redraws": 10, **options}
 
 
 # Parts in records and reports

@@ -144,7 +144,7 @@ def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path:
     ran = frenetic(
         *("bench", "--generator", "road_maker:Wiggly", "--path", str(theirs), "--name", "Theirs"),
         *("--generator", "random", "--name", "Ours"),
-        *("--strategy", "frenetic", "--option", "threshold=-0.2", "--option", "cross_num=4"),
+        *("--strategy", "frenetic", "--option", "threshold=-0.2", "--option", "same=2"),
         *LEAST,
     )
     assert ran.code == 0, ran.err
@@ -152,10 +152,10 @@ def test_options_belong_to_the_entrant_before_them(frenetic: Frenetic, tmp_path:
     assert [one["name"] for one in kept] == [
         "Theirs",
         "Ours",
-        "frenetic threshold=-0.2 cross_num=4",
+        "frenetic threshold=-0.2 same=2",
     ]
     assert [one["is_strategy"] for one in kept] == [False, True, True]
-    assert kept[2]["options"] == {"threshold": -0.2, "cross_num": 4}
+    assert kept[2]["options"] == {"threshold": -0.2, "same": 2}
 
 
 def test_recipes_are_listed_with_what_they_need(frenetic: Frenetic) -> None:
@@ -217,10 +217,12 @@ def test_a_bench_goes_on_as_it_was_begun(frenetic: Frenetic) -> None:
         asked = frenetic("bench", "--resume", "--out", "b", *option)
         assert asked.refuses(option[0], "goes on as it was begun"), asked
     assert frenetic("resume", "b/random/01").refuses("a run of a bench", "--resume --out")
-    Path("b/bench.json").write_text('{"version": 1}', encoding="utf-8")
+    Path("b/bench.json").write_text('{"version": 2}', encoding="utf-8")
     assert frenetic("bench", "--resume", "--out", "b").refuses("bench.json is damaged")
-    Path("b/bench.json").write_text('{"version": 99}', encoding="utf-8")
-    assert frenetic("bench", "--resume", "--out", "b").refuses("newer version")
+    for version in (1, 99):
+        Path("b/bench.json").write_text(f'{{"version": {version}}}', encoding="utf-8")
+        asked = frenetic("bench", "--resume", "--out", "b")
+        assert asked.refuses(f"bench.json has format {version}", "reads format 2"), asked
 
 
 def test_who_takes_part_by_name(frenetic: Frenetic) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import signal
 import sqlite3
 import subprocess
@@ -499,7 +498,7 @@ def stored_tests(folder: Path) -> int:
 
 def test_campaign_goes_on_with_more_simulations(frenetic: Frenetic) -> None:
     options = ["--seed", "3", "--driver", "stanley", "--noise", "0.1", "--strategy-option"]
-    frenetic("run", "--simulations", "20", *options, "cross_freq=5", "--out", "c")
+    frenetic("run", "--simulations", "20", *options, "random_roads=5", "--out", "c")
     answer = frenetic("resume", "c", "--simulations", "10")
     assert answer.code == 0
     assert "30 simulations" in answer.out
@@ -762,24 +761,6 @@ def test_friction_is_an_option_of_the_simulator(frenetic: Frenetic) -> None:
 
 def test_unknown_command_is_a_mistake(frenetic: Frenetic) -> None:
     refused(frenetic("fly"), "No such command 'fly'")
-
-
-@pytest.mark.parametrize(
-    ("former", "name", "options"),
-    [("rerun", "robustness", ["--times", "3"]), ("replay", "regression", [])],
-)
-def test_former_names_of_commands_work_as_well(
-    frenetic: Frenetic, campaign: str, former: str, name: str, options: list[str]
-) -> None:
-    helps = [frenetic(each, "--help").out for each in (former, name)]
-    assert helps[0].replace(f"frenetic {former}", f"frenetic {name}") == helps[1]
-    old, new = (frenetic(each, campaign, *options, "--json") for each in (former, name))
-    assert old.code == new.code
-    seconds = r'"seconds": [0-9.e-]+'  # of wall time
-    assert re.sub(seconds, "", old.out) == re.sub(seconds, "", new.out)
-    listed = frenetic("--help").out
-    assert f"  {name} " in listed
-    assert f"  {former} " not in listed
 
 
 def test_a_command_is_called_like_its_module() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from frenetic.campaign import CampaignStore, Progress
+from frenetic.campaign import CampaignStore
 from frenetic.campaign.counts import Counts
 
 if TYPE_CHECKING:
@@ -153,14 +153,7 @@ def test_a_resumed_campaign_goes_on_counting(frenetic: Frenetic, campaign: str) 
     assert numbers(last) == numbers(more)
 
 
-def test_counts_of_an_old_log_say_nothing_of_different_roads() -> None:
-    assert Progress(passed=2, failed=1, invalid=3).in_words() == (
-        "6 tests: 2 passed, 1 failed, 3 invalid, 0 errors; 0 dropped"
-    )
-
-
 def test_counts_of_several_campaigns_add_up() -> None:
     one = Counts(invalid=1, passed=2, failed=3, errors=4, dropped=5, min_moobd=-1.0, roads=9)
     assert Counts.total([one, one]) == Counts(2, 4, 6, 8, 10, -1.0, 18)
-    assert Counts.total([one, Counts(passed=1)]).roads is None
-    assert Counts.total([]) == Counts(roads=0)
+    assert Counts.total([]) == Counts()

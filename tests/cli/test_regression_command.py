@@ -32,7 +32,7 @@ class Crashing(Planner):
 def test_the_campaigns_own_driver_still_fails_and_exits_1(
     frenetic: Frenetic, campaign: str
 ) -> None:
-    answer = frenetic("replay", campaign, "--junit", "replay.xml")
+    answer = frenetic("regression", campaign, "--junit", "replay.xml")
     assert answer.code == 1
     assert "still failing" in answer.out
     suite = ET.parse("replay.xml").getroot()
@@ -52,7 +52,7 @@ def test_a_summary_comes_first_and_rows_on_request(frenetic: Frenetic, campaign:
 
 def test_a_fixed_driver_exits_0(frenetic: Frenetic, campaign: str) -> None:
     Path("mine.py").write_text(DRIVER)
-    answer = frenetic("replay", campaign, "--driver", "mine.py:Fixed", "--junit", "replay.xml")
+    answer = frenetic("regression", campaign, "--driver", "mine.py:Fixed", "--junit", "replay.xml")
     assert answer.code == 0
     assert "fixed" in answer.out
     assert "exactly as before" not in answer.out, "another driver is not asked to reproduce"
@@ -63,7 +63,9 @@ def test_a_fixed_driver_exits_0(frenetic: Frenetic, campaign: str) -> None:
 
 def test_a_driver_that_crashes_is_an_error_and_exits_1(frenetic: Frenetic, campaign: str) -> None:
     Path("mine.py").write_text(DRIVER)
-    answer = frenetic("replay", campaign, "--driver", "mine.py:Crashing", "--junit", "replay.xml")
+    answer = frenetic(
+        "regression", campaign, "--driver", "mine.py:Crashing", "--junit", "replay.xml"
+    )
     assert answer.code == 1
     assert "not judged" in answer.out
     assert "Not passing: " in answer.out
@@ -74,7 +76,9 @@ def test_a_driver_that_crashes_is_an_error_and_exits_1(frenetic: Frenetic, campa
 
 
 def test_all_looks_for_new_failures(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("replay", campaign, "--all", "--driver-option", "aggression=2.0", "--json")
+    answer = frenetic(
+        "regression", campaign, "--all", "--driver-option", "aggression=2.0", "--json"
+    )
     assert answer.code == 1
     document = answer.json
     assert len(document["tests"]) == 60
@@ -89,7 +93,7 @@ def test_what_is_given_takes_the_place_of_what_is_recorded(
     frenetic: Frenetic, campaign: str
 ) -> None:
     document = frenetic(
-        *("replay", campaign, "--driver", "stanley", "--delay", "0.1", "--noise", "0.01"),
+        *("regression", campaign, "--driver", "stanley", "--delay", "0.1", "--noise", "0.01"),
         *("--simulator-option", "friction=0.9", "--oob-tolerance", "0.5", "--json"),
     ).json
     assert document["driver"]["class"].endswith(":Delayed")
@@ -103,14 +107,14 @@ def test_what_is_given_takes_the_place_of_what_is_recorded(
 
 def test_another_simulator_is_asked(frenetic: Frenetic, campaign: str) -> None:
     # Its car cannot leave the lane, so the failures are those of the other simulator.
-    answer = frenetic("replay", campaign, "--simulator", "frenetic.testing:DummySimulator")
+    answer = frenetic("regression", campaign, "--simulator", "frenetic.testing:DummySimulator")
     assert answer.code == 0
     assert "fixed" in answer.out
 
 
 def test_workers_find_the_same(frenetic: Frenetic, campaign: str) -> None:
     documents = [
-        frenetic("replay", campaign, "--all", "--workers", n, "--json").json for n in ("1", "2")
+        frenetic("regression", campaign, "--all", "--workers", n, "--json").json for n in ("1", "2")
     ]
     for document in documents:
         for test in document["tests"]:
@@ -140,7 +144,7 @@ def test_ctrl_c_exits_130_and_leaves_no_report_that_looks_complete(
 ) -> None:
     Path("stopping.py").write_text(STOPPING.format(pid=os.getpid()))
     answer = frenetic(
-        "replay", campaign, "--driver", "stopping.py:Stopping", "--junit", "replay.xml"
+        "regression", campaign, "--driver", "stopping.py:Stopping", "--junit", "replay.xml"
     )
     assert answer.code == 130
     assert "1 failure driven again" in answer.out
@@ -149,11 +153,11 @@ def test_ctrl_c_exits_130_and_leaves_no_report_that_looks_complete(
 
 
 def test_mistakes_are_one_line(frenetic: Frenetic, campaign: str) -> None:
-    assert frenetic("replay", "nowhere").refuses("nowhere does not exist")
-    assert frenetic("replay", campaign, "--junit", "no/such/a.xml").refuses("no folder")
+    assert frenetic("regression", "nowhere").refuses("nowhere does not exist")
+    assert frenetic("regression", campaign, "--junit", "no/such/a.xml").refuses("no folder")
     Path("folder").mkdir()
-    answer = frenetic("replay", campaign, "--junit", "folder")
+    answer = frenetic("regression", campaign, "--junit", "folder")
     assert answer.refuses("--junit", "folder cannot be written: Is a directory")
     assert read_replays(campaign) == (), "nothing is driven before that"
-    assert frenetic("replay", campaign, "--speed-limit", "-3").refuses("speed_limit is -3")
-    assert frenetic("replay", campaign, "--driver-option", "courage=1").refuses("courage")
+    assert frenetic("regression", campaign, "--speed-limit", "-3").refuses("speed_limit is -3")
+    assert frenetic("regression", campaign, "--driver-option", "courage=1").refuses("courage")

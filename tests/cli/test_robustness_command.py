@@ -36,7 +36,7 @@ def failures_of(folder: str) -> list[int]:
 
 
 def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--times", "20", "--top", "3", "--rows")
+    answer = frenetic("robustness", campaign, "--times", "20", "--top", "3", "--rows")
     assert answer.code == 0
     ids = failures_of(campaign)[:3]
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
@@ -48,11 +48,11 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
 
 
 def test_the_driver_and_its_layers_are_the_campaigns(frenetic: Frenetic, campaign: str) -> None:
-    (one,) = frenetic("rerun", campaign, "--top", "1", "--times", "2", "--json").json
+    (one,) = frenetic("robustness", campaign, "--top", "1", "--times", "2", "--json").json
     assert one["driver"]["class"].endswith(":Delayed")
     assert one["driver"]["options"] == {"seconds": 0.05}
     assert {drive["moobd"] for drive in one["drives"]} == {one["recorded"]["moobd"]}
-    (one,) = frenetic("rerun", campaign, "--top", "1", "--delay", "0", "--json").json
+    (one,) = frenetic("robustness", campaign, "--top", "1", "--delay", "0", "--json").json
     assert one["driver"]["class"].endswith(":Planner")
 
 
@@ -60,12 +60,19 @@ def test_several_ranges_follow_one_vary(frenetic: Frenetic, campaign: str) -> No
     first = str(failures_of(campaign)[0])
     arguments = ("--times", "8", "--seed", "5", "--json")
     spread = frenetic(
-        "rerun", campaign, first, "--vary", "friction=0.8:0.9", "noise=0.2", "speed", *arguments
+        "robustness",
+        campaign,
+        first,
+        "--vary",
+        "friction=0.8:0.9",
+        "noise=0.2",
+        "speed",
+        *arguments,
     )
     ranges = {one["quantity"]: (one["low"], one["high"]) for one in spread.json[0]["variations"]}
     assert ranges == {"friction": (0.8, 0.9), "noise": (0.2, 0.2), "speed": (63.0, 77.0)}
     each = frenetic(
-        "rerun",
+        "robustness",
         *("--vary", "friction=0.8:0.9", "--vary", "noise=0.2", "--vary", "speed"),
         *(campaign, first),
         *arguments,
@@ -77,7 +84,7 @@ def test_several_ranges_follow_one_vary(frenetic: Frenetic, campaign: str) -> No
 
 
 def test_what_matters_is_said(frenetic: Frenetic, campaign: str) -> None:
-    again = ("rerun", campaign, "--top", "1", "--vary", "friction=0.8:1.3")
+    again = ("robustness", campaign, "--top", "1", "--vary", "friction=0.8:1.3")
     answer = frenetic(*again, "--rows")
     assert answer.code == 0
     assert "friction matters in 1 of 1" in answer.out
@@ -98,16 +105,19 @@ def test_a_summary_comes_first_and_rows_on_request(frenetic: Frenetic, campaign:
 
 def test_ids_choose_tests_and_an_unknown_one_is_refused(frenetic: Frenetic, campaign: str) -> None:
     first, second = failures_of(campaign)[:2]
-    answer = frenetic("rerun", campaign, str(second), str(first), "--times", "1", "--json")
+    answer = frenetic("robustness", campaign, str(second), str(first), "--times", "1", "--json")
     assert [one["test"] for one in answer.json] == [second, first]
-    assert "1 test, 1 drive of each" in frenetic("rerun", campaign, str(first), "--times", "1").out
-    assert frenetic("rerun", campaign, "9999").refuses("holds no test of candidate 9999")
-    assert frenetic("rerun", campaign, str(first), "--top", "2").refuses("exclude each other")
+    assert (
+        "1 test, 1 drive of each"
+        in frenetic("robustness", campaign, str(first), "--times", "1").out
+    )
+    assert frenetic("robustness", campaign, "9999").refuses("holds no test of candidate 9999")
+    assert frenetic("robustness", campaign, str(first), "--top", "2").refuses("exclude each other")
 
 
 def test_a_campaign_without_failures_is_said_to_have_none(frenetic: Frenetic) -> None:
     frenetic("run", "--simulations", "2", "--driver-option", "aggression=0.3", "--out", "calm")
-    answer = frenetic("rerun", "calm")
+    answer = frenetic("robustness", "calm")
     assert (answer.code, answer.out) == (0, "calm holds no failure\n")
     assert read_reruns("calm") == ()
 
@@ -127,13 +137,13 @@ def test_a_campaign_without_failures_is_said_to_have_none(frenetic: Frenetic) ->
 def test_mistakes_are_one_line(
     frenetic: Frenetic, campaign: str, arguments: tuple[str, ...], words: tuple[str, ...]
 ) -> None:
-    assert frenetic("rerun", campaign, *arguments).refuses(*words)
+    assert frenetic("robustness", campaign, *arguments).refuses(*words)
     assert read_reruns(campaign) == ()
 
 
 def test_a_simulator_that_cannot_vary_says_so(frenetic: Frenetic, campaign: str) -> None:
     answer = frenetic(
-        *("rerun", campaign, "--simulator", "frenetic.testing:DummySimulator"),
+        *("robustness", campaign, "--simulator", "frenetic.testing:DummySimulator"),
         *("--vary", "friction=0.8:1.0"),
     )
     assert answer.refuses("DummySimulator cannot vary friction", "leave it out")
@@ -147,10 +157,12 @@ def test_a_campaign_of_python_needs_its_parts_named(frenetic: Frenetic) -> None:
         budget=Budget(failures=1),
         folder="python",
     ).run()
-    assert frenetic("rerun", "python").refuses("started from Python", "--driver and --simulator")
-    assert frenetic("rerun", "python", "--driver", "planner").refuses("--simulator")
+    assert frenetic("robustness", "python").refuses(
+        "started from Python", "--driver and --simulator"
+    )
+    assert frenetic("robustness", "python", "--driver", "planner").refuses("--simulator")
     answer = frenetic(
-        *("rerun", "python", "--driver", "planner", "--simulator", "embedded"),
+        *("robustness", "python", "--driver", "planner", "--simulator", "embedded"),
         *("--times", "5", "--json"),
     )
     (one,) = answer.json
@@ -178,7 +190,7 @@ def test_a_damaged_record_is_one_line(
         )
         forget_checksums(database)
     database.close()
-    assert frenetic("rerun", campaign).refuses("does not say with what it was driven", *words)
+    assert frenetic("robustness", campaign).refuses("does not say with what it was driven", *words)
 
 
 STOPPING = """
@@ -216,7 +228,7 @@ def test_where_no_drive_can_be_judged_nothing_is_kept_and_the_exit_code_is_1(
     frenetic: Frenetic, campaign: str
 ) -> None:
     Path("broken.py").write_text(BROKEN)
-    answer = frenetic("rerun", campaign, "--times", "2", "--driver", "broken.py:Broken")
+    answer = frenetic("robustness", campaign, "--times", "2", "--driver", "broken.py:Broken")
     assert answer.code == 1
     assert "drives could not be judged" in answer.out
     assert "no idea" in answer.out
@@ -227,7 +239,7 @@ def test_where_no_drive_can_be_judged_nothing_is_kept_and_the_exit_code_is_1(
 def test_a_test_that_passed_is_said_to_be_no_failure(frenetic: Frenetic, campaign: str) -> None:
     with CampaignStore.open(Path(campaign)) as store:
         passed = str(next(iter(store.tests(Outcome.PASS))).candidate.id)
-    answer = frenetic("rerun", campaign, passed, "--times", "10")
+    answer = frenetic("robustness", campaign, passed, "--times", "10")
     assert answer.code == 0
     assert "0 of 10" in answer.out
     assert f"neither robust nor fragile: {passed}" in answer.out
@@ -237,7 +249,7 @@ def test_a_driver_that_takes_no_noise_is_refused_before_it_drives(
     frenetic: Frenetic, campaign: str
 ) -> None:
     parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--delay", "0"]
-    answer = frenetic("rerun", campaign, *parts, "--vary", "noise", "--workers", "2")
+    answer = frenetic("robustness", campaign, *parts, "--vary", "noise", "--workers", "2")
     assert answer.refuses("noise, delay and view do not reach it: leave them out")
 
 
@@ -248,7 +260,7 @@ def test_ctrl_c_keeps_what_is_done_and_exits_130(
     Path(f"stopping{stop}.py").write_text(STOPPING.format(stop=stop, pid=os.getpid()))
     ids = [str(number) for number in failures_of(campaign)[:3]]
     answer = frenetic(
-        "rerun", campaign, *ids, "--times", "2", "--driver", f"stopping{stop}.py:Stopping"
+        "robustness", campaign, *ids, "--times", "2", "--driver", f"stopping{stop}.py:Stopping"
     )
     assert answer.code == (130 if stop < 6 else 0)
     assert "Finishing what runs" in answer.err
@@ -258,5 +270,5 @@ def test_ctrl_c_keeps_what_is_done_and_exits_130(
 
 def test_help_names_every_quantity(frenetic: Frenetic) -> None:
     assert tuple(REAL_QUANTITIES) == QUANTITIES
-    answer = frenetic("rerun", "--help")
+    answer = frenetic("robustness", "--help")
     assert all(name in answer.out for name in QUANTITIES)

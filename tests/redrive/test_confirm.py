@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import shutil
 import sqlite3
 from contextlib import closing
@@ -13,13 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from redrives import as_older, forget_redrives
 
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
@@ -148,15 +144,6 @@ def test_only_failures_can_be_confirmed(campaign: Path) -> None:
 # What is kept
 
 
-def side_file_item(found: Confirmation) -> dict[str, Any]:
-    """A confirmation as older versions kept it in a file."""
-    document: dict[str, Any] = dict(confirmation_document(found))
-    for one, test in zip(document["tests"], found.tests, strict=True):
-        assert test.trajectory is not None
-        one["trajectory"] = base64.b64encode(encode(test.trajectory)).decode()
-    return document
-
-
 def test_kept_is_what_was_found(campaign: Path) -> None:
     found = in_other_car(campaign)
     (kept,) = read_confirmations(campaign)
@@ -178,60 +165,6 @@ def test_another_simulator_is_added_and_the_same_replaced(campaign: Path) -> Non
 
 def test_nothing_is_kept_of_a_campaign_that_nobody_confirmed(campaign: Path) -> None:
     assert read_confirmations(campaign) == ()
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("{", "is damaged (it is not JSON): remove it"),
-        ("[]", "its version is None"),
-        ('{"version": 99}', "written by a newer version of frenetic (form 99, this one reads 1)"),
-        ('{"version": 1}', "KeyError: 'confirmations'"),
-        ('{"version": 1, "confirmations": [{}]}', "KeyError: 'simulator'"),
-    ],
-)
-def test_damaged_file_is_refused_before_anything_is_driven(
-    campaign: Path, text: str, words: str
-) -> None:
-    (campaign / "confirmations.json").write_text(text)
-    with pytest.raises(CampaignError) as refused:
-        confirm(campaign, Unreliable(), DummyDriver(), test_ids=failures(campaign)[:1])
-    assert words in str(refused.value)
-    assert (campaign / "confirmations.json").read_text() == text
-
-
-@pytest.mark.parametrize(
-    ("place", "value"),
-    [
-        (("tests", 0, "trajectory"), "no base64!"),
-        (("tests", 0, "trajectory"), "AAAA"),
-        (("tests", 0, "other", "moobd"), "low"),
-        (("tests", 0, "other", "outcome"), "MAYBE"),
-        (("tests", 0, "other", "departure_side"), "up"),
-        (("tests", 0, "test"), 1.5),
-        (("car", "length"), None),
-        (("rules", "speed_limit"), -1.0),
-        (("simulator",), "embedded"),
-    ],
-)
-def test_damaged_values_are_named(
-    campaign: Path, place: tuple[str | int, ...], value: object
-) -> None:
-    found = confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
-    found = replace(found, tests=as_older(found.tests))
-    forget_redrives(campaign)
-    document = {"version": 1, "confirmations": [side_file_item(found)]}
-    (campaign / "confirmations.json").write_text(json.dumps(document))
-    assert json.loads(json.dumps(list(map(side_file_item, read_confirmations(campaign))))) == [
-        json.loads(json.dumps(side_file_item(found)))
-    ]
-    inner: Any = document["confirmations"][0]  # type: ignore[index]
-    for step in place[:-1]:
-        inner = inner[step]
-    inner[place[-1]] = value
-    (campaign / "confirmations.json").write_text(json.dumps(document))
-    with pytest.raises(CampaignError, match=r"is damaged .*: remove it"):
-        read_confirmations(campaign)
 
 
 def test_failed_write_leaves_what_was_there(campaign: Path) -> None:

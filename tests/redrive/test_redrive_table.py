@@ -1,8 +1,7 @@
-"""The tables of what was driven again: old campaigns, old files, kills, and several at once."""
+"""The tables of what was driven again: old campaigns, kills, and several at once."""
 
 from __future__ import annotations
 
-import json
 import shutil
 import signal
 import sqlite3
@@ -10,14 +9,12 @@ import subprocess
 import sys
 import threading
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from checksums import forget_checksums
-from permissions import bound_by_permissions
-from redrives import as_older, forget_redrives, redriven
+from redrives import redriven
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, RoadTester, Test
 from frenetic.campaign.check import check_campaign
@@ -25,16 +22,13 @@ from frenetic.campaign.store import DATABASE, MIGRATIONS
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.confirm import confirm, read_confirmations
 from frenetic.redrive.minimise import Minimised, MinimiseProgress, minimise_test
 from frenetic.redrive.record import Match, Purpose, Run
-from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
+from frenetic.redrive.robustness import read_reruns, rerun
 from frenetic.redrive.table import RunWriter, read_runs
 from frenetic.search import Frenetic2021, RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import USUAL
-
-FILE = "reruns.json"
 
 
 @pytest.fixture(scope="module")
@@ -81,14 +75,6 @@ def version_of(folder: Path) -> int:
     return int(version)
 
 
-def keep_in_file(folder: Path, reruns: Any) -> Path:
-    """Writes what older versions kept beside the database."""
-    path = folder / FILE
-    items = [rerun_document(one) for one in reruns]
-    path.write_text(json.dumps({"version": 1, "reruns": items}))
-    return path
-
-
 # Campaigns of older versions
 
 
@@ -123,65 +109,6 @@ def test_drives_of_a_table_without_differences_are_read(campaign: Path) -> None:
     assert {drive.match for one in newer for drive in one.drives} == {Match.SAME}
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")
-def test_an_old_campaign_that_cannot_be_written_is_read_with_its_files(campaign: Path) -> None:
-    found = rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
-    forget_redrives(campaign)
-    path = keep_in_file(campaign, found)
-    make_old(campaign)
-    (campaign / DATABASE).chmod(0o444)
-    campaign.chmod(0o555)
-    try:
-        with bound_by_permissions(campaign):
-            assert {one.test_id for one in read_reruns(campaign)} == set(failures(campaign))
-            assert read_reruns(campaign) == read_reruns(campaign) != ()
-    finally:
-        campaign.chmod(0o755)
-    assert path.exists()
-    assert version_of(campaign) == 3
-
-
-def test_what_a_file_holds_is_read_exactly_once(campaign: Path) -> None:
-    found = [
-        replace(one, drives=as_older(one.drives))
-        for one in rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
-    ]
-    forget_redrives(campaign)
-    path = keep_in_file(campaign, found)
-    content = path.read_bytes()
-    documents = [rerun_document(one) for one in read_reruns(campaign)]
-    assert documents == [rerun_document(one) for one in sorted(found, key=lambda r: r.test_id)]
-    assert not path.exists()
-    assert len(read_runs(campaign, Purpose.ROBUSTNESS)) == len(found)
-    # Killed before it was renamed, or renamed back: nothing is there twice.
-    path.write_bytes(content)
-    assert [rerun_document(one) for one in read_reruns(campaign)] == documents
-    assert len(read_runs(campaign, Purpose.ROBUSTNESS)) == len(found)
-    # A newer rerun replaces what the file held.
-    path.write_bytes(content)
-    rerun(campaign, EmbeddedSimulator(), Planner(), times=5)
-    assert {len(one.drives) for one in read_reruns(campaign)} == {5}
-    path.write_bytes(content)
-    assert {len(one.drives) for one in read_reruns(campaign)} == {5}
-
-
-def test_a_file_that_an_older_version_wrote_meanwhile_is_read_too(campaign: Path) -> None:
-    found = rerun(campaign, EmbeddedSimulator(), Planner(), times=3)
-    forget_redrives(campaign)
-    keep_in_file(campaign, found[:1])
-    assert len(read_reruns(campaign)) == 1
-    keep_in_file(campaign, found)
-    assert len(read_reruns(campaign)) == len(found)
-
-
-def test_a_damaged_file_of_one_kind_leaves_the_other_alone(campaign: Path) -> None:
-    (campaign / FILE).write_text("{")
-    confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
-    assert len(read_confirmations(campaign)) == 1
-    with pytest.raises(CampaignError, match=r"reruns\.json is damaged"):
-        read_reruns(campaign)
-
-
 @pytest.mark.parametrize(
     ("change", "text"),
     [
@@ -212,7 +139,7 @@ def test_two_at_once_lose_nothing_of_each_other(campaign: Path) -> None:
 
     def write(number: int) -> None:
         run = Run(Purpose.ROBUSTNESS, {"class": f"driver {number}"}, {"class": "s"}, seed=0)
-        with RunWriter(campaign, Purpose.ROBUSTNESS, lambda: run) as writer:
+        with RunWriter(campaign, lambda: run) as writer:
             for i in range(1, 31):
                 writer.add(i, drive)
 
@@ -250,7 +177,7 @@ def test_a_campaign_that_is_running_can_be_driven_again(tmp_path: Path) -> None:
 KILLED = """
 import os, signal, sys
 from frenetic import EmbeddedSimulator, Planner
-from frenetic.analysis import rerun
+from frenetic.redrive.robustness import rerun
 
 def told(progress):
     print(progress.drives, flush=True)

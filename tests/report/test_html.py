@@ -5,6 +5,8 @@ import hashlib
 import json
 import re
 import shlex
+import sqlite3
+from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -21,7 +23,7 @@ from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.campaign.store import JSONValue
+from frenetic.campaign.store import DATABASE, JSONValue
 from frenetic.cli import cli
 from frenetic.cli.run import run
 from frenetic.drivers import Planner
@@ -458,9 +460,13 @@ def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) ->
 
 def test_damaged_reruns_are_mentioned_and_do_no_harm(searched: Path, tmp_path: Path) -> None:
     folder = make_hostile(tmp_path, searched)
-    (folder / "reruns.json").write_text("{")
+    with CampaignStore.open(folder) as store:
+        drives = (redriven(USUAL, Outcome.PASS, 1.0, test=store.test(1)),)
+    store_run(folder, Run(Purpose.ROBUSTNESS, {}, {}, seed=0, drives=drives))
+    with closing(sqlite3.connect(folder / DATABASE)) as database, database:
+        database.execute("UPDATE redrive SET outcome = 'MAYBE'")
     warning = block_of(page_of(write_report(folder)).data, "headline")["warning"]
-    assert "reruns.json is damaged" in warning
+    assert "is damaged: drive 1 of run 1" in warning
 
 
 def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
@@ -489,7 +495,8 @@ def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
         assert x[0] == pytest.approx(test.trajectory.x[0], abs=0.006)
     data = page_of(folder / "report.html").data
     assert set(failures) <= {drive["id"] for drive in data["drives"]}
-    (folder / "confirmations.json").write_text("{")
+    with closing(sqlite3.connect(folder / DATABASE)) as database, database:
+        database.execute("UPDATE redrive SET outcome = 'MAYBE'")
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     assert "damaged" in section["blocks"][0]["text"]
 

@@ -26,6 +26,7 @@ from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.outcome import Outcome
 from frenetic.redrive.confirm import confirm
+from frenetic.report import animate
 from frenetic.report.failures import road_document
 from frenetic.report.html import (
     Bars,
@@ -938,7 +939,7 @@ def test_a_replay_plays_within_a_page_that_lets_it_do_nothing_else(
 ) -> None:
     with CampaignStore.open(searched) as store:
         (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
-    replay = failure.animate()
+    replay = animate(failure)
     around = tmp_path / "notebook.html"
     around.write_text(f"<!doctype html><meta charset='utf-8'>{replay.html}", encoding="utf-8")
     page = show(around)

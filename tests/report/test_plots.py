@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import importlib.metadata
 import re
 from collections.abc import Iterator
 from html.parser import HTMLParser
@@ -19,11 +20,13 @@ from test_picture import HAIRPIN, SHORT, WINDING, drive_along
 from test_report_comparison import FIVE, SIX, comparison_of
 
 from frenetic import Campaign, EmbeddedSimulator, Frenetic, Planner, data_frame
+from frenetic._support.notebook import Shown
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
 from frenetic.drivers import Stanley
 from frenetic.errors import FreneticError, UnknownNameError
 from frenetic.outcome import Outcome
+from frenetic.report import animate, plot, plot_failures, plot_feature_map, plot_progress
 from frenetic.road import Road
 
 
@@ -64,13 +67,20 @@ def texts(axes: mpl.axes.Axes) -> list[str]:
     return [text.get_text() for text in axes.texts] + [axes.get_title(loc="left")]
 
 
+def html(thing: Shown) -> str:
+    """What a notebook shows."""
+    text = thing._repr_html_()
+    assert text is not None
+    return text
+
+
 # From above
 
 
 def test_a_drive_lies_on_the_axes_where_it_is_on_the_map() -> None:
     drive = drive_along(WINDING, drift=3.0)
     axes = Figure(figsize=(6.0, 4.0)).add_subplot()
-    assert drive.plot(axes, road=WINDING, map_size=200.0) is axes
+    assert plot(drive, axes, road=WINDING, map_size=200.0) is axes
     path = max(
         (one for one in axes.collections if isinstance(one, LineCollection)),
         key=lambda one: len(one.get_segments()),
@@ -91,7 +101,7 @@ def test_lanes_are_as_wide_as_they_are_in_metres_also_when_the_figure_grows(grow
     figure = Figure(figsize=(5.0, 4.0))
     axes = figure.add_subplot()
     road = Road(WINDING.curvatures, pose=WINDING.pose, lane_width=5.0)
-    road.plot(axes)
+    plot(road, axes)
     figure.set_size_inches(5.0 * grow, 4.0 * grow)
     figure.draw_without_rendering()
     (x, _), (right, _) = axes.transData.transform([(0.0, 0.0), (5.0, 0.0)])
@@ -105,8 +115,8 @@ def test_lanes_are_as_wide_as_they_are_in_metres_also_when_the_figure_grows(grow
 def test_a_second_road_leaves_the_first_in_sight() -> None:
     axes = Figure().add_subplot()
     near, far = Road(SHORT.curvatures), Road(SHORT.curvatures, pose=(300.0, 80.0, 0.0))
-    near.plot(axes)
-    far.plot(axes)
+    plot(near, axes)
+    plot(far, axes)
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     assert left < 0.0 < 300.0 < right
     assert bottom < 0.0 < 80.0 < top
@@ -114,21 +124,21 @@ def test_a_second_road_leaves_the_first_in_sight() -> None:
 
 def test_without_axes_there_is_a_new_figure_with_a_key() -> None:
     drive = EmbeddedSimulator().drive(HAIRPIN, Stanley())
-    axes = drive.plot()
+    axes = plot(drive)
     assert axes.figure is plt.gcf()
     assert any("oob distance" in text.get_text() for text in axes.figure.texts)
     assert re.match(r"(PASS|FAIL), MOOBD [−\d.]+ m$", axes.get_title(loc="left"))
-    assert HAIRPIN.plot().figure is plt.gcf() is not axes.figure
+    assert plot(HAIRPIN).figure is plt.gcf() is not axes.figure
 
 
 def test_a_drive_that_does_not_know_its_road_asks_for_it() -> None:
     drive = drive_along(SHORT)
-    for show in (drive.plot, drive.animate):
-        with pytest.raises(ValueError, match=r"give it, as in drive.plot\(road=road\)"):
-            show()
+    for show in (plot, animate):
+        with pytest.raises(ValueError, match=r"give it, as in plot\(drive, road=road\)"):
+            show(drive)
     assert "<Drive: 35 records" in repr(drive)
-    assert "&lt;Drive" in drive._repr_html_()
-    assert drive.animate(road=SHORT).title == "Drive"
+    assert "&lt;Drive" in html(drive)
+    assert animate(drive, road=SHORT).title == "Drive"
 
 
 # Campaigns
@@ -137,7 +147,7 @@ def test_a_drive_that_does_not_know_its_road_asks_for_it() -> None:
 def test_the_sheet_of_failures_names_the_most_severe(campaign: Campaign) -> None:
     with CampaignStore.open(campaign.folder) as store:
         clusters = distinct_failures(store)
-        axes = store.plot_failures(number=2)
+        axes = plot_failures(store, number=2)
     words = texts(axes)
     assert f"{len(clusters)} distinct failures" in words[-1]
     assert "the 2 most severe" in words[-1]
@@ -146,13 +156,13 @@ def test_the_sheet_of_failures_names_the_most_severe(campaign: Campaign) -> None
         cluster.most_severe for cluster in clusters.clusters[:2]
     ]
     given = Figure().add_subplot()
-    assert campaign.plot_failures(given) is given
+    assert plot_failures(campaign, given) is given
 
 
 def test_progress_ends_at_the_counts(campaign: Campaign) -> None:
     with CampaignStore.open(campaign.folder) as store:
         failed, distinct = store.counts().failed, len(distinct_failures(store))
-    axes = campaign.plot_progress()
+    axes = plot_progress(campaign)
     labels = axes.get_legend_handles_labels()[1]
     assert labels[:2] == [f"failures: {failed}", f"distinct failures: {distinct}"]
     assert [np.asarray(line.get_ydata())[-1] for line in axes.lines[:2]] == [failed, distinct]
@@ -161,12 +171,12 @@ def test_progress_ends_at_the_counts(campaign: Campaign) -> None:
 
 @pytest.mark.parametrize("whole", [False, True])
 def test_the_feature_map_holds_every_failure(campaign: Campaign, whole: bool) -> None:
-    axes = campaign.plot_feature_map(x="bends", y="extreme_offset", whole=whole)
+    axes = plot_feature_map(campaign, x="bends", y="extreme_offset", whole=whole)
     found = sum(int(text.get_text()) for text in axes.texts)
-    assert found == (campaign.tests()["outcome"] == "FAIL").sum()
+    assert found == (data_frame(campaign)["outcome"] == "FAIL").sum()
     assert axes.get_ylabel() == "Extreme lateral position (m)"
     with pytest.raises(UnknownNameError, match="no feature is called 'colour'"):
-        campaign.plot_feature_map(x="colour")
+        plot_feature_map(campaign, x="colour")
 
 
 def test_a_campaign_without_results_or_failures_has_pictures_too(tmp_path: Path) -> None:
@@ -175,21 +185,17 @@ def test_a_campaign_without_results_or_failures_has_pictures_too(tmp_path: Path)
         strategy=Frenetic(seed=1), simulator=simulator, driver=Planner(), folder=tmp_path / "c"
     )
     assert "nothing stored yet" in repr(search)
-    assert "nothing stored yet" in search._repr_html_()
+    assert "nothing stored yet" in html(search)
     with pytest.raises(FreneticError, match="does not exist"):
-        search.plot_progress()
+        plot_progress(search)
     with CampaignStore.create(tmp_path / "d", search.configuration()) as store:
-        for plot in (store.plot_failures, store.plot_progress, store.plot_feature_map):
-            plot()
-        assert "No failure" in store._repr_html_()
+        for draw in (plot_failures, plot_progress, plot_feature_map):
+            draw(store)
+        assert "No failure" in html(store)
         assert "no results" in repr(store)
     search.run(1)
-    assert any(text.startswith("Test 1") for text in texts(search.plot_failures()))
-    assert "nearest misses" in search._repr_html_()
-
-
-def test_a_campaign_is_a_data_frame_by_itself(campaign: Campaign) -> None:
-    assert campaign.tests().equals(data_frame(campaign.folder))
+    assert any(text.startswith("Test 1") for text in texts(plot_failures(search)))
+    assert "nearest misses" in html(search)
 
 
 # What notebooks show
@@ -206,19 +212,26 @@ def test_everything_is_short_in_words_and_shown_with_a_picture(campaign: Campaig
         )  # fmt: skip
         for thing in shown:
             assert len(repr(thing)) < 200
-            text = thing._repr_html_()
+            text = html(thing)
             pictures = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
             assert pictures
             assert all(base64.b64decode(one).startswith(b"\x89PNG") for one in pictures)
             assert len(text) < 60_000
             assert {"img", "td"} <= set(Elements(text).found)
-        text = best._repr_html_()
+        text = html(best)
         assert best.reason in text
         assert f"−{-best.moobd:.2f} m" in text if best.moobd else False
-        assert f"{len(clusters)} distinct failures" in store._repr_html_()
+        assert f"{len(clusters)} distinct failures" in html(store)
     assert repr(store) == f"<CampaignStore {campaign.folder}>"  # closed
     without = [test for test in _tests(campaign) if test.outcome is Outcome.FAIL]
-    assert "read without its drive" in without[0]._repr_html_()
+    assert "read without its drive" in html(without[0])
+
+
+def test_a_notebook_shows_the_repr_where_nothing_is_installed_that_draws(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: ())
+    assert SHORT._repr_html_() is None
 
 
 def _tests(campaign: Campaign):  # type: ignore[no-untyped-def]
@@ -229,7 +242,7 @@ def _tests(campaign: Campaign):  # type: ignore[no-untyped-def]
 def test_texts_from_outside_stay_texts(campaign: Campaign, tmp_path: Path) -> None:
     with CampaignStore.open(make_hostile(tmp_path, campaign.folder)) as store:
         best = store.test(2)
-        for text in (best._repr_html_(), store._repr_html_(), best.animate().html):
+        for text in (html(best), html(store), animate(best).html):
             assert not {"script", "b>"} & set(Elements(text).found)
             assert "<img src=x" not in text
-        assert HOSTILE not in best.animate().page
+        assert HOSTILE not in animate(best).page

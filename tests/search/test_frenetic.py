@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
+from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import STRATEGIES
 from frenetic.road import Road
@@ -132,29 +133,9 @@ def test_listing_1_says_that_its_roads_are_random() -> None:
     assert notice_of(search) is None
 
 
-def test_an_option_of_listing_1_makes_listing_1() -> None:
-    made = STRATEGIES.make_from("frenetic", {"cross_num": 10}, {"seed": 1, "map_size": 200.0})
-    assert isinstance(made, Frenetic2021)
-    assert made.options["cross_num"] == 10
-    assert made.options["max_redraws"] == 10
-    assert type(STRATEGIES.make("frenetic", seed=1, threshold=-0.5)) is Frenetic
-
-
-def test_a_derived_class_has_its_own_options() -> None:
-    class Mine(Frenetic):
-        def __init__(self, seed: int, boldness: float) -> None:
-            super().__init__(seed=seed)
-            self.boldness = boldness
-
-    class Like(Frenetic):
-        pass
-
-    assert STRATEGIES.option_names(Mine) == ["seed", "boldness"]
-    assert "cross_num" in (STRATEGIES.option_names(Frenetic) or [])
-    names = STRATEGIES.option_names(Like) or []
-    assert "same" in names
-    assert "cross_num" not in names
-    assert Mine(seed=1, boldness=2.0).boldness == 2.0
+def test_it_has_no_options_of_listing_1() -> None:
+    with pytest.raises(FreneticError, match="has no option 'cross_num'"):
+        STRATEGIES.make("frenetic", seed=1, cross_num=10)
 
 
 def test_a_kept_place_has_the_approach_that_analysis_computes() -> None:

@@ -9,7 +9,7 @@ TABLES = ("campaign", "candidate", "test", "trajectory", "redrive_run", "redrive
 
 
 def forget_checksums(connection: sqlite3.Connection) -> None:
-    """Lets the rows of a campaign have no checksums, as those of older versions."""
+    """Lets the rows of a campaign have no checksums."""
     for table in TABLES:
         with suppress(sqlite3.OperationalError):  # a table or column that was removed
             connection.execute(f"UPDATE {table} SET checksum = NULL")

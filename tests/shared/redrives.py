@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +58,7 @@ def redriven(
 
 def store_run(folder: Path, run: Run) -> None:
     """Puts a run that was made up into a campaign."""
-    with RunWriter(folder, run.purpose, lambda: run) as writer:
+    with RunWriter(folder, lambda: run) as writer:
         for number, drive in enumerate(run.drives, start=1):
             writer.add(number, drive)
 
@@ -71,8 +70,3 @@ def forget_redrives(folder: Path) -> None:
         connection.execute("DELETE FROM redrive_run")
     for file in folder.glob("*.json*"):
         file.unlink()
-
-
-def as_older(drives: tuple[Redrive, ...]) -> tuple[Redrive, ...]:
-    """Drives as older versions kept them, without differences from the recorded failures."""
-    return tuple(replace(drive, difference=None) for drive in drives)

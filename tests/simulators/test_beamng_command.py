@@ -178,7 +178,7 @@ def test_its_options_are_for_no_other_simulator(
 
 
 @pytest.mark.parametrize(
-    "command", ["run", "resume", "drive", "minimise", "replay", "rerun", "confirm"]
+    "command", ["run", "resume", "drive", "minimise", "regression", "robustness", "confirm"]
 )
 def test_help_shows_its_options_as_a_group(frenetic: Frenetic, command: str) -> None:
     code, out, _ = frenetic(command, "--help")
@@ -245,12 +245,12 @@ def test_replay_in_beamng(frenetic: Frenetic, stand_in: StandIn) -> None:
     assert frenetic(*search, *beamng(stand_in), "--aggression", "0.9")[0] == 0
     with CampaignStore.open(Path("c")) as store:
         failures = store.counts().by_outcome[Outcome.FAIL]
-    code, out, _ = frenetic("replay", "c", "--json")
+    code, out, _ = frenetic("regression", "c", "--json")
     document = json.loads(out)
     assert code == 1
     assert document["same"] == failures == 2
     with StandIn() as other:
-        code, out, _ = frenetic("replay", "c", "--beamng-port", str(other.port), "--json")
+        code, out, _ = frenetic("regression", "c", "--beamng-port", str(other.port), "--json")
         assert json.loads(out)["same"] == 2
 
 

@@ -43,9 +43,6 @@ if TYPE_CHECKING:
         diversity,
         edit_distance,
     )
-    from frenetic.redrive.conditions import Variation
-    from frenetic.redrive.regression import Replay, replay, write_junit
-    from frenetic.redrive.robustness import Rerun, read_reruns, rerun, telling_reruns
 
 __getattr__ = lazy_names(
     __name__,
@@ -73,9 +70,6 @@ __getattr__ = lazy_names(
             "Measure",
             "measure_campaign",
         ),
-        "frenetic.redrive.regression": ("Replay", "replay", "write_junit"),
-        "frenetic.redrive.conditions": ("Variation",),
-        "frenetic.redrive.robustness": ("Rerun", "read_reruns", "rerun", "telling_reruns"),
         "frenetic.analysis.segments": (
             "Bend",
             "Segment",
@@ -110,10 +104,7 @@ __all__ = [
     "Feature",
     "Features",
     "Measure",
-    "Replay",
-    "Rerun",
     "Segment",
-    "Variation",
     "cluster_failures",
     "compare",
     "compare_measured",
@@ -130,14 +121,9 @@ __all__ = [
     "group_campaigns",
     "measure_campaign",
     "nearest_misses",
-    "read_reruns",
-    "replay",
-    "rerun",
     "segment_of",
     "segment_profile",
     "segments_of",
-    "telling_reruns",
-    "write_junit",
 ]
 
 

@@ -15,12 +15,12 @@ from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from frenetic._support.files import require_list
-from frenetic._support.pictures import Shown, draw
+from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
 from frenetic.analysis.groups import differing_parts, parts_of, shared_parts
 from frenetic.analysis.metrics import (
@@ -48,9 +48,6 @@ from frenetic.analysis.statistics import (
     quartiles,
 )
 from frenetic.errors import FreneticError
-
-if TYPE_CHECKING:
-    from frenetic._support.pictures import Axes
 
 _SAY_THE_SAME: Final = frozenset({"failures_per_100", "distinct_failures"})
 """Measures that repeat another one if all campaigns have as many simulations."""
@@ -225,19 +222,6 @@ class Comparison(Shown):
     """Limits of the comparison, each in a sentence."""
     shared: Mapping[str, str] = field(default_factory=dict)
     """Part of a configuration -> its common value in all campaigns, in words."""
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draws the failures of each group over the simulations on Matplotlib's axes.
-
-        A group of five campaigns or more has its median and the band between its quartiles.
-
-        Args:
-            ax: axes to draw on; those of a new figure of pyplot's if None.
-
-        Returns:
-            The axes.
-        """
-        return draw("plot_comparison", self, ax)
 
     def __repr__(self) -> str:
         """The comparison at a glance."""

@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.pictures import Shown
+from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
 from frenetic.analysis.segments import (
     PROFILE_SPACING,

@@ -86,7 +86,7 @@ class CampaignMeasures:
     """Simulations that broke."""
     dropped: int = 0
     """Candidates that were no longer wanted before they were driven."""
-    roads: int | None = None
+    roads: int = 0
     """Different roads among the tests."""
     min_moobd: float | None = None
     """Lowest MOOBD, in m; None if nothing was driven."""

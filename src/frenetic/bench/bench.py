@@ -31,7 +31,7 @@ from frenetic.export.tables import Which
 from frenetic.fingerprint import differences, package_versions
 from frenetic.registry import STRATEGIES
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import Spec, command_faults, describe, listing_1_of_today, require_count
+from frenetic.spec import Spec, command_faults, describe, require_count
 
 BENCHES: Final = Path("benches")
 """Default parent of benches' folders."""
@@ -393,14 +393,14 @@ class _Recorded:
     map_size: float
     records: Which
     command: dict[str, Any]
-    objective: str = MOOBD
+    objective: str
 
 
 def read_bench(folder: Path | str) -> Mapping[str, Any]:
     """The description in a bench's folder.
 
     Raises:
-        FreneticError: there is none, or it is damaged or of a newer version.
+        FreneticError: there is none, or it is damaged or of another version.
     """
     path = Path(folder) / BENCH
     try:
@@ -413,21 +413,12 @@ def read_bench(folder: Path | str) -> Mapping[str, Any]:
         document = None
     if not isinstance(document, dict) or not isinstance(document.get("version"), int):
         raise _damaged(path)
-    if document["version"] > VERSION:
-        raise FreneticError(f"{path} was written by a newer version of frenetic: upgrade frenetic")
-    document.setdefault("objective", MOOBD)  # benches of before there were others
-    return document if document["version"] == VERSION else _updated(document)
-
-
-def _updated(document: dict[str, Any]) -> dict[str, Any]:
-    """The description of version 1 as one of today: the strategy ``frenetic`` was Listing 1."""
-    entrants = document.get("entrants")
-    for entrant in entrants if isinstance(entrants, list) else ():
-        if isinstance(entrant, dict) and isinstance(entrant.get("options"), dict):
-            spec = str(entrant.get("spec"))
-            if entrant.get("is_strategy") is True:
-                entrant["spec"], entrant["options"] = listing_1_of_today(spec, entrant["options"])
-    return {**document, "version": VERSION}
+    if document["version"] != VERSION:
+        raise FreneticError(
+            f"{path} has format {document['version']}, this version of frenetic reads format"
+            f" {VERSION}: begin a new bench, or use the version that wrote it"
+        )
+    return document
 
 
 def _decoded(document: Mapping[str, Any], path: Path) -> _Recorded:

@@ -13,12 +13,12 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.json_value import plain
-from frenetic._support.pictures import ShownCampaign, data_frame
+from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
 from frenetic.campaign.changes import PARTS, changed_parts
 from frenetic.campaign.earlier import fact_of, read_earlier, stored_earlier, take_earlier
@@ -55,9 +55,6 @@ from frenetic.spec import (
     number_word,
     require_count,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -98,7 +95,7 @@ def prepare(simulator: Simulator, *, is_here: bool = True) -> None:
         raise CampaignError(f"the simulator does not start: {reason_of(error)}") from error
 
 
-class Campaign(ShownCampaign):
+class Campaign(Shown):
     """One search with its budget.
 
     Args:
@@ -463,9 +460,7 @@ class Campaign(ShownCampaign):
             if self.budget is None:
                 self.budget = _stored_budget(store)
             prepare(self.tester.simulator, is_here=self.cluster is None)
-            strategy = store.config.get("strategy")
-            if isinstance(strategy, Mapping) and "margin" in strategy:
-                self._keep_margin()
+            self._keep_margin()
             self.start_from, taken = stored_earlier(store)
             configuration = self.configuration()
             self._check_same(store, configuration)
@@ -513,10 +508,7 @@ class Campaign(ShownCampaign):
         return insisted and not isinstance(error, FreneticError)
 
     def _keep_margin(self) -> None:
-        """Has the strategy check roads with this campaign's margin; its record says so.
-
-        Older campaigns with another margin than the usual one did not, and go on so.
-        """
+        """Has the strategy check roads with this campaign's margin; its record says so."""
         margin = self.tester.margin
         if margin != MARGIN and isinstance(self.strategy, CheckingStrategy):
             self.strategy.keep_margin(margin)
@@ -619,7 +611,7 @@ class Campaign(ShownCampaign):
         summary = Summary.of(
             stored.by_outcome,
             stored.min_moobd,
-            stored.roads or 0,
+            stored.roads,
             seconds=tally.seconds,
             budget_spent=tally.budget_spent,
             seed=self.seed,
@@ -656,14 +648,6 @@ class Campaign(ShownCampaign):
         if self.workers == 1:
             return InProcessWorker(self.tester)
         return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
-
-    def tests(self) -> pd.DataFrame:
-        """The stored tests as a data frame in the order of telling, see `frenetic.data_frame`.
-
-        Raises:
-            FreneticError: pandas or pyarrow is not installed, or there is no campaign.
-        """
-        return data_frame(self.folder)
 
     @property
     def best_test(self) -> Test | None:

@@ -33,9 +33,8 @@ class Counts:
     """Number of candidates that the strategy no longer wanted before they were driven."""
     min_moobd: float | None = None
     """Lowest MOOBD of all drives, in m; None before the first."""
-    roads: int | None = None
-    """Number of different roads among the tests: a repeated one counts once. None in logs of older
-    versions."""
+    roads: int = 0
+    """Number of different roads among the tests: a repeated one counts once."""
 
     @classmethod
     def of(
@@ -69,12 +68,11 @@ class Counts:
     def total(cls, campaigns: Iterable[Counts]) -> Counts:
         """The counts of several campaigns together; a road counts once in each."""
         several = list(campaigns)
-        roads = [one.roads for one in several if one.roads is not None]
         moobds = [one.min_moobd for one in several if one.min_moobd is not None]
         return Counts(
             **{name: sum(getattr(one, name) for one in several) for name in _NAMES.values()},
             min_moobd=min(moobds, default=None),
-            roads=sum(roads) if len(roads) == len(several) else None,
+            roads=sum(one.roads for one in several),
         )
 
     def counts_json(self) -> dict[str, Any]:
@@ -89,10 +87,10 @@ class Counts:
 
     def in_words(self) -> str:
         """The counts in a line: ``90 tests of 88 different roads: 70 passed, 12 failed, ...``."""
-        roads = "" if self.roads is None else f" of {counted(self.roads, 'different road')}"
         return (
-            f"{counted(self.tests, 'test')}{roads}: {self.passed} passed, {self.failed} failed,"
-            f" {self.invalid} invalid, {counted(self.errors, 'error')}; {self.dropped} dropped"
+            f"{counted(self.tests, 'test')} of {counted(self.roads, 'different road')}:"
+            f" {self.passed} passed, {self.failed} failed, {self.invalid} invalid,"
+            f" {counted(self.errors, 'error')}; {self.dropped} dropped"
         )
 
 

@@ -10,13 +10,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
+from typing import Any, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from msgspec import ValidationError, convert, json, to_builtins
 
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
-from frenetic._support.pictures import Shown, draw, replay
+from frenetic._support.notebook import Shown
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
 from frenetic.errors import CampaignError
 from frenetic.oracle import Finding, Result
@@ -24,9 +24,6 @@ from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
 from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
-
-if TYPE_CHECKING:
-    from frenetic._support.pictures import Axes, Replay
 
 
 @dataclass(frozen=True)
@@ -212,36 +209,6 @@ class Test(Shown):
             fault=self.result.fault,
             road=self.road,
         )
-
-    def plot(self, ax: Axes | None = None) -> Axes:
-        """Draws the test from above on Matplotlib's axes: its drive, or else its road.
-
-        Args:
-            ax: axes to draw on; those of a new figure of pyplot's if None.
-
-        Returns:
-            The axes.
-
-        Raises:
-            CampaignError: the campaign does not record with what it was driven.
-        """
-        drive = self.drive
-        if drive is None:
-            return draw("plot_road", self.road, ax)
-        return draw("plot_drive", drive, ax, road=self.road)
-
-    def animate(self) -> Replay:
-        """The test's drive as a replay, see `Drive.animate`.
-
-        Raises:
-            ValueError: it has no drive.
-            CampaignError: the campaign does not record with what it was driven.
-        """
-        if self.drive is None:
-            raise ValueError(
-                f"test {self.id} has no drive: it was not driven, or was read without trajectory"
-            )
-        return replay(self.road, self.drive, test=self)
 
     def __repr__(self) -> str:
         """The test at a glance."""

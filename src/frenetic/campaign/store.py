@@ -35,7 +35,7 @@ from frenetic._support.file_locks import FileLock
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic._support.json_value import plain
-from frenetic._support.pictures import ShownCampaign
+from frenetic._support.notebook import Shown
 from frenetic._support.words import present_moment
 from frenetic.campaign.counts import StoredCounts, road_key
 from frenetic.campaign.record import (
@@ -110,7 +110,7 @@ def checksum(row: Iterable[object]) -> int:
     return zlib.crc32(json.dumps(values).encode())
 
 
-class CampaignStore(ShownCampaign):
+class CampaignStore(Shown):
     """The database of one campaign, open for one writer or for reading.
 
     Made by `create` or `open`; a context manager that closes it. One process writes at a time and

@@ -246,7 +246,7 @@ class _ProgressLine(Struct):
     budget_spent: Annotated[float, Meta(ge=0.0, le=1.0)]
     running: Count
     min_moobd: Annotated[float, Meta(ge=-1e6, le=1e6)] | None = None
-    roads: Count | None = None
+    roads: Count = 0
     objective: object = ""
     best: Annotated[float, Meta(ge=-1e300, le=1e300)] | None = None
     workers: object = None

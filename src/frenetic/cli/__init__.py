@@ -34,8 +34,6 @@ class Row:
     """``module:name`` in this package, imported when the command is used."""
     summary: str
     """Its summary, in one sentence."""
-    former_name: str = ""
-    """Its former name, which still works."""
 
 
 COMMANDS: Final = {
@@ -51,14 +49,11 @@ COMMANDS: Final = {
         "check:check", "Check that a campaign's database is sound, and say what it holds."
     ),
     "export": Row("export:export", "Write a campaign as tables, or for the competition's tools."),
-    "robustness": Row(
-        "robustness:robustness", "Say how often failures repeat, and what matters.", "rerun"
-    ),
+    "robustness": Row("robustness:robustness", "Say how often failures repeat, and what matters."),
     "confirm": Row("confirm:confirm", "Drive a campaign's failures in another simulator."),
     "regression": Row(
         "regression:regression",
         "Drive a campaign's failures again, with another driver or simulator.",
-        "replay",
     ),
     "back-to-back": Row(
         "back_to_back:back_to_back", "Say whether a new version of a driver is better."
@@ -84,7 +79,6 @@ COMMANDS: Final = {
     "doctor": Row("doctor:doctor", "Say whether the simulators work here."),
 }
 """Name -> the command."""
-_FORMER_NAMES: Final = {row.former_name: name for name, row in COMMANDS.items() if row.former_name}
 
 
 class CommandTable(click.Group):
@@ -95,8 +89,8 @@ class CommandTable(click.Group):
         return sorted(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command of a name of today or before; None if there is none."""
-        row = COMMANDS.get(_FORMER_NAMES.get(cmd_name, cmd_name))
+        """The command of a name; None if there is none."""
+        row = COMMANDS.get(cmd_name)
         if row is None:
             return None
         module, _, name = row.target.partition(":")

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
 import numpy as np
 
+from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.export.tables import (
@@ -69,7 +70,7 @@ def write_parquet(path: Path, columns: tuple[Column, ...], batches: Iterable[Bat
 
 
 def data_frame(
-    campaign: CampaignStore | Path | str,
+    campaign: Campaign | CampaignStore | Path | str,
     table: Table = "tests",
     *,
     outcomes: Collection[Outcome | str] = (),
@@ -82,7 +83,7 @@ def data_frame(
     parents are arrays; ``finished_at`` is a time with its zone, UTC.
 
     Args:
-        campaign: its folder, or the opened campaign.
+        campaign: itself, opened or not, or its folder.
         table: ``tests``, one row per candidate that was told, or ``trajectories``, one row per
             record of a drive: 96 bytes each, 25 kB for an ordinary test.
         outcomes: only tests of these, such as ``["FAIL"]``; of all without any.
@@ -98,7 +99,8 @@ def data_frame(
         import pandas as pd  # an extra
         import pyarrow as pa  # an extra
     if not isinstance(campaign, CampaignStore):
-        with CampaignStore.open(Path(campaign)) as store:
+        folder = campaign.folder if isinstance(campaign, Campaign) else campaign
+        with CampaignStore.open(folder) as store:
             return data_frame(store, table, outcomes=wanted)
     number_of_tests(campaign)  # which knows an outcome that there is not
     columns = TABLES[table]

@@ -47,7 +47,7 @@ class Match(StrEnum):
     ELSEWHERE = "elsewhere"
     """More than `frenetic.analysis.segments.REACH` away along the road."""
     SAME_PLACE = "same place"
-    """The same place and side; the mechanism is unknown, as older versions did not keep it."""
+    """The same place and side; the mechanism is unknown, as a trajectory is missing."""
 
 
 class Agreement(StrEnum):

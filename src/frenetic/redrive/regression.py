@@ -33,7 +33,7 @@ from frenetic.redrive.record import (
 )
 from frenetic.simulators.simulator import Simulator
 
-SUITE: Final = "frenetic replay"
+SUITE: Final = "frenetic regression"
 """Name of the suite in a JUnit file."""
 # Characters that XML 1.0 cannot hold, even escaped.
 _NO_XML: Final = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -104,7 +104,7 @@ class Rerun:
     """In the form of a campaign's description."""
     drives: tuple[Redrive, ...]
     rules: Rules | None = None
-    """Rules; None if unknown, as in reruns of older versions."""
+    """Rules; None if unknown."""
 
     @property
     def test_id(self) -> int:

@@ -11,14 +11,30 @@ from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
     from frenetic.report.html import write_comparison_page, write_report
+    from frenetic.report.html.replay import Replay, animate
     from frenetic.report.picture import draw_drive, draw_gallery, draw_road
+    from frenetic.report.plots import plot, plot_failures, plot_feature_map, plot_progress
 
 __getattr__ = lazy_names(
     __name__,
     {
         "frenetic.report.html": ("write_comparison_page", "write_report"),
+        "frenetic.report.html.replay": ("Replay", "animate"),
         "frenetic.report.picture": ("draw_drive", "draw_gallery", "draw_road"),
+        "frenetic.report.plots": ("plot", "plot_failures", "plot_feature_map", "plot_progress"),
     },
 )
 
-__all__ = ["draw_drive", "draw_gallery", "draw_road", "write_comparison_page", "write_report"]
+__all__ = [
+    "Replay",
+    "animate",
+    "draw_drive",
+    "draw_gallery",
+    "draw_road",
+    "plot",
+    "plot_failures",
+    "plot_feature_map",
+    "plot_progress",
+    "write_comparison_page",
+    "write_report",
+]

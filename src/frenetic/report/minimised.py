@@ -104,7 +104,7 @@ def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
     """Length of the road in a file, in m, if it is better than a `minimised_document`.
 
     A better road is shorter, and the same driver has the same failure on it in the same simulator,
-    with a guard that is not weaker. Files of older versions do not say whether it is the same.
+    with a guard that is not weaker.
     """
     document = json.loads(json.dumps(document))  # as it would be read
     try:

@@ -1,8 +1,7 @@
 """Pictures on Matplotlib's axes, for notebooks and figures of your own.
 
-They are the methods ``road.plot()``, ``drive.plot()``, ``campaign.plot_failures()`` and so on. Each
-draws on the given axes, or on those of a new figure, and returns them. What is seen from above is
-drawn by the same code as in the report's pictures.
+Each draws on the given axes, or on those of a new figure, and returns them. What is seen from above
+is drawn by the same code as in the report's pictures.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from frenetic.analysis.failures import Clusters, distinct_failures, nearest_miss
 from frenetic.analysis.features import Feature, feature, features_of
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
 from frenetic.report.comparison import draw_curves, frame_counts
@@ -41,6 +41,7 @@ from frenetic.report.scene import (
     draw_scene,
     focus_of,
     look,
+    road_of,
 )
 from frenetic.report.style import FAINT, PANEL, QUIET, STYLE, AxesPanel, Paper
 from frenetic.road import Road
@@ -60,8 +61,43 @@ SEVERITY: Final = "#fde2b8", "#fbc98c", "#f6a866", "#e9834d", "#c34f33", "#ad3a3
 """Colours of a feature map's cells, the last for the worst; ``report.css`` has the same."""
 
 
-def plot_road(road: Road, ax: Axes | None = None, *, map_size: float | None = None) -> Axes:
-    """A road from above; see `Road.plot`."""
+def plot(
+    thing: Road | Drive | Test | Comparison,
+    ax: Axes | None = None,
+    *,
+    road: Road | None = None,
+    map_size: float | None = None,
+) -> Axes:
+    """Draws a road or a drive from above, or the failures of compared groups over the simulations.
+
+    A road lies on the axes in metres of the map; what they show already stays in sight. A drive's
+    path is coloured by oob distance. A test is drawn as its drive, or else as its road. A group of
+    five campaigns or more has its median and the band between its quartiles.
+
+    Args:
+        thing: to draw.
+        ax: axes to draw on; those of a new figure of pyplot's if None, of a drive with a key to the
+            colours.
+        road: that was driven, for a drive that does not know it.
+        map_size: m, side of the map [0, map_size]^2, whose edge is drawn.
+
+    Returns:
+        The axes.
+
+    Raises:
+        ValueError: the drive does not know its road.
+        CampaignError: the test's campaign does not record with what it was driven.
+    """
+    if isinstance(thing, Comparison):
+        return _plot_comparison(thing, ax)
+    if isinstance(thing, Test):
+        thing = thing.drive or thing.road
+    if isinstance(thing, Road):
+        return _plot_road(thing, ax, map_size)
+    return _plot_drive(thing, ax, road_of(thing, road), map_size)
+
+
+def _plot_road(road: Road, ax: Axes | None, map_size: float | None) -> Axes:
     with mpl.rc_context(STYLE):
         axes = _axes_above(road, None)[0] if ax is None else ax
         _draw_above(axes, road, None, map_size)
@@ -69,10 +105,7 @@ def plot_road(road: Road, ax: Axes | None = None, *, map_size: float | None = No
     return axes
 
 
-def plot_drive(
-    drive: Drive, ax: Axes | None = None, *, road: Road, map_size: float | None = None
-) -> Axes:
-    """A drive from above; see `Drive.plot`."""
+def _plot_drive(drive: Drive, ax: Axes | None, road: Road, map_size: float | None) -> Axes:
     with mpl.rc_context(STYLE):
         seen = look(road, drive)
         if ax is None:
@@ -186,7 +219,16 @@ def _distinct_in_words(found: Clusters, failed: int) -> str:
 def plot_failures(
     campaign: Campaign | CampaignStore | Path | str, ax: Axes | None = None, *, number: int = SHEET
 ) -> Axes:
-    """The distinct failures from above; see `ShownCampaign.plot_failures`."""
+    """Draws the most severe distinct failures from above; the nearest misses if nothing failed.
+
+    Args:
+        campaign: with the failures, or its folder.
+        ax: axes to draw on; a sheet fills them.
+        number: most drives to draw, one of each distinct failure.
+
+    Raises:
+        CampaignError: there is no campaign, or it is damaged.
+    """
     with opened(campaign) as store, mpl.rc_context(STYLE):
         title, items = failures_to_show(store, number)
         axes = ax
@@ -210,7 +252,14 @@ def _columns(page: Paper, number: int) -> int:
 
 
 def plot_progress(campaign: Campaign | CampaignStore | Path | str, ax: Axes | None = None) -> Axes:
-    """The failures over the simulations; see `ShownCampaign.plot_progress`."""
+    """Draws failures and distinct failures over the simulations, as the report does.
+
+    Dashed: how many there would be if all roads were like those of the random phase, with bands of
+    what is not known of it (95 %).
+
+    Raises:
+        CampaignError: there is no campaign, or it is damaged.
+    """
     with opened(campaign) as store:
         timeline = timeline_of(_summaries(store), distinct_failures(store))
     with mpl.rc_context(STYLE):
@@ -257,7 +306,22 @@ def plot_feature_map(
     y: str = "mean_speed",
     whole: bool = False,
 ) -> Axes:
-    """A feature map of the failures; see `ShownCampaign.plot_feature_map`."""
+    """Draws what roads and drives were tried (grey), and where they fail.
+
+    A cell with failures has their number, and the colour of the lowest MOOBD.
+
+    Args:
+        campaign: with the tests, or its folder.
+        ax: axes to draw on.
+        x: feature to the right, see `frenetic.analysis.FEATURES`.
+        y: feature upwards.
+        whole: measure the whole road and drive instead of the 30 m before and after the place of
+            departure.
+
+    Raises:
+        CampaignError: there is no campaign, or it is damaged.
+        UnknownNameError: there is no such feature.
+    """
     across, up = feature(x), feature(y)
     with opened(campaign) as store:
         driven, failed, worst = _cells(store, across, up, whole=whole)
@@ -330,8 +394,7 @@ def _cells(store: CampaignStore, x: Feature, y: Feature, *, whole: bool) -> tupl
     return driven, failed, worst
 
 
-def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Axes:
-    """The failures of groups of campaigns over the simulations; see `Comparison.plot`."""
+def _plot_comparison(comparison: Comparison, ax: Axes | None) -> Axes:
     with mpl.rc_context(STYLE):
         axes = _new_axes(_WIDE, 3.2)[0] if ax is None else ax
         draw_curves(axes, comparison)

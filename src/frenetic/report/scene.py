@@ -79,6 +79,18 @@ class SeenDrive:
         return len(self.time)
 
 
+def road_of(drive: Drive, road: Road | None) -> Road:
+    """The road of a drive: the given one, or that which the drive knows.
+
+    Raises:
+        ValueError: there is none.
+    """
+    found = drive.road if road is None else road
+    if found is None:
+        raise ValueError("the drive does not know its road: give it, as in plot(drive, road=road)")
+    return found
+
+
 def look(road: Road, drive: Drive) -> SeenDrive:
     """A drive as its picture shows it."""
     rows = drive.trajectory.to_rows()

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.pictures import Shown, draw
+from frenetic._support.notebook import Shown
 from frenetic.errors import RoadError
 from frenetic.road import geometry
 from frenetic.road.fitting import MARGIN, fit_to_map
@@ -20,7 +20,6 @@ from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 if TYPE_CHECKING:
     import numpy.typing as npt
 
-    from frenetic._support.pictures import Axes
 
 BEHAVIOUR = 1
 """Raised when a road gets another shape, place or validity; campaigns record it."""
@@ -302,20 +301,6 @@ class Road(Shown):
                 False, f"The road does not fit the map of {map_size:g} m in any direction"
             )
         return fitted, fitted.check_validity(map_size)
-
-    def plot(self, ax: Axes | None = None, *, map_size: float | None = None) -> Axes:
-        """Draws the road from above on Matplotlib's axes, in metres of the map.
-
-        What the axes show already stays in sight.
-
-        Args:
-            ax: axes to draw on; those of a new figure of pyplot's if None.
-            map_size: m, side of the map [0, map_size]^2, whose edge is drawn.
-
-        Returns:
-            The axes.
-        """
-        return draw("plot_road", self, ax, map_size=map_size)
 
     def __repr__(self) -> str:
         """The road at a glance."""

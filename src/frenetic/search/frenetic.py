@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -14,13 +13,12 @@ from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE
 from frenetic.search.approach import SIZE, lower_squares
 from frenetic.search.archive import LEFT, RIGHT, Archive, places_of
-from frenetic.search.frenetic_2021 import Frenetic2021, fingerprint
+from frenetic.search.frenetic_2021 import fingerprint
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES
 from frenetic.search.random_search import (
     EARLIER,
     LENGTH_JITTER,
     MAX_LENGTH,
-    MAX_REDRAWS,
     MOST_JITTER,
     RANDOM,
     STEP,
@@ -89,8 +87,7 @@ class Frenetic:
     failures among those before it, and at least one half in place of the first random roads. What
     they do now counts, not what they did. The speed model learns from their earlier drives.
 
-    `Frenetic2021` is the search of the paper. An option that only it has makes one, since this
-    class was that search in version 0.1.
+    `Frenetic2021` is the search of the paper.
 
     Args:
         seed: A whole number of at least 0.
@@ -122,18 +119,6 @@ class Frenetic:
 
     BEHAVIOUR: ClassVar[int] = 3
     """Raised when its proposals change; campaigns record it."""
-    __signature__: ClassVar[inspect.Signature]
-    """Options that a registry offers and checks; `__new__` hides them."""
-
-    def __new__(cls, **options: Any) -> Any:
-        """Make a `Frenetic2021` if an option is given that only it has."""
-        if cls is Frenetic and not _ONLY_2021.isdisjoint(options):
-            return Frenetic2021(**{"max_redraws": MAX_REDRAWS, **options})
-        return super().__new__(cls)
-
-    def __init_subclass__(cls) -> None:
-        """Give a derived class the signature of its own constructor."""
-        cls.__signature__ = _without_self(inspect.signature(cls.__init__))
 
     def __init__(
         self,
@@ -443,18 +428,3 @@ class Frenetic:
         self._parents[child.id] = _Parent(row, operator)
         self._archive.places["cost"][row] += _USE
         return child
-
-
-def _without_self(signature: inspect.Signature) -> inspect.Signature:
-    return signature.replace(parameters=list(signature.parameters.values())[1:])
-
-
-_OURS = _without_self(inspect.signature(Frenetic.__init__))
-_THEIRS = inspect.signature(Frenetic2021).parameters
-_ONLY_2021 = _THEIRS.keys() - _OURS.parameters.keys()
-Frenetic.__signature__ = _OURS.replace(
-    parameters=[
-        *_OURS.parameters.values(),
-        *(option for name, option in _THEIRS.items() if name in _ONLY_2021),
-    ]
-)

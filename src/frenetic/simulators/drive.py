@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.pictures import Shown, draw, replay
+from frenetic._support.notebook import Shown
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.errors import Fault, traceback_of
 
 if TYPE_CHECKING:
-    from frenetic._support.pictures import Axes, Replay
     from frenetic.road import Road
 
 
@@ -198,49 +197,6 @@ class Drive(Shown):
         """A drive along a road, which something may have broken."""
         error, trace, fault = breakdown or (None, "", None)
         return cls(trajectory, car, rules, error, trace, fault, road)
-
-    def plot(
-        self, ax: Axes | None = None, *, road: Road | None = None, map_size: float | None = None
-    ) -> Axes:
-        """Draws the drive from above on Matplotlib's axes, in metres of the map.
-
-        The path of the car is coloured by oob distance.
-
-        Args:
-            ax: axes to draw on; those of a new figure of pyplot's if None, with a key to the
-                colours.
-            road: that was driven, for a drive that does not know it.
-            map_size: m, side of the map [0, map_size]^2, whose edge is drawn.
-
-        Returns:
-            The axes.
-
-        Raises:
-            ValueError: the drive does not know its road.
-        """
-        return draw("plot_drive", self, ax, road=self._driven(road), map_size=map_size)
-
-    def animate(self, *, road: Road | None = None) -> Replay:
-        """The drive as a replay, one piece of HTML: a notebook shows it, `Replay.write` keeps it.
-
-        It is the report's replay: from above, close up, and along the road. It loads nothing and
-        needs no server.
-
-        Args:
-            road: as for `plot`.
-
-        Raises:
-            ValueError: the drive does not know its road, or has no records.
-        """
-        return replay(self._driven(road), self)
-
-    def _driven(self, road: Road | None) -> Road:
-        found = self.road if road is None else road
-        if found is None:
-            raise ValueError(
-                "the drive does not know its road: give it, as in drive.plot(road=road)"
-            )
-        return found
 
     def __repr__(self) -> str:
         """The drive at a glance."""

@@ -1,4 +1,4 @@
-"""One drive as a replay within another page, such as a notebook: `replay_drive`."""
+"""One drive as a replay within another page, such as a notebook: `animate`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
 from frenetic.report.html.page import Report, made_by, render
 from frenetic.report.html.tests import drive_data_of
-from frenetic.report.scene import look
+from frenetic.report.scene import look, road_of
 from frenetic.road import Road
 from frenetic.simulators.drive import Drive
 
@@ -56,17 +56,24 @@ class Replay:
         return f"<Replay of {self.title}: a notebook shows it, write('replay.html') keeps it>"
 
 
-def replay_drive(road: Road, drive: Drive, *, test: Test | None = None) -> Replay:
-    """The replay of a drive.
+def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
+    """The replay of a drive, or of a test's: from above, close up, and along the road.
 
     Args:
-        road: that was driven.
-        drive: of it.
-        test: the test of a campaign to which it belongs, if any.
+        thing: the drive or test.
+        road: that was driven, for a drive that does not know it.
 
     Raises:
-        ValueError: the drive has no records.
+        ValueError: the drive does not know its road or has no records, or the test has no drive.
+        CampaignError: the test's campaign does not record with what it was driven.
     """
+    test = thing if isinstance(thing, Test) else None
+    drive = thing.drive if isinstance(thing, Test) else thing
+    if drive is None:
+        raise ValueError(
+            f"the drive of {thing!r} is missing: it was not driven, or was read without trajectory"
+        )
+    road = road_of(drive, road)
     seen = look(road, drive)
     result = seen.result if test is None else test.result
     segment = segment_of(road, seen.drive, result.departure)
