@@ -18,9 +18,9 @@ from msgspec import Meta, Struct
 from frenetic._support.files import write_file
 from frenetic.drivers.loading import LAYERS
 from frenetic.errors import FreneticError
-from frenetic.fingerprint import other_version
 from frenetic.registry import DRIVERS
 from frenetic.spec import Part, Spec, describe
+from frenetic.versions import other_version
 
 VERSION: Final = 1
 """Version of the format; a newer one is refused."""

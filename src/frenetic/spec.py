@@ -18,18 +18,22 @@ import math
 import numbers
 import re
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import field as dataclass_field
+from functools import cache
 from pathlib import Path, PurePath
-from types import FunctionType, MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, TypeAlias, TypeVar
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, Final
 
+from msgspec import Struct, ValidationError, convert, defstruct, field, structs, to_builtins
+
+from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, read_setting
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.fingerprint import Fingerprint, fingerprint_of, innermost, over_each_other
 from frenetic.registry import (
     SIMULATORS,
     STRATEGIES,
@@ -37,6 +41,13 @@ from frenetic.registry import (
     Registry,
     arguments_of,
     options_of,
+)
+from frenetic.versions import (
+    differences,
+    innermost,
+    other_version,
+    over_each_other,
+    version_of,
 )
 
 # Imports inside functions below are too slow for help.
@@ -46,8 +57,6 @@ if TYPE_CHECKING:
     from frenetic.search import Strategy
     from frenetic.simulators.drive import CarBody, Rules
     from frenetic.simulators.simulator import Simulator
-
-T = TypeVar("T")
 
 logger = logging.getLogger(__name__)
 
@@ -167,17 +176,6 @@ class EarlierCampaign:
     left_out: int = 0
     """Roads that do not fit the map or the strategy's step."""
 
-    @classmethod
-    def read(cls, value: Any) -> EarlierCampaign:
-        """One from JSON.
-
-        Raises:
-            ValueError: it is none; the message follows "is ..:".
-        """
-        numbers = {item.name: _whole_number(0) for item in fields(cls) if item.type == "int"}
-        value = _object_of(folder=_text, **numbers)(value)
-        return cls(**{item.name: value[item.name] for item in fields(cls)})
-
     def __str__(self) -> str:
         left_out = f", {self.left_out} left out that do not fit" if self.left_out else ""
         return (
@@ -193,9 +191,9 @@ class Part:
     name: str | None = None
     """A registered name, ``package.module:Class`` or ``file.py:Class``; None for an object that
     came from Python."""
-    options: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = dataclass_field(default_factory=dict)
     """Options given with the name."""
-    made: Mapping[str, JSONValue] = field(default_factory=dict)
+    made: Mapping[str, JSONValue] = dataclass_field(default_factory=dict)
     """The description of the object by `describe`; empty before it is made."""
 
     def replaced(self, name: str | None, options: Mapping[str, Any]) -> Part:
@@ -227,10 +225,10 @@ class Spec:
     """The strategy; without a name where there is none, as for `frenetic drive`."""
     driver: Part = Part("planner")
     """The system under test, described with its layers."""
-    layers: Mapping[str, float] = field(default_factory=dict)
+    layers: Mapping[str, float] = dataclass_field(default_factory=dict)
     """Name of a layer of `LAYERS` -> its amount, if it is laid over the driver."""
     simulator: Part = Part("embedded")
-    rules: Rules = field(default_factory=_usual_rules)
+    rules: Rules = dataclass_field(default_factory=_usual_rules)
     wall_limit: float | None = None
     """Limit of a drive's wall time, in s; None for the simulator's default."""
     map_size: float = 200.0
@@ -247,7 +245,7 @@ class Spec:
     """Name of what the strategy minimises, see `frenetic.campaign.objective`."""
     start_from: tuple[EarlierCampaign, ...] = ()
     """Earlier campaigns that the search starts from."""
-    screen: Mapping[str, Any] = field(default_factory=dict)
+    screen: Mapping[str, Any] = dataclass_field(default_factory=dict)
     """What screens roads, see `frenetic.campaign.screening`; empty without."""
     budget: Budget | None = None
     """Budget, None without a search."""
@@ -256,9 +254,9 @@ class Spec:
     """Address of a Dask scheduler."""
     car: CarBody | None = None
     """Car of the simulator, None before it is made."""
-    versions: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = dataclass_field(default_factory=dict)
     """Package -> its version in the run."""
-    fingerprints: Mapping[str, JSONValue] = field(default_factory=dict)
+    behaviours: Mapping[str, str] = dataclass_field(default_factory=dict)
     """Those of `describe_terms`; each part has its own in its description."""
 
     # From a command line
@@ -327,38 +325,37 @@ class Spec:
     # From and to JSON
 
     @classmethod
-    def from_json(
-        cls, config: Mapping[str, Any], *, source: object, needs_names: bool = True
-    ) -> Spec:
+    def from_json(cls, config: Mapping[str, Any], *, source: object) -> Spec:
         """The spec of a campaign's record.
 
         Args:
             config: as `to_json` makes it; other entries are ignored.
             source: name of its place for messages.
-            needs_names: whether a damaged command line is a fault; otherwise the parts then have no
-                names.
 
         Raises:
-            CampaignError: the record is damaged; the message lists all faults.
+            CampaignError: the record is damaged; the message names the place in it.
         """
-        decoded = decode_config(config)
-        command: Any = config.get("command")
-        faults = [f"the {fault}" for fault in decoded.faults]
-        if faults := [*faults, *(decoded.command_faults if needs_names else ())]:
+        try:
+            record = _convert(dict(config), _record_type())
+        except ValueError as error:
             raise CampaignError(
-                f"{source} is damaged: it does not say with what it was driven"
-                f" ({'; '.join(faults)}); restore it from a copy"
-            )
-        values = dict(decoded.values)
-        strategy, driver, simulator = (Part(made=values.pop(kind)) for kind in _PARTS)
-        if command is None or decoded.command_faults:
+                f"{source} is damaged: it does not say with what it was driven: {error}; restore it"
+                " from a copy"
+            ) from None
+        values = structs.asdict(record)
+        command = values.pop("command")
+        strategy, driver, simulator = (Part(made=config[kind]) for kind in _PARTS)
+        for kind in _PARTS:
+            del values[kind]
+        if command is None:
             return cls(strategy=strategy, driver=driver, simulator=simulator, **values)
-        named = cls.from_options({**command, "map_size": values.pop("map_size")}, **values)
+        named = cls.from_options(structs.asdict(command) | {"map_size": values.pop("map_size")})
         return replace(
             named,
             strategy=replace(named.strategy, made=strategy.made),
             driver=replace(named.driver, made=driver.made),
             simulator=replace(named.simulator, made=simulator.made),
+            **values,
         )
 
     @classmethod
@@ -372,30 +369,22 @@ class Spec:
         Raises:
             FreneticError: it is none.
         """
-        entries = {**command_entries(), "map_size": CONFIGURATION["map_size"]}
-        entries = {name: entry for name, entry in entries.items() if name in drive_options()}
-        is_record = isinstance(record, Mapping)
-        values, faults = _decode(entries, record) if is_record else ({}, ("it is no object",))
-        if faults:
+        try:
+            return cls.from_options(structs.asdict(_convert(record, _driven_type())))
+        except ValueError as error:
             raise FreneticError(
-                f"{source}: its entry {DRIVEN!r} does not say with what the road was driven"
-                f" ({'; '.join(faults)}); remove the entry and give --driver"
-            )
-        return cls.from_options(values)
+                f"{source}: its entry {DRIVEN!r} does not say with what the road was driven:"
+                f" {error}; remove the entry and give --driver"
+            ) from None
 
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
-        values = {name: getattr(self, name) for name in CONFIGURATION}
+        names = [item.name for item in fields(self) if item.name not in ("layers", "wall_limit")]
+        values = {name: getattr(self, name) for name in names}
         record = {
-            name: value.made
-            if isinstance(value, Part)
-            else asdict(value)
-            if is_dataclass(value) and not isinstance(value, type)
-            else value
+            name: value.made if isinstance(value, Part) else to_builtins(value, enc_hook=plain)
             for name, value in values.items()
         }
-        record["start_from"] = [asdict(one) for one in self.start_from]
-        record |= {name: dict(values[name]) for name in ("screen", "versions", "fingerprints")}
         command = self.command()
         return record if command is None else {**record, "command": command}
 
@@ -528,11 +517,38 @@ class Spec:
 
 
 def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
-    """The earlier campaigns in a campaign's record, none if they cannot be read."""
-    found: tuple[EarlierCampaign, ...] | None = decode_config(config, ["start_from"]).values.get(
-        "start_from"
-    )
-    return found or ()
+    """The earlier campaigns in a campaign's record.
+
+    Raises:
+        CampaignError: they cannot be read.
+    """
+    try:
+        return convert(config.get("start_from", []), tuple[EarlierCampaign, ...])
+    except ValidationError as error:
+        raise CampaignError(f"the campaign is damaged: what it starts from: {error}") from None
+
+
+def changed_parts(recorded: Mapping[str, Any], ours: Mapping[str, Any]) -> dict[str, list[str]]:
+    """Name of a part of two configurations -> how ours differs, each in words."""
+    found = {kind: list(differences(kind, recorded.get(kind), ours.get(kind))) for kind in _PARTS}
+    theirs, mine = recorded.get("behaviours", {}), ours.get("behaviours", {})
+    found["version"] = [
+        f"{name}: it is {mine.get(name)}, it was {theirs.get(name)}"
+        for name in sorted({*theirs, *mine})
+        if theirs.get(name) != mine.get(name)
+    ]
+    return {kind: texts for kind, texts in found.items() if texts}
+
+
+def version_notes(recorded: Mapping[str, JSONValue], **parts: object) -> list[str]:
+    """Which parts are other versions of those in a configuration, each in words.
+
+    Args:
+        recorded: the configuration.
+        parts: kind -> object: ``simulator``, ``driver``.
+    """
+    notes = [other_version(kind, recorded.get(kind), describe(one)) for kind, one in parts.items()]
+    return [note for note in notes if note]
 
 
 def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
@@ -588,12 +604,12 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
 
 
 def describe(part: object) -> dict[str, JSONValue]:
-    """A part of a campaign for its record: class, options, fingerprint, and the part under it.
+    """A part of a campaign for its record: class, options, version, and the part under it.
 
     A driver's camera is there, too. The options are the part's ``options`` if it has any, or the
     fields of a dataclass; of a part of
     your own also the other arguments of its constructor, as far as they can be found
-    (`frenetic.registry.arguments_of`). See `frenetic.fingerprint` for the fingerprint.
+    (`frenetic.registry.arguments_of`). See `frenetic.versions` for the version.
     """
     from frenetic.drivers.camera import Camera  # numpy takes its time
     from frenetic.drivers.driver import inner_driver  # likewise
@@ -605,7 +621,7 @@ def describe(part: object) -> dict[str, JSONValue]:
     arguments = _options_and_arguments(part, without="" if inner is None else "driver")
     if arguments:
         described["options"] = {name: _plain(value) for name, value in arguments.items()}
-    described["fingerprint"] = fingerprint_of(part, arguments).to_json()
+    described["version"] = version_of(part, arguments).text
     camera = getattr(part, "camera", None)
     if isinstance(camera, Camera):
         described["camera"] = asdict(camera)
@@ -614,12 +630,23 @@ def describe(part: object) -> dict[str, JSONValue]:
     return described
 
 
-def describe_terms() -> dict[str, JSONValue]:
-    """The fingerprints of the rules and of placing roads on the map, for a campaign's record."""
+def describe_terms() -> dict[str, str]:
+    """The versions of the rules and of placing roads on the map, for a campaign's record."""
     from frenetic import oracle, road  # numba takes its time
 
-    versions = {"rules": oracle.BEHAVIOUR, "map": road.BEHAVIOUR}
-    return {name: Fingerprint(f"version {version}").to_json() for name, version in versions.items()}
+    return {"rules": f"version {oracle.BEHAVIOUR}", "map": f"version {road.BEHAVIOUR}"}
+
+
+def sources_of(part: object) -> dict[str, str]:
+    """The user's own source of a part and of those under it: name of a file -> its text."""
+    from frenetic.drivers.driver import inner_driver  # numpy takes its time
+    from frenetic.simulators.capabilities import bare  # likewise
+
+    part = bare(part)
+    inner = inner_driver(part)
+    arguments = _options_and_arguments(part, without="" if inner is None else "driver")
+    under = {} if inner is None else sources_of(inner)
+    return under | dict(version_of(part, arguments).sources)
 
 
 def _options_and_arguments(part: object, *, without: str) -> dict[str, Any]:
@@ -764,78 +791,6 @@ def _setting(value: object) -> str:
 
 # Decoding
 
-Decoder: TypeAlias = Callable[[Any], Any]
-"""Gives the typed value of a JSON value.
-
-Raises:
-    ValueError: it is none; the message follows "is ..:".
-"""
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A value of a record."""
-
-    decode: Decoder
-    is_needed: bool = True
-    """Whether every record has it; records of older versions lack the others."""
-
-
-@dataclass(frozen=True)
-class Decoded:
-    """A campaign's decoded record, with its faults."""
-
-    values: Mapping[str, Any] = field(default_factory=dict)
-    """Name of a sound field -> its value."""
-    faults: tuple[str, ...] = ()
-    """Faults, each in one line."""
-    command_faults: tuple[str, ...] = ()
-    """Faults that keep a campaign of a command line from being resumed, each in one line."""
-
-
-def decode_config(config: Mapping[str, Any], only: Collection[str] = ()) -> Decoded:
-    """Validates a campaign's record, as `Spec.to_json` makes it.
-
-    Args:
-        config: the record.
-        only: names of the fields that matter; all of them and the command line by default.
-    """
-    entries = {name: CONFIGURATION[name] for name in only or CONFIGURATION}
-    values, faults = _decode(entries, config)
-    return Decoded(values, faults, () if only else command_faults(config.get("command")))
-
-
-def command_faults(command: object, without: Collection[str] = ()) -> tuple[str, ...]:
-    """Faults of a record's command line (None without one), each in one line.
-
-    Args:
-        command: the record's.
-        without: names that it does not hold, as that of a bench holds no strategy.
-    """
-    if command is None:
-        return ()
-    if not isinstance(command, Mapping):
-        return (f"the command is {shown(command)}: an object is needed",)
-    wanted = {name: entry for name, entry in command_entries().items() if name not in without}
-    return tuple(f"the command: {fault}" for fault in _decode(wanted, command)[1])
-
-
-def _decode(
-    entries: Mapping[str, Entry], values: Mapping[str, Any]
-) -> tuple[dict[str, Any], tuple[str, ...]]:
-    decoded: dict[str, Any] = {}
-    faults = []
-    for name, entry in entries.items():
-        if name not in values:
-            if entry.is_needed:
-                faults.append(f"{name} is missing")
-            continue
-        try:
-            decoded[name] = entry.decode(values[name])
-        except ValueError as error:
-            faults.append(f"{name} is {shown(values[name])}: {error}")
-    return decoded, tuple(faults)
-
 
 def shown(value: object) -> str:
     """The repr of a value, shortened."""
@@ -853,13 +808,90 @@ def is_number(value: object) -> bool:
         return False
 
 
-def read_part(name: str, value: Any) -> Any:
-    """A part of a record, such as ``driver``.
+class _Described(Struct, forbid_unknown_fields=True, rename={"kind": "class"}):
+    """A part in the form of `describe`."""
+
+    kind: str
+    options: dict[str, Any] = {}
+    version: str = ""
+    camera: dict[str, Any] | None = None
+    driver: _Described | None = None
+    margin: float | None = None
+
+
+def _driving() -> list[tuple[str, Any, Any]]:
+    """Entries of a command line that say how roads are driven: name, type, default."""
+    parts: list[Any] = [
+        (f"{kind}_options", dict[str, Any], field(default_factory=dict)) for kind in _PARTS
+    ]
+    layers = [(layer.name, Finite | None, None) for layer in LAYERS]
+    return [*parts, *layers]
+
+
+@cache
+def _command_type(*needed: str) -> Any:
+    """The type of a record's ``command``, with the parts that it has to name."""
+    names: list[Any] = [(kind, str) if kind in needed else (kind, str, "") for kind in _PARTS]
+    limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
+    return defstruct("Command", [*names, *limits, *_driving()], kw_only=True)
+
+
+@cache
+def _driven_type() -> Any:
+    """The type of a `drive_record`."""
+    named = [("driver", str), ("simulator", str), ("map_size", Positive)]
+    limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
+    return defstruct("Driven", [*named, *limits, *_driving()], kw_only=True)
+
+
+@cache
+def _record_type() -> Any:
+    """The type of a campaign's record, which may have other entries, too."""
+    from frenetic.simulators.drive import CarBody, Rules  # numba takes its time
+
+    entries: list[Any] = [
+        ("seed", int | float | str | bool | None),
+        ("strategy", _Described),
+        ("simulator", _Described),
+        ("driver", _Described),
+        ("rules", Rules),
+        ("car", CarBody),
+        ("budget", Budget),
+        ("map_size", Positive),
+        ("margin", NotNegative),
+        ("lane_width", Positive),
+        ("workers", Count, 1),
+        ("cluster", str | None, None),
+        ("lookahead", Count | None, None),
+        ("objective", str, "moobd"),
+        ("start_from", tuple[EarlierCampaign, ...], ()),
+        ("screen", dict[str, Any], {}),
+        ("versions", dict[str, str]),
+        ("behaviours", dict[str, str], {}),
+        ("command", _command_type(*_PARTS) | None, None),
+    ]
+    return defstruct("Record", entries, kw_only=True)
+
+
+def _convert(value: Any, kind: Any) -> Any:
+    """A value from JSON as an object of a type.
 
     Raises:
-        ValueError: it is none; the message follows "is ..:".
+        ValueError: it is none; the message names the place.
     """
-    return CONFIGURATION[name].decode(value)
+    try:
+        return convert(value, kind)
+    except ValidationError as error:
+        raise ValueError(str(error)) from None
+
+
+def fault_of(config: Mapping[str, Any]) -> str:
+    """What keeps a campaign's record from being read, in a line; empty if nothing does."""
+    try:
+        _convert(dict(config), _record_type())
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 def decode_budget(value: Any) -> Budget:
@@ -868,161 +900,14 @@ def decode_budget(value: Any) -> Budget:
     Raises:
         ValueError: it is none.
     """
-    return _record(value, Budget, or_none=True)
+    budget: Budget = _convert(value, Budget)
+    return budget
 
 
-def _number(*, above: float = -math.inf, at_least: float = -math.inf) -> Decoder:
-    allowed = "a number"
-    if above > -math.inf:
-        allowed += f" above {above:g}"
-    if at_least > -math.inf:
-        allowed += f" of at least {at_least:g}"
-    number = _if(lambda v: is_number(v) and v > above and v >= at_least, f"{allowed} is needed")
-    return lambda value: float(number(value))
+def decode_command(value: Any, *needed: str) -> dict[str, Any]:
+    """The options of a record's command line, which has to name the needed parts.
 
-
-def _whole_number(at_least: int) -> Decoder:
-    return _if(
-        lambda v: isinstance(v, int) and not isinstance(v, bool) and v >= at_least,
-        f"a whole number of at least {at_least} is needed",
-    )
-
-
-def _if(is_fine: Callable[[Any], bool], needed: str) -> Decoder:
-    """Decodes a valid value to itself."""
-
-    def decode(value: Any) -> Any:
-        if not is_fine(value):
-            raise ValueError(needed)
-        return value
-
-    return decode
-
-
-def _or_none(decoder: Decoder) -> Decoder:
-    def decode(value: Any) -> Any:
-        try:
-            return None if value is None else decoder(value)
-        except ValueError as error:
-            raise ValueError(str(error).replace(" is needed", " or null is needed")) from None
-
-    return decode
-
-
-def _object_of(**entries: Entry | Decoder) -> Decoder:
-    """Decodes an object with these entries, possibly among others, to itself."""
-    known = {k: one if isinstance(one, Entry) else Entry(one) for k, one in entries.items()}
-
-    def decode(value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            raise ValueError("an object is needed")
-        if faults := _decode(known, value)[1]:
-            raise ValueError("; ".join(faults))
-        return value
-
-    return decode
-
-
-_text: Final = _if(lambda v: isinstance(v, str), "a text is needed")
-_FREE_TEXT: Final = Entry(_text, is_needed=False)
-_object: Final = _if(lambda v: isinstance(v, Mapping), "an object is needed")
-_seed: Final = _if(lambda v: not isinstance(v, (Mapping, list)), "an object or list is no seed")
-_versions: Final = _if(
-    lambda v: isinstance(v, Mapping) and all(isinstance(text, str) for text in v.values()),
-    "an object with a text for each package is needed",
-)
-
-
-_fingerprint: Final = _object_of(
-    digest=_text, files=Entry(_versions, False), version=_FREE_TEXT, trouble=_FREE_TEXT
-)
-"""A fingerprint in the form of `Fingerprint.to_json`."""
-
-
-def _fingerprints(value: Any) -> Mapping[str, JSONValue]:
-    if not isinstance(value, Mapping):
-        raise ValueError("an object with a fingerprint for each name is needed")
-    return {name: _fingerprint(one) for name, one in value.items()}
-
-
-def _described(value: Any) -> Mapping[str, JSONValue]:
-    """A part in the form of `describe`."""
-    entries: dict[str, Entry | Decoder] = {
-        "class": _text,
-        "options": Entry(_object, False),
-        "fingerprint": Entry(_fingerprint, False),
-        "driver": Entry(_described, False),
-    }
-    described: Mapping[str, JSONValue] = _object_of(**entries)(value)
-    return described
-
-
-def _record(value: Any, kind: Callable[..., T], *, or_none: bool = False) -> T:
-    """A dataclass of numbers, with a number for each of its fields."""
-    if not isinstance(value, Mapping):
-        raise ValueError("an object is needed")
-    names = [item.name for item in fields(kind)]  # type: ignore[arg-type]
-    if missing := [name for name in names if name not in value]:
-        raise ValueError(f"it lacks {', '.join(missing)}")
-    for name, number in value.items():
-        if name not in names:
-            raise ValueError(f"it has no {name}")
-        if not (is_number(number) or (number is None and or_none)):
-            raise ValueError(f"its {name} has to be a number")
-    try:
-        return kind(**value)
-    except TypeError as error:
-        raise ValueError(str(error)) from None
-
-
-def _earlier(value: Any) -> tuple[EarlierCampaign, ...]:
-    if not isinstance(value, list):
-        raise ValueError("a list of earlier campaigns is needed")
-    return tuple(map(EarlierCampaign.read, value))
-
-
-def _rules(value: Any) -> Rules:
-    from frenetic.simulators.drive import Rules  # numba takes its time
-
-    return _record(value, Rules)
-
-
-def _car(value: Any) -> CarBody:
-    from frenetic.simulators.drive import CarBody  # likewise
-
-    return _record(value, CarBody)
-
-
-CONFIGURATION: Final[Mapping[str, Entry]] = MappingProxyType(
-    {
-        "seed": Entry(_seed),
-        "strategy": Entry(_described),
-        "simulator": Entry(_described),
-        "driver": Entry(_described),
-        "rules": Entry(_rules),
-        "car": Entry(_car),
-        "budget": Entry(decode_budget),
-        "map_size": Entry(_number(above=0.0)),
-        "margin": Entry(_number(at_least=0.0)),
-        "lane_width": Entry(_number(above=0.0)),
-        "workers": Entry(_whole_number(1), is_needed=False),
-        "cluster": Entry(_or_none(_text), is_needed=False),
-        "lookahead": Entry(_or_none(_whole_number(1)), is_needed=False),
-        "objective": Entry(_text, is_needed=False),
-        "start_from": Entry(_earlier, is_needed=False),
-        "screen": Entry(_object, is_needed=False),
-        "versions": Entry(_versions),
-        "fingerprints": Entry(_fingerprints, is_needed=False),
-    }
-)
-"""Entries of a campaign's record, beside ``command``."""
-
-
-def command_entries() -> dict[str, Entry]:
-    """Entries of a record's ``command``, if the campaign was started from a command line."""
-    named: dict[str, Entry] = {}
-    for kind in _PARTS:
-        named |= {kind: Entry(_text), f"{kind}_options": Entry(_object)}
-    layers = {layer.name: Entry(_or_none(_number()), layer.is_needed) for layer in LAYERS}
-    limits = ("speed_limit", "oob_tolerance", "wall_limit")
-    return named | layers | {name: Entry(_number(above=0.0)) for name in limits}
+    Raises:
+        ValueError: it is none.
+    """
+    return structs.asdict(_convert(value, _command_type(*needed)))

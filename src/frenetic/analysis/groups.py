@@ -13,7 +13,7 @@ from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import FIRST_VERSION, comparable, short_version
+from frenetic.versions import short_version
 
 PARTS: Final = (
     "strategy",
@@ -27,7 +27,7 @@ PARTS: Final = (
     "lookahead",
     "objective",
     "start_from",
-    "fingerprints",
+    "behaviours",
 )
 """Parts of a configuration that repeats share; the strategy's seed differs."""
 
@@ -82,9 +82,8 @@ def parts_of(folder: Path | str) -> dict[str, Any]:
     """
     with CampaignStore.open(folder) as store:
         config, facts, earlier = store.config, store.facts, store.fact(FACT)
-    parts: dict[str, Any] = {name: comparable(config.get(name)) for name in PARTS}
+    parts: dict[str, Any] = {name: config.get(name) for name in PARTS}
     parts["budget"] = facts.get("budget", parts["budget"])
-    parts["fingerprints"] = parts["fingerprints"] or None
     parts["objective"] = config.get("objective", MOOBD)
     parts["start_from"] = None
     if earlier is not None:
@@ -146,8 +145,7 @@ def _short(name: str) -> str:
 
 
 def _version(part: Mapping[str, Any]) -> str:
-    is_built_in = str(part["class"]).startswith("frenetic.")
-    return short_version(part) or (FIRST_VERSION if is_built_in else "unknown version")
+    return short_version(part) or "unknown version"
 
 
 def _settings(value: Mapping[str, Any], others: Sequence[Any]) -> str:

@@ -28,10 +28,10 @@ from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.progress import Progress
 from frenetic.errors import FreneticError
 from frenetic.export.tables import Which
-from frenetic.fingerprint import differences, package_versions
 from frenetic.registry import STRATEGIES
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.spec import Spec, command_faults, describe, require_count
+from frenetic.spec import Spec, decode_command, describe, require_count
+from frenetic.versions import differences, package_versions
 
 BENCHES: Final = Path("benches")
 """Default parent of benches' folders."""
@@ -122,10 +122,11 @@ class Bench:
                 " from Python"
             )
         recorded = _decoded(document, path)
-        faults = command_faults(recorded.command, without=("strategy", "strategy_options"))
-        if faults:
-            raise _damaged(path, "; ".join(faults))
-        spec = Spec.from_options({**recorded.command, "map_size": recorded.map_size})
+        try:
+            command = decode_command(recorded.command, "driver", "simulator")
+        except ValueError as error:
+            raise _damaged(path, f"its command: {error}") from None
+        spec = Spec.from_options({**command, "map_size": recorded.map_size})
         return cls(
             entrants=recorded.entrants,
             terms=Terms.of(spec, **{name: getattr(recorded, name) for name in TERMS}),
@@ -311,7 +312,7 @@ class Bench:
                     " begun with: restore it, or begin a new bench"
                 )
         for name in ("simulator", "driver"):
-            if changed := differences(name, theirs.get(name), ours.pop(name)).changed:
+            if changed := differences(name, theirs.get(name), ours.pop(name)):
                 raise FreneticError(
                     f"{self.folder} holds a bench with another {name}: {'; '.join(changed)[:1000]};"
                     " restore it, or begin a new bench"

@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import platform
+import shlex
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -20,7 +21,6 @@ from frenetic._support.interrupt import Interrupt, catch_interrupt
 from frenetic._support.json_value import plain
 from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
-from frenetic.campaign.changes import PARTS, changed_parts
 from frenetic.campaign.earlier import fact_of, read_earlier, stored_earlier, take_earlier
 from frenetic.campaign.log import CampaignLog, Event
 from frenetic.campaign.loop import Dispatcher, ObservingStrategy, replay, require_fresh, start
@@ -33,7 +33,6 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
-from frenetic.fingerprint import fingerprint_of, package_versions
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
@@ -49,17 +48,22 @@ from frenetic.spec import (
     EarlierCampaign,
     Part,
     Spec,
+    changed_parts,
     decode_budget,
     describe,
     describe_terms,
     number_word,
     require_count,
+    sources_of,
 )
+from frenetic.versions import package_versions, version_of
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
 LOOKAHEAD: Final = 16
 """Candidates outstanding at once in an ordered campaign."""
+SOURCES: Final = "sources"
+"""Fact with the user's own source of a campaign's parts: name of a file -> its text."""
 _START_POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 
 
@@ -288,7 +292,7 @@ class Campaign(Shown):
             objective=self.objective.name,
             start_from=self.start_from,
             versions=package_versions(),
-            fingerprints=describe_terms() | self._objective_fingerprint(),
+            behaviours=describe_terms() | self._objective_version(),
         )
 
     def _described_strategy(self) -> dict[str, JSONValue]:
@@ -357,7 +361,9 @@ class Campaign(Shown):
         with ExitStack() as stack:
             self._enter_twin(stack)
             store = stack.enter_context(
-                CampaignStore.create(self.folder, configuration, fact_of(taken))
+                CampaignStore.create(
+                    self.folder, configuration, {SOURCES: self._sources()} | fact_of(taken)
+                )
             )
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
@@ -514,11 +520,11 @@ class Campaign(Shown):
             self.strategy.keep_margin(margin)
             self._checked_margin = margin
 
-    def _objective_fingerprint(self) -> dict[str, JSONValue]:
-        """The fingerprint of an objective of your own."""
+    def _objective_version(self) -> dict[str, str]:
+        """The version of an objective of your own."""
         if self.objective.measure.__module__.partition(".")[0] == "frenetic":
             return {}
-        return {"objective": fingerprint_of(self.objective.measure).to_json()}
+        return {"objective": version_of(self.objective.measure).text}
 
     def _check_same(self, store: CampaignStore, configuration: Mapping[str, JSONValue]) -> None:
         """Checks that a stored campaign was made on these terms with these parts; fills `notes`.
@@ -534,18 +540,35 @@ class Campaign(Shown):
                     f"{self.folder} was made with another {name.replace('_', ' ')}:"
                     f" {json.dumps(theirs)[:300]}, not {json.dumps(ours[name])[:300]}"
                 )
-        found = changed_parts(store.config, ours)
-        changed = [text for one in found.values() for text in one.changed]
-        if changed:
-            others = [name for name, one in found.items() if one.changed and name in PARTS]
+        if found := changed_parts(store.config, ours):
+            texts = [text for one in found.values() for text in one]
+            before, now = store.fact(SOURCES) or {}, self._sources()
+            edited = [
+                f"{name} was edited"
+                for name in sorted(now)
+                if isinstance(before, Mapping) and before.get(name) != now[name]
+            ]
             raise CampaignError(
-                f"{self.folder} was made with another {' and '.join(others) or 'version'}:"
-                f" {'; '.join(changed)[:1000]}; restore it, or start a new campaign from this one:"
-                f" frenetic run --from {self.folder}"
+                f"{self.folder} was made with another {' and '.join(found)}:"
+                f" {'; '.join([*edited, *texts])[:1000]}; restore it, or start a new campaign from"
+                f" this one: {self._next_command()}"
             )
-        unknown = [text for one in found.values() for text in one.unknown]
-        if unknown:
-            self.notes = (f"whether these are as before is unknown: {'; '.join(unknown)}",)
+
+    def _next_command(self) -> str:
+        """The command that starts from this campaign with the present parts."""
+        named = self.named
+        words = ["frenetic", "run", "--from", str(self.folder)]
+        if named is not None and named.driver.name is not None:
+            words += named.driver.words("driver")
+        return shlex.join(words)
+
+    def _sources(self) -> dict[str, JSONValue]:
+        """The user's own source of its parts: name of a file -> its text."""
+        strategy = self.strategy
+        parts = [self.tester.driver, self.tester.simulator, strategy, self.objective.measure]
+        if isinstance(strategy, Screened):
+            parts[2] = strategy.strategy
+        return {name: text for part in parts for name, text in sources_of(part).items()}
 
     def _search(
         self,

@@ -14,12 +14,12 @@ from frenetic.campaign.log import told_in_log
 from frenetic.campaign.record import Setting, Test
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.errors import CampaignError, RoadError
-from frenetic.fingerprint import changed_packages
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
 from frenetic.simulators.drive import Drive, Rules
-from frenetic.spec import decode_config
+from frenetic.spec import fault_of
+from frenetic.versions import changed_packages
 
 # Verdicts
 #
@@ -112,9 +112,14 @@ def check_campaign(
             counts,
             trajectories,
             sum(file.stat().st_size for file in files if file.is_file()),
-            decode_config(store.config, ["versions"]).values.get("versions", {}),
+            _versions(store),
             tuple(dict.fromkeys(findings)),
         )
+
+
+def _versions(store: CampaignStore) -> Mapping[str, str]:
+    versions = store.config.get("versions")
+    return {k: str(v) for k, v in versions.items()} if isinstance(versions, Mapping) else {}
 
 
 def _findings(
@@ -124,9 +129,8 @@ def _findings(
         for (line,) in store.rows("PRAGMA integrity_check"):
             if line != "ok":
                 yield f"SQLite says: {line}"
-        config = decode_config(store.config)
-        yield from (f"the configuration: {fault}" for fault in config.faults)
-        yield from (f"the campaign cannot be resumed: {fault}" for fault in config.command_faults)
+        if fault := fault_of(store.config):
+            yield f"the configuration: {fault}"
         _ = store.facts, store.fact("earlier")  # each with its checksum
         numbers = list(store.rows("SELECT id, told FROM test ORDER BY told IS NULL, told, id"))
     except CampaignError as error:

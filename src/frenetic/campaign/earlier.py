@@ -32,7 +32,7 @@ from frenetic.search.approach import nearest_square
 from frenetic.search.archive import places_of
 from frenetic.search.random_search import EARLIER
 from frenetic.search.records import Candidate, Evaluation, Origin, Trace
-from frenetic.spec import EarlierCampaign, read_part
+from frenetic.spec import EarlierCampaign, earlier_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +115,7 @@ def stored_earlier(
     Raises:
         CampaignError: the stored campaign is damaged.
     """
-    try:
-        campaigns = read_part("start_from", store.config.get("start_from", []))
-    except ValueError as error:
-        raise CampaignError(f"{store.folder} is damaged: its start_from: {error}") from None
-    return campaigns, read_earlier(store)
+    return earlier_of(store.config), read_earlier(store)
 
 
 def driven_again(store: CampaignStore) -> dict[int, EarlierTest]:

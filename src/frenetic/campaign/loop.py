@@ -27,7 +27,6 @@ from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_raised
-from frenetic.fingerprint import changed_packages
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import (
@@ -39,6 +38,7 @@ from frenetic.search.strategy import (
     notice_of,
 )
 from frenetic.spec import Budget, is_built_in, is_number, shown
+from frenetic.versions import changed_packages
 
 MAX_ATTEMPTS: Final = 2
 """Most attempts at a candidate whose worker or simulator breaks."""

@@ -98,7 +98,8 @@ _REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?, ?)"
 _SELECT: Final = f"SELECT {_VALUES}, asked_after, checksum FROM test WHERE id IN "  # noqa: S608
 _SELECT_FINDINGS: Final = f"SELECT test, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
 _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended")
-_FIXED: Final = ("config", "created_at", "earlier")
+_FIXED: Final = ("config", "created_at", "earlier", "sources")
+_UNLISTED: Final = ("config", "earlier", "sources")  # large, or shown elsewhere
 
 
 def checksum(row: Iterable[object]) -> int:
@@ -270,7 +271,7 @@ class CampaignStore(Shown):
     def facts(self) -> Mapping[str, JSONValue]:
         """The other facts of the campaign: ``created_at`` and those that `finish` added."""
         names = self._select("SELECT name FROM fact ORDER BY name")
-        wanted = [name for (name,) in names if name not in ("config", "earlier")]
+        wanted = [name for (name,) in names if name not in _UNLISTED]
         return MappingProxyType({name: self.fact(name) for name in wanted})
 
     def fact(self, name: str) -> JSONValue:

@@ -135,7 +135,6 @@ def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]
 def _driven(
     plan: Plan, old_spec: Spec, new_spec: Spec, workers: int, drive_limit: float | None
 ) -> BackToBack:
-    from frenetic.fingerprint import other_version
     from frenetic.redrive.back_to_back import (
         Driving,
         check_differ,
@@ -146,6 +145,7 @@ def _driven(
     from frenetic.registry import own_modules
     from frenetic.simulators.isolated import isolated
     from frenetic.spec import describe
+    from frenetic.versions import other_version
 
     log = Log()
     simulator = old_spec.make_simulator()
@@ -183,9 +183,9 @@ def _driven(
 
 
 def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
-    from frenetic.fingerprint import innermost, short_version
     from frenetic.redrive.paired import Version
     from frenetic.redrive.record import Change
+    from frenetic.versions import innermost, short_version
 
     shown = [Change.FIXED, Change.NEWLY_FAILING, Change.STILL_FAILING, Change.STILL_PASSING]
     if any(roads.count(Change.NOT_JUDGED) for roads in result.sets):

@@ -50,10 +50,10 @@ def confirm(
     from frenetic.analysis.failures import LISTED
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.store import DATABASE
-    from frenetic.fingerprint import differences
     from frenetic.redrive.confirm import confirm as confirm_failures
     from frenetic.redrive.confirm import confirmation_document
     from frenetic.spec import describe
+    from frenetic.versions import differences
 
     if not any(given.get(name) for name in ("simulator", "simulator_options", PROFILE)):
         raise click.UsageError(
@@ -70,7 +70,7 @@ def confirm(
     driver, simulator = spec.make_parts(isolate=workers == 1, drive_limit=drive_limit)
     log = Log()
     ours = {"simulator": describe(simulator), "driver": describe(driver)}
-    if not any(differences(kind, recorded.get(kind), one).changed for kind, one in ours.items()):
+    if not any(differences(kind, recorded.get(kind), one) for kind, one in ours.items()):
         log.print("These are the campaign's own simulator and driver: what fails is to fail again.")
     with shown_driving(log, "Driving") as hooks:
         confirmation = confirm_failures(

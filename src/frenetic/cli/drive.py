@@ -56,11 +56,11 @@ def drive(
     if it was driven, 1 if it is INVALID or the simulator or driver broke (ERROR).
     """
     from frenetic.campaign import RoadTester
-    from frenetic.fingerprint import other_version
     from frenetic.oracle import Result, judge
     from frenetic.outcome import Outcome
     from frenetic.road.files import read_road
     from frenetic.spec import describe, part_text
+    from frenetic.versions import other_version
 
     file = read_road(road, lane=lane)
     spec, loaded = file_spec(context, file), file.road()

@@ -32,9 +32,9 @@ from frenetic.cli.options import (
     json_option,
 )
 from frenetic.errors import FreneticError
-from frenetic.fingerprint import short_version
 from frenetic.outcome import Outcome
 from frenetic.spec import earlier_of
+from frenetic.versions import short_version
 
 if TYPE_CHECKING:
     from frenetic.campaign import CampaignStore

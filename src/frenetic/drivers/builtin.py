@@ -20,7 +20,7 @@ class BuiltIn:
 
     law: ClassVar[int]
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it, see `frenetic.fingerprint`."""
+    """Raised when its controls change; campaigns record it, see `frenetic.versions`."""
 
     def parameters(self) -> FloatArray:
         """The law's parameters in the order of `frenetic.drivers.laws`."""

@@ -26,7 +26,6 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver, Noisy
 from frenetic.drivers.driver import stack_of
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import SHORT, comparison_key, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.drives import by_test, drive_again
 from frenetic.redrive.paired import BackToBack, Pair, PairedRoads, RoadSet
@@ -35,6 +34,7 @@ from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
+from frenetic.versions import SHORT, comparison_key, differences
 
 FRESH: Final = 200
 """Default number of fresh roads."""
@@ -141,7 +141,7 @@ def _differing(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
         for config in (old, new)
     ]
     differing = [name.replace("_", " ") for name in TERMS if old.get(name) != new.get(name)]
-    return [*differences("simulator", *simulators).changed, *differing]
+    return [*differences("simulator", *simulators), *differing]
 
 
 @dataclass(frozen=True)

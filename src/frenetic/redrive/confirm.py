@@ -19,7 +19,6 @@ from frenetic.analysis.statistics import spearman
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import SHORT, comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.drives import RedriveOptions, campaign_tester, drive_again, read_runs
 from frenetic.redrive.record import (
@@ -35,6 +34,7 @@ from frenetic.redrive.record import (
 from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import part_text
+from frenetic.versions import SHORT, comparison_key
 
 LEAST_PAIRS: Final = 3
 """Fewest drives for comparing the ranks of MOOBD."""

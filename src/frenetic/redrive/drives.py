@@ -17,20 +17,19 @@ from msgspec import ValidationError, convert, json
 
 from frenetic.analysis.failures import Failure
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.changes import version_notes
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import SHORT
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
 from frenetic.redrive.record import Purpose, Redrive, Run
 from frenetic.redrive.strategy import Again
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions, conditions_document
-from frenetic.spec import Budget, describe, require_count
+from frenetic.spec import Budget, describe, require_count, version_notes
+from frenetic.versions import SHORT
 
 T = TypeVar("T")
 

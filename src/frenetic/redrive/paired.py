@@ -22,10 +22,10 @@ from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
-from frenetic.fingerprint import over_each_other
 from frenetic.oracle import Side, judge
 from frenetic.outcome import Outcome
 from frenetic.redrive.record import Change, Redrive
+from frenetic.versions import over_each_other
 
 SLOWER: Final = 0.01
 """Least share of the time by which a version counts as slower."""

@@ -13,7 +13,6 @@ from frenetic._support.files import write_file
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.drives import (
     RedriveOptions,
@@ -32,6 +31,7 @@ from frenetic.redrive.record import (
     matches_text,
 )
 from frenetic.simulators.simulator import Simulator
+from frenetic.versions import comparison_key
 
 SUITE: Final = "frenetic regression"
 """Name of the suite in a JUnit file."""

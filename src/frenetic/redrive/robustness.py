@@ -23,7 +23,6 @@ from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval,
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
-from frenetic.fingerprint import comparison_key, differences
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, draw_conditions
 from frenetic.redrive.drives import (
@@ -48,6 +47,7 @@ from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.drive import Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import QUANTITIES, check_can_vary, in_conditions
+from frenetic.versions import comparison_key, differences
 
 TIMES: Final = 20
 """Default number of drives of each test."""
@@ -296,8 +296,8 @@ def telling_reruns(
     own = [
         one
         for one in reruns
-        if not differences("driver", one.driver, driver).changed
-        and not differences("simulator", one.simulator, simulator).changed
+        if not differences("driver", one.driver, driver)
+        and not differences("simulator", one.simulator, simulator)
         and (one.rules == rules or None in (one.rules, rules))
     ]
     own.sort(key=lambda one: bool(one.variations))  # stable: the last of each counts

@@ -12,10 +12,10 @@ from frenetic._support.files import check_writable, write_file
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
-from frenetic.fingerprint import differences
 from frenetic.redrive.minimise import OPERATOR, Minimised
 from frenetic.report.failures import road_entries, verdict_entries
 from frenetic.spec import DRIVEN
+from frenetic.versions import differences
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""
@@ -111,8 +111,7 @@ def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
         there = json.loads(path.read_text(encoding="utf-8"))
         length = _length(there)
         is_like = there["rules"] == document["rules"] and not any(
-            differences(kind, there[kind], document[kind]).changed
-            for kind in ("driver", "simulator")
+            differences(kind, there[kind], document[kind]) for kind in ("driver", "simulator")
         )
         how, ours = there["minimised"], document["minimised"]
         is_like = is_like and all(how[key] == ours[key] for key in ("reason", "match"))

@@ -56,7 +56,7 @@ class Network:
     """
 
     BEHAVIOUR: ClassVar[int] = 1
-    """Raised when its controls change; campaigns record it, see `frenetic.fingerprint`."""
+    """Raised when its controls change; campaigns record it, see `frenetic.versions`."""
     BEHAVIOUR_PACKAGES: ClassVar[tuple[str, ...]] = ("onnxruntime",)
 
     def __init__(

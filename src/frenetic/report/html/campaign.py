@@ -249,7 +249,7 @@ class GrowingReport:
         measured: dict[int, Measured | None] = {}
         room, room_for_pictures = DRIVES_SIZE, PICTURES_SIZE
         is_mapped, is_shown = set(mapped), set(shown)
-        camera = self._camera = self._camera or DriverCamera(store.config, store.folder)
+        camera = self._camera = self._camera or DriverCamera(store.config)
         for test_id in dict.fromkeys([*shown, *mapped]):
             is_wanted = room > 0 and test_id in is_shown
             lacks_drive = is_wanted and test_id not in self._drives

@@ -15,9 +15,9 @@ from frenetic.campaign.objective import in_words
 from frenetic.campaign.screening import ScreeningSummary, screen_text
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers.loading import LAYERS
-from frenetic.fingerprint import innermost, short_version
 from frenetic.report.html.blocks import Fact, Role, percent
 from frenetic.spec import earlier_of
+from frenetic.versions import innermost, short_version
 
 
 @dataclass(frozen=True)

@@ -148,7 +148,7 @@ const player = (() => {
     shown.picture.setAttribute("viewBox", `${(i % columns) * width} ${Math.floor(i / columns) * height} ${width} ${height}`);
   }
 
-  /** What the camera saw, and where the driver looked. */
+  /** What the camera saw. */
   function cameraPart(camera, state) {
     if (camera === null) return null;
     const { columns, width, height, times } = camera;
@@ -157,15 +157,6 @@ const player = (() => {
     state.picture = svg("svg", { class: "picture", id: "picture", role: "img", "aria-label": "What the camera sees now", viewBox: `0 0 ${width} ${height}` }, sheet);
     state.picture.style.aspectRatio = String(width / height);
     const parts = [el("figure", {}, state.picture, el("figcaption", {}, "What the camera sees, drawn again"))];
-    if (camera.looked !== null) {
-      const image = svg("image", { href: camera.looked, width, height });
-      const looked = svg("svg", { class: "picture", role: "img", "aria-label": "Where the driver looked", viewBox: `0 0 ${width} ${height}` }, image);
-      looked.style.aspectRatio = String(width / height);
-      const jump = el("button", { type: "button", on: { click: () => { pause(); seek(camera.looked_time); } } }, `${fixed(camera.looked_time, 1)} s`);
-      parts.push(el("figure", {}, looked, el("figcaption", {}, "Where it looked (red) at ", jump)));
-    } else if (camera.looked_note) {
-      parts.push(el("p", { class: "quiet" }, `Where it looked is not shown: ${camera.looked_note}.`));
-    }
     return el("div", { class: "camera" }, parts);
   }
 

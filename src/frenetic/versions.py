@@ -1,0 +1,283 @@
+"""Versions of a campaign's parts: what tells two states of a driver apart.
+
+The version of a built-in part is its declared ``BEHAVIOUR``, that of an installed one its
+distribution's. A part of your own has a digest of its source: its file and the local modules that
+this one imports, and theirs. Local is what is neither in the standard library nor in a
+``site-packages``; a package in an editable install is local. Files that are arguments, such as
+models, count with their content. Modules that are imported by a computed name, and data that a part
+opens by itself, are not in it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import os
+import platform
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from modulefinder import ModuleFinder
+from pathlib import Path
+from types import FunctionType
+from typing import Any, Final
+
+from frenetic.errors import describe_error
+from frenetic.registry import USER_MODULE, is_local, made_by
+
+SHORT: Final = 8
+"""Characters of a digest for people."""
+_OURS: Final = "frenetic"
+_DISTRIBUTION: Final = "frenetic-roads"
+PACKAGES: Final = (_DISTRIBUTION, "numpy", "numba", "scipy")
+"""Distributions that a campaign's results depend on."""
+_SHOWN: Final = 60  # characters of an argument for people
+
+
+@dataclass(frozen=True)
+class Version:
+    """The version of a part, and the source of it that is the user's own."""
+
+    text: str
+    """Such as ``version 3``, ``my-drivers 1.2`` or ``source 1f3a9c07``."""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """Name of a local file, from where its packages lie -> its text."""
+
+
+def version_of(part: object, arguments: Mapping[str, Any] | None = None) -> Version:
+    """The version of a strategy, driver, layer, simulator or other part; never raises.
+
+    Args:
+        part: the object.
+        arguments: of its constructor.
+    """
+    try:
+        return _version(part, arguments or {})
+    except Exception as error:  # foreign classes, loaders and files may raise anything
+        return Version(f"unknown ({describe_error(error)})")
+
+
+def _version(part: object, arguments: Mapping[str, Any]) -> Version:
+    made = made_by(part)
+    kinds = inspect.getmro(type(part)) if not isinstance(part, FunctionType) else [part]
+    texts: list[str] = []
+    sources: dict[str, str] = {}
+    values = [made.factory] if made is not None and made.factory is not type(part) else []
+    for kind in [*kinds, *values, *map(_kind, arguments.values())]:
+        name = str(kind.__module__)
+        top = name.partition(".")[0]
+        if top == _OURS:
+            if kind in kinds:  # the behaviour of a class covers that of its own bases
+                texts.append(f"{kind.__qualname__} {_behaviour(kind)}" if sources else "")
+                texts[-1] = texts[-1] or _behaviour(kind)
+                break
+        elif name == "__main__" or is_local(Path(_file(name) or sys.executable)):
+            sources |= sources_of_module(name) or {name: inspect.getsource(kind)}
+        elif kind in kinds and top not in sys.stdlib_module_names:
+            texts.append(_distribution(name))
+    files = [digest_of_file(Path(path)) for path in _paths(arguments)]
+    if sources:
+        texts.insert(0, f"source {digest_of(sources)}")
+    if files:
+        texts.append(f"files {hashlib.sha256(''.join(files).encode()).hexdigest()[:SHORT]}")
+    return Version(", ".join(dict.fromkeys(texts)), sources)
+
+
+def digest_of(sources: Mapping[str, str]) -> str:
+    """The first characters of a digest of some sources."""
+    return hashlib.sha256(json.dumps(sorted(sources.items())).encode()).hexdigest()[:SHORT]
+
+
+def sources_of_module(name: str) -> dict[str, str]:
+    """The source of a loaded module and of the local ones that it imports, by their files' names.
+
+    Empty if it has no file.
+    """
+    file = _file(name)
+    return {} if file is None else dict(_sources(file, name, Path(file).stat().st_mtime_ns))
+
+
+def sources_of_file(path: Path) -> dict[str, str]:
+    """The same of a file that is not loaded."""
+    file = path.expanduser().resolve()
+    return dict(_sources(str(file), f"{USER_MODULE}{file.stem}", file.stat().st_mtime_ns))
+
+
+@lru_cache(maxsize=64)
+def _sources(file: str, name: str, changed: int) -> tuple[tuple[str, str], ...]:  # noqa: ARG001
+    """The sources of a file that was changed last at this time; nothing is imported."""
+    is_alone = name == "__main__" or name.startswith(USER_MODULE)
+    path = Path(file)
+    packages = 0 if is_alone else name.count(".") + (path.name == "__init__.py")
+    root = path.parents[packages]
+    places = [str(root), *(place for place in sys.path if place and is_local(Path(place) / "x"))]
+    finder = ModuleFinder(path=places, excludes=[_OURS])
+    if is_alone:
+        finder.run_script(file)
+    else:
+        finder.import_hook(name)
+    modules: Any = finder.modules.values()
+    files = {Path(one.__file__) for one in modules if one.__file__} | {path}
+    found = {}
+    for one in files:
+        base = next((Path(place) for place in places if one.is_relative_to(place)), one.parent)
+        text = one.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
+        found[one.relative_to(base).as_posix()] = text
+    return tuple(sorted(found.items()))
+
+
+def _file(module: str) -> str | None:
+    """The file of a loaded module, None without one."""
+    file = getattr(sys.modules.get(module), "__file__", None)
+    return str(file) if file and str(file).endswith(".py") else None
+
+
+def _kind(value: object) -> Any:
+    return value if isinstance(value, type | FunctionType) else type(value)
+
+
+def _paths(values: Mapping[str, Any]) -> Iterator[str]:
+    """Those arguments that are paths of files."""
+    for value in values.values():
+        if isinstance(value, str | os.PathLike):
+            path = os.fsdecode(value)
+            try:
+                is_file = Path(path).expanduser().is_file()
+            except (OSError, ValueError, RuntimeError):  # a text that is no path
+                continue
+            if is_file:
+                yield path
+
+
+def _behaviour(kind: type[Any]) -> str:
+    """Version of the behaviour of a built-in class."""
+    version = getattr(kind, "BEHAVIOUR", None)
+    if version is None:
+        return _distribution(_OURS)
+    packages = getattr(kind, "BEHAVIOUR_PACKAGES", ())
+    return ", ".join([f"version {version}", *map(_distribution, packages)])
+
+
+def _distribution(name: str) -> str:
+    """The distribution of a module, or of this name, with its version."""
+    from importlib.metadata import (  # takes its time, and no help needs it
+        PackageNotFoundError,
+        packages_distributions,
+        version,
+    )
+
+    top = _DISTRIBUTION if name == _OURS else name.partition(".")[0]
+    try:
+        return f"{top} {version(top)}"
+    except PackageNotFoundError:
+        names = sorted(set(packages_distributions().get(top, ())))
+        return ", ".join(f"{one} {version(one)}" for one in names) or f"{top} of unknown version"
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of Python and of `PACKAGES`."""
+    from importlib.metadata import PackageNotFoundError, version  # as above
+
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "unknown"
+    return versions
+
+
+def changed_packages(recorded: object) -> list[str]:
+    """How the versions of packages differ from a campaign's, each in words."""
+    theirs, ours = recorded if isinstance(recorded, Mapping) else {}, package_versions()
+    return [f"{k} {v}, now {ours.get(k)}" for k, v in theirs.items() if ours.get(k) != v]
+
+
+def digest_of_file(path: Path) -> str:
+    """SHA-256 of a file.
+
+    Raises:
+        OSError: it cannot be read.
+    """
+    place = path.expanduser()
+    state = place.stat()
+    return _digest(str(place.absolute()), state.st_size, state.st_mtime_ns)
+
+
+@lru_cache(maxsize=64)  # large ones are read once
+def _digest(path: str, size: int, changed: int) -> str:  # noqa: ARG001
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+# Described parts, see `frenetic.spec.describe`
+
+
+def over_each_other(described: object) -> Iterator[Mapping[str, Any]]:
+    """A described part and those under it, from the outside; an empty one if it is none."""
+    part = described if isinstance(described, Mapping) else {}
+    yield part
+    while isinstance(part.get("driver"), Mapping):
+        part = part["driver"]
+        yield part
+
+
+def innermost(described: object) -> Mapping[str, Any]:
+    """A described part, without layers over it."""
+    *_, inner = over_each_other(described)
+    return inner
+
+
+def differences(kind: str, recorded: object, ours: object) -> tuple[str, ...]:
+    """How a described part differs from a recorded one, with those under it, each in words."""
+    old, new = (one if isinstance(one, Mapping) else {} for one in (recorded, ours))
+    if old.get("class") != new.get("class"):
+        return (f"{kind} is {_name(new)}, it was {_name(old)}",)
+    texts = [
+        f"{name} is {_shown(theirs.get(name))}, it was {_shown(mine.get(name))}"
+        for mine, theirs in [(old.get("options") or {}, new.get("options") or {})]
+        for name in [*mine, *(name for name in theirs if name not in mine)]
+        if mine.get(name) != theirs.get(name)
+    ]
+    if old.get("version") != new.get("version"):
+        texts.append(f"it is {new.get('version')}, it was {old.get('version')}")
+    found = tuple(f"{kind} {_name(new)}: {text}" for text in texts)
+    if "driver" in old or "driver" in new:
+        found += differences(kind, old.get("driver"), new.get("driver"))
+    return found
+
+
+def other_version(kind: str, recorded: object, ours: object) -> str:
+    """How a part is another version of a recorded one, in words, whatever its arguments and layers.
+
+    Empty if it is the same version, another part, or if nothing is recorded.
+    """
+    old, new = (innermost(one) for one in (recorded, ours))
+    if old.get("class") != new.get("class") or old.get("version") == new.get("version"):
+        return ""
+    return (
+        f"{kind} {_name(new)} is another version than the campaign's: it is {new.get('version')},"
+        f" it was {old.get('version')}"
+    )
+
+
+def comparison_key(*described: object) -> str:
+    """Described parts as JSON that is equal for equal ones."""
+    return json.dumps(described, sort_keys=True)
+
+
+def short_version(described: object) -> str:
+    """The version of a described part; empty if it is not recorded."""
+    version = described.get("version") if isinstance(described, Mapping) else None
+    return str(version or "")
+
+
+def _name(described: Mapping[str, Any]) -> str:
+    return str(described.get("class", "nothing")).rpartition(":")[2]
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
