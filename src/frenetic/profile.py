@@ -6,7 +6,6 @@ anywhere, so everything in it is validated. It names parts; reading it makes and
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -15,11 +14,11 @@ from typing import Annotated, Any, Final, Literal, Self
 import msgspec
 from msgspec import Meta, Struct
 
+from frenetic import trust
 from frenetic._support.files import write_file
 from frenetic.drivers.loading import LAYERS
 from frenetic.errors import FreneticError
-from frenetic.registry import DRIVERS
-from frenetic.spec import Part, Spec, describe
+from frenetic.spec import Spec, describe
 from frenetic.versions import other_version
 
 VERSION: Final = 1
@@ -277,18 +276,14 @@ class Profile(Record, frozen=True, kw_only=True):
 
         Raises:
             FreneticError: an option is out of range, or the driver is code that is not loaded
-                unasked (`Registry.is_harmless`).
+                unasked (`frenetic.trust`).
         """
         asked = dict(given or {})
         if asked.get("driver") == self.driver:
             asked["driver"] = None
-        elif not asked.get("driver") and not DRIVERS.is_harmless(self.driver, self.driver_options):
-            raise FreneticError(
-                f"the profile {self.name!r} names the driver {self.driver!r}; unasked, a file's own"
-                " code is loaded only if a file below the current folder defines that class and"
-                " its options are numbers: go to its folder, or if you trust it, add"
-                f" {shlex.join(Part(self.driver).words('driver'))}"
-            )
+        elif not asked.get("driver"):
+            named = {"driver": (self.driver, self.driver_options)}
+            trust.require(named, f"the profile {self.name!r}")
         if not has_roads:
             map_size = asked.get("map_size", self.terms.map_size)
             spec = replace(spec, map_size=map_size, lane_width=self.terms.lane_width)

@@ -7,7 +7,6 @@ Other packages add theirs with an entry point in the group ``frenetic.strategies
 
 from __future__ import annotations
 
-import ast
 import difflib
 import hashlib
 import importlib
@@ -207,20 +206,6 @@ class Registry:
             f" your own goes as package.module:{word} or path/to/file.py:{word}{files}"
         )
 
-    def is_harmless(self, spec: str, options: Mapping[str, Any]) -> bool:
-        """Whether a part that a file names can be made unasked, whoever wrote the file.
-
-        Built-in parts can. Importing any other runs code, and a text among its options may name a
-        file that it loads: it has to be installed under a name, or a class that a file below the
-        current folder defines, and to take numbers only. So has a file of data to lie there.
-        """
-        if spec in self.built_in:
-            return True
-        is_named = spec in {entry.name for entry in self.entries()}
-        is_data = Path(spec).suffix.lower() in self.files and _is_here(Path(spec))
-        simple = all(isinstance(value, (int, float, type(None))) for value in options.values())
-        return simple and (is_named or is_data or _is_defined_here(spec))
-
     def make(self, spec: str, **options: Any) -> Any:
         """An instance of the part that `spec` names, made with the given options.
 
@@ -401,28 +386,6 @@ def is_local(file: Path) -> bool:
     """Whether a module's file is neither installed nor of the standard library."""
     is_installed = not _INSTALLED.isdisjoint(file.parts)
     return not is_installed and not any(file.is_relative_to(place) for place in _STANDARD)
-
-
-def _is_defined_here(spec: str) -> bool:
-    """Whether a file below the current folder defines the class; nothing is imported."""
-    place, _, name = spec.rpartition(":")
-    is_file = place.endswith(".py")
-    path = Path(place if is_file else f"{place.replace('.', '/')}.py")
-    try:
-        if not _is_here(path):
-            return False
-        tree = ast.parse(path.read_bytes())
-    except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):
-        return False
-    return any(isinstance(item, ast.ClassDef) and item.name == name for item in tree.body)
-
-
-def _is_here(path: Path) -> bool:
-    """Whether a path leads below the current folder."""
-    try:
-        return Path.cwd().resolve() in path.resolve().parents
-    except (OSError, ValueError, RuntimeError):  # a text that is no path
-        return False
 
 
 def user_files() -> list[str]:

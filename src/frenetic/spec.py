@@ -18,7 +18,7 @@ import math
 import numbers
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cache
@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, ValidationError, convert, defstruct, field, structs, to_builtins
 
+from frenetic import trust
 from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
@@ -417,6 +418,23 @@ class Spec:
             return self
         return replace(self, wall_limit=usual_wall_limit(self.simulator.name))
 
+    def require_trusted(
+        self, source: object, named: Collection[str] = (), **remedy: str
+    ) -> None:
+        """Checks that what a file or campaign names may be made, see `frenetic.trust`.
+
+        Args:
+            source: the file or campaign.
+            named: kinds of parts that the command names itself.
+            remedy: as for `frenetic.trust.require`.
+
+        Raises:
+            FreneticError: a part may not.
+        """
+        parts = {kind: getattr(self, kind) for kind in _PARTS}
+        recorded = {kind: (part.name, part.options) for kind, part in parts.items() if part.name}
+        trust.require({**recorded, "objective": (self.objective, {})}, source, named, **remedy)
+
     def make_strategy(self) -> Strategy:
         """The strategy, with seed and map size if its class takes them.
 
@@ -434,7 +452,9 @@ class Spec:
             FreneticError: it cannot be made.
         """
         assert self.driver.name is not None
-        return load_driver(self.driver.name, self.driver.options, **self.layers)
+        driver = load_driver(self.driver.name, self.driver.options, **self.layers)
+        trust.remember("driver", self.driver.name, self.driver.options)
+        return driver
 
     def make_simulator(self) -> Simulator:
         """The simulator, with rules and wall limit if its class takes them; not yet entered.
@@ -597,7 +617,9 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
                 f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
                 " the command"
             )
-    return registry.make_from(part.name, part.options, available)
+    made = registry.make_from(part.name, part.options, available)
+    trust.remember(registry.kind, part.name, part.options)
+    return made
 
 
 # Parts in records and reports

@@ -105,6 +105,16 @@ def sources_of_file(path: Path) -> dict[str, str]:
     return dict(_sources(str(file), f"{USER_MODULE}{file.stem}", file.stat().st_mtime_ns))
 
 
+def local_file(module: str) -> Path | None:
+    """The file of a local module that is not loaded, None if there is none; nothing is imported."""
+    parts = Path(*module.split("."))
+    for place in [Path.cwd(), *map(Path, sys.path)]:
+        for file in (place / parts.with_suffix(".py"), place / parts / "__init__.py"):
+            if file.is_file():
+                return file if is_local(file) else None
+    return None
+
+
 @lru_cache(maxsize=64)
 def _sources(file: str, name: str, changed: int) -> tuple[tuple[str, str], ...]:  # noqa: ARG001
     """The sources of a file that was changed last at this time; nothing is imported."""

@@ -127,6 +127,7 @@ class Bench:
         except ValueError as error:
             raise _damaged(path, f"its command: {error}") from None
         spec = Spec.from_options({**command, "map_size": recorded.map_size})
+        spec.require_trusted(folder)
         return cls(
             entrants=recorded.entrants,
             terms=Terms.of(spec, **{name: getattr(recorded, name) for name in TERMS}),

@@ -22,6 +22,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+from frenetic import trust
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError, describe_raised
@@ -54,7 +55,9 @@ class Objective:
         Raises:
             FreneticError: it cannot be loaded.
         """
-        return cls(name, OBJECTIVES.load(name))
+        measure = OBJECTIVES.load(name)
+        trust.remember("objective", name, {})
+        return cls(name, measure)
 
     @property
     def higher_is_worse(self) -> bool:

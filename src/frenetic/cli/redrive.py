@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
-from frenetic.cli.console import Log, announced_compilation, counted_progress, shell
+from frenetic.cli.console import Log, announced_compilation, counted_progress
 from frenetic.cli.options import (
     as_usage_error,
     drive_limit_option,
@@ -20,7 +19,6 @@ from frenetic.cli.options import (
     workers_option,
 )
 from frenetic.cli.parts import (
-    PROFILE,
     asked_spec,
     given_options,
     is_beamng,
@@ -28,7 +26,7 @@ from frenetic.cli.parts import (
     with_given,
     without_place,
 )
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Spec, drive_options
 
 if TYPE_CHECKING:
@@ -80,13 +78,20 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any]) -> Spec:
     """
     from frenetic.campaign.store import DATABASE
 
-    spec = with_given(Spec.from_json(store.config, source=store.folder / DATABASE), given)
+    recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
+    spec = with_given(recorded, given)
+    spec.require_trusted(store.folder, named_parts(given))
     if spec.driver.name is None or spec.simulator.name is None:
         raise CampaignError(
             f"{store.folder} was started from Python, so its driver and simulator have no names:"
             " give --driver and --simulator, or do it from Python"
         )
     return spec
+
+
+def named_parts(given: Mapping[str, Any]) -> list[str]:
+    """Kinds of parts that the command line names itself."""
+    return ["strategy", *(kind for kind in ("driver", "simulator") if given.get(kind))]
 
 
 def file_spec(context: click.Context, file: RoadFile) -> Spec:
@@ -97,8 +102,6 @@ def file_spec(context: click.Context, file: RoadFile) -> Spec:
     Raises:
         FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
     """
-    from frenetic.registry import DRIVERS, SIMULATORS
-
     given = given_options(context)
     if DRIVEN not in file.entries:
         return asked_spec(context, {name: context.params[name] for name in drive_options()})
@@ -108,18 +111,7 @@ def file_spec(context: click.Context, file: RoadFile) -> Spec:
         simulator = replace(simulator, options=without_place(simulator.options))
     spec = with_given(replace(recorded, simulator=simulator), given)
     spec = replace(spec, map_size=given.get("map_size", spec.map_size))
-    for registry, part in ((DRIVERS, spec.driver), (SIMULATORS, spec.simulator)):
-        name = part.name or ""
-        if {registry.kind, PROFILE}.isdisjoint(given) and not registry.is_harmless(
-            name, part.options
-        ):
-            words = shlex.join(part.words(registry.kind))
-            raise FreneticError(
-                f"{file.path} was driven with the {registry.kind} {name!r}; unasked, a file's own"
-                " code is loaded only if a file below the current folder defines that class and its"
-                " options are numbers: go to its folder, or if you trust it, say so with 'frenetic"
-                f" {context.info_name} {shell(file.path)} {words}'"
-            )
+    spec.require_trusted(file.path, named_parts(given))
     return spec.with_limit()  # which loads the simulator
 
 

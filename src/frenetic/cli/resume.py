@@ -86,6 +86,11 @@ def resume(
         else:
             recorded = {k: v for k, v in facts.items() if k == "budget"}
         spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
+        spec.require_trusted(
+            campaign,
+            remedy="restore it, or start a new campaign from this one: frenetic run --from"
+            f" {shell(campaign)}",
+        )
         assert spec.budget is not None
         budget = spec.budget
         is_spent = budget.spent(done["simulations"], spent, done["failures"]) >= 1.0

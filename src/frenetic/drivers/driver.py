@@ -14,9 +14,6 @@ from frenetic.drivers.camera import Camera
 from frenetic.errors import DriverError, describe_raised
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
     from frenetic.drivers.camera import Image
 
 AHEAD_SPACING = 2.0
@@ -129,14 +126,6 @@ class CameraDriver(Driver, Protocol):
 
     camera: Camera
     """Its camera, the same in every drive."""
-
-
-@runtime_checkable
-class SalientDriver(CameraDriver, Protocol):
-    """A driver that says where in its camera's picture it looked; reports show it."""
-
-    def saliency(self, observation: Observation) -> npt.NDArray[np.float32]:
-        """How much each pixel of the observation's image matters: (height, width) in 0..1."""
 
 
 @runtime_checkable

@@ -1,0 +1,117 @@
+"""Which code a file may name: what this user has run before, or names in the command.
+
+A campaign, a road's file or a profile names its driver, simulator and strategy, and whoever made it
+may be a stranger. Built-in parts and installed entry points are made unasked. Any other is made
+only if the command names it, or if this user has run that very source before: its digest lies in
+the file ``trusted`` of the user's own folder, `FOLDER`.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shlex
+import sys
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+from frenetic.errors import FreneticError
+from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
+from frenetic.versions import digest_of_file, local_file, sources_of_file
+
+VARIABLE: Final = "FRENETIC_HOME"
+"""Environment variable with another folder for what belongs to the user."""
+REGISTRIES: Final[Mapping[str, Registry]] = {
+    one.kind: one for one in (STRATEGIES, DRIVERS, SIMULATORS, OBJECTIVES)
+}
+_STARTING: Final = ("home", "user")
+"""Options of a built-in simulator that name a program to start."""
+
+
+def folder() -> Path:
+    """The user's own folder."""
+    if given := os.environ.get(VARIABLE):
+        return Path(given)
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", "~")).expanduser() / "frenetic"
+    if sys.platform == "darwin":
+        return Path("~/Library/Application Support/frenetic").expanduser()
+    return Path(os.environ.get("XDG_DATA_HOME") or "~/.local/share").expanduser() / "frenetic"
+
+
+def remember(kind: str, name: str, options: Mapping[str, Any]) -> None:
+    """Notes that the user has made a part; where that cannot be written, it will be asked again."""
+    key = _key(kind, name, options)
+    if key is None or key in _known():
+        return
+    with suppress(OSError):
+        path = folder() / "trusted"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("a", encoding="utf-8") as file:
+            file.write(f"{key} {kind} {json.dumps(name)}\n")
+
+
+def require(
+    parts: Mapping[str, tuple[str, Mapping[str, Any]]],
+    source: object,
+    named: Collection[str] = (),
+    remedy: str = "if you trust it, name it yourself:",
+) -> None:
+    """Checks that recorded parts may be made.
+
+    Args:
+        parts: kind -> name and options.
+        source: the file or folder that names them.
+        named: kinds that the command names itself.
+        remedy: what to do, before the words of a command line that name the part.
+
+    Raises:
+        FreneticError: one may not.
+    """
+    known = _known()
+    for kind, (name, options) in parts.items():
+        if kind in named:
+            continue
+        key = _key(kind, name, options)
+        if key is not None and key not in known:
+            words = [f"--{kind}", name]
+            for option in _STARTING:
+                if name in REGISTRIES[kind].built_in and option in options:
+                    words += [f"--{kind}-option", f"{option}={options[option]}"]
+            raise FreneticError(
+                f"{source} names the {kind} {name!r}, code that you have not run as it is on this"
+                f" computer: {remedy} {shlex.join(words)}"
+            )
+
+
+def _key(kind: str, name: str, options: Mapping[str, Any]) -> str | None:
+    """Digest of the code that making a part runs; None for what is made unasked."""
+    registry = REGISTRIES[kind]
+    if name in {entry.name for entry in registry.entries()}:
+        started = {k: str(v) for k, v in options.items() if k in _STARTING and kind == "simulator"}
+        return _digest(started) if started else None
+    place = name.rpartition(":")[0] or name
+    try:
+        if Path(place).suffix.lower() in registry.files:
+            return digest_of_file(Path(place))
+        file = Path(place) if place.endswith(".py") else local_file(place)
+        if file is not None and file.is_file():
+            return _digest(sources_of_file(file))
+    except (OSError, ValueError, SyntaxError, RuntimeError):
+        return _digest(None)  # which nobody has run
+    return _digest(place)
+
+
+def _digest(what: Any) -> str:
+    return hashlib.sha256(json.dumps(what, sort_keys=True).encode()).hexdigest()
+
+
+def _known() -> frozenset[str]:
+    try:
+        text = (folder() / "trusted").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return frozenset()
+    return frozenset(line.partition(" ")[0] for line in text.splitlines())
