@@ -418,9 +418,7 @@ class Spec:
             return self
         return replace(self, wall_limit=usual_wall_limit(self.simulator.name))
 
-    def require_trusted(
-        self, source: object, named: Collection[str] = (), **remedy: str
-    ) -> None:
+    def require_trusted(self, source: object, named: Collection[str] = (), **remedy: str) -> None:
         """Checks that what a file or campaign names may be made, see `frenetic.trust`.
 
         Args:

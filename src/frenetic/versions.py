@@ -73,7 +73,7 @@ def _version(part: object, arguments: Mapping[str, Any]) -> Version:
                 texts.append(f"{kind.__qualname__} {_behaviour(kind)}" if sources else "")
                 texts[-1] = texts[-1] or _behaviour(kind)
                 break
-        elif name == "__main__" or is_local(Path(_file(name) or sys.executable)):
+        elif name == "__main__" or ((file := _file(name)) is not None and is_local(Path(file))):
             sources |= sources_of_module(name) or {name: inspect.getsource(kind)}
         elif kind in kinds and top not in sys.stdlib_module_names:
             texts.append(_distribution(name))

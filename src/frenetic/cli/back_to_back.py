@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -88,6 +89,7 @@ def back_to_back(
     The exit code is 0 if the new version is better, 1 if it is worse, 3 if that cannot be told, 2
     if something is wrong with the command.
     """
+    from frenetic.redrive.back_to_back import as_recorded
     from frenetic.redrive.back_to_back import plan as plan_roads
     from frenetic.redrive.paired import Version, back_to_back_document
 
@@ -100,7 +102,9 @@ def back_to_back(
         plan = plan_roads(old, new, fresh=fresh, seed=seed, repeats=repeats, top=top)
     old_spec = _spec(old, old_driver, old_driver_options)
     new_spec = _spec(new or old, driver, driver_options)
-    result = _driven(plan, old_spec, new_spec, workers, drive_limit)
+    with ExitStack() as stack:
+        spec = stack.enter_context(as_recorded(old, old_spec)) if old_spec.driver.made else old_spec
+        result = _driven(plan, spec, new_spec, workers, drive_limit)
     if as_json:
         click.echo(json.dumps(back_to_back_document(result)))
     else:
@@ -122,7 +126,7 @@ def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]
                 f"{folder} was started from Python, so its parts have no names: compare the"
                 " versions there, with frenetic.redrive.back_to_back"
             )
-        spec = recorded_spec(store, {"driver": driver, "driver_options": options})
+        spec = recorded_spec(store, {"driver": driver, "driver_options": options}, checked=False)
         recorded: Any = store.config["driver"]
     simulator = spec.simulator
     return replace(
@@ -155,12 +159,6 @@ def _driven(
     for spec in (old_spec, new_spec):
         with own_modules():
             made.append(describe(spec.make_driver()))
-    changed = other_version("driver", old_spec.driver.made, made[0])
-    if changed:
-        raise CampaignError(
-            f"{plan.old}: {changed}; bring the old version back in a file of its own and name it"
-            " with --old-driver"
-        )
     check_differ(*made)
     if plan.new is not None and (note := other_version("driver", new_spec.driver.made, made[1])):
         log.print(f"Note: {plan.new}: {note}", markup=False)

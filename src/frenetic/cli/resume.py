@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from frenetic.cli.console import shell
 from frenetic.cli.options import (
     CampaignFolder,
     Duration,

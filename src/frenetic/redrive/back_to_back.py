@@ -12,14 +12,17 @@ campaign. Every other drive is stored beside the campaign whose road it is, see
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 from frenetic.analysis.failures import representative_failures
-from frenetic.campaign.campaign import LOOKAHEAD, Campaign
+from frenetic.campaign.campaign import LOOKAHEAD, SOURCES, Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
@@ -34,7 +37,7 @@ from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
-from frenetic.versions import SHORT, comparison_key, differences
+from frenetic.versions import SHORT, comparison_key, differences, local_file, sources_of_file
 
 FRESH: Final = 200
 """Default number of fresh roads."""
@@ -129,6 +132,57 @@ def plan(
             f"seed {seed} is that of a campaign, whose random roads are not fresh: choose another"
         )
     return Plan(Path(old), None if new is None else Path(new), fresh, seed, repeats, failures)
+
+
+@contextmanager
+def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
+    """A campaign's spec whose driver is as it was then.
+
+    If its source was edited since, the one that the campaign keeps lies in a temporary folder
+    meanwhile.
+
+    Args:
+        folder: of the campaign.
+        spec: of the campaign.
+
+    Raises:
+        CampaignError: the source was edited, and the campaign keeps none.
+        FreneticError: it is code that this user has not run, see `frenetic.trust`.
+    """
+    with CampaignStore.open(folder) as store:
+        sources: Any = store.fact(SOURCES) or {}
+    place, _, name = (spec.driver.name or "").rpartition(":")
+    file = Path(place) if place.endswith(".py") else local_file(place) if place else None
+    present = sources_of_file(file) if file is not None and file.is_file() else {}
+    is_edited = not sources.items() >= present.items() or bool(sources and not present)
+    if not is_edited:
+        spec.require_trusted(folder, ["strategy"])
+        yield spec
+        return
+    if not sources:
+        raise CampaignError(
+            f"{folder} keeps no source of its driver {spec.driver.name!r}: bring the old version"
+            " back in a file of its own and name it with --old-driver"
+        )
+    path = list(sys.path)
+    with TemporaryDirectory() as temporary:
+        try:
+            for file, text in sources.items():
+                target = (Path(temporary) / file).resolve()
+                if not target.is_relative_to(Path(temporary).resolve()):
+                    raise CampaignError(f"{folder} is damaged: it keeps the source of {file!r}")
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_text(str(text), encoding="utf-8", newline="\n")
+            if place.endswith(".py"):
+                place = str(Path(temporary) / Path(place).name)
+            else:
+                sys.path.insert(0, temporary)
+            driver = replace(spec.driver, name=f"{place}:{name}")
+            restored = replace(spec, driver=driver)
+            restored.require_trusted(folder, ["strategy"])
+            yield restored
+        finally:
+            sys.path[:] = path
 
 
 def _differing(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
