@@ -463,21 +463,6 @@ def test_a_check_of_ones_own_stays() -> None:
     assert len(asked) == 2
 
 
-def test_a_campaign_whose_strategy_checked_without_its_margin_goes_on_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def searched(folder: str, simulations: int) -> Campaign:
-        strategy = RandomSearch(seed=1)
-        return campaign(tmp_path / folder, strategy, Budget(simulations=simulations), margin=40.0)
-
-    with monkeypatch.context() as patch:  # as versions before this check did
-        patch.setattr(Campaign, "_keep_margin", lambda self: None)
-        whole = searched("whole", 40).run()
-        searched("parts", 20).run()
-    resumed = searched("parts", 40).resume()
-    assert resumed.invalid == whole.invalid > 0
-
-
 def test_configuration_says_what_was_run(tmp_path: Path) -> None:
     class Part(DummyDriver):
         def __init__(self) -> None:

@@ -300,7 +300,7 @@ def test_kinds_of_failing_are_told_apart() -> None:
     for place in (69.0, 131.0):
         elsewhere = replace(same, departure_distance=place, departure_side="right")
         assert elsewhere.match is Match.ELSEWHERE
-    assert replace(same, difference=None).match is Match.SAME_PLACE, "as of an older version"
+    assert replace(same, difference=None).match is Match.SAME_PLACE, "its mechanism is unknown"
     assert replace(same, outcome=Outcome.PASS).match is None
     stuck = replace(same, departure_distance=None, departure_side=None)
     assert stuck.match is Match.OTHER_MECHANISM

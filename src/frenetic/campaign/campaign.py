@@ -201,7 +201,6 @@ class Campaign(Shown):
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
         """What `resume` has to say about changed parts, and those that it could not compare."""
-        self._checked_margin: float | None = None  # that the strategy was told
         self.twin: Twin | None = None
         """Screens its roads for the strategy; entered while the campaign runs."""
         self.named: Spec | None = None
@@ -296,11 +295,10 @@ class Campaign(Shown):
         )
 
     def _described_strategy(self) -> dict[str, JSONValue]:
-        margin = self._checked_margin
         searching = self.strategy
         if isinstance(searching, Screened):
             searching = searching.strategy
-        return describe(searching) | ({} if margin is None else {"margin": margin})
+        return describe(searching)
 
     def run(
         self,
@@ -514,11 +512,10 @@ class Campaign(Shown):
         return insisted and not isinstance(error, FreneticError)
 
     def _keep_margin(self) -> None:
-        """Has the strategy check roads with this campaign's margin; its record says so."""
+        """Has the strategy check roads with this campaign's margin."""
         margin = self.tester.margin
         if margin != MARGIN and isinstance(self.strategy, CheckingStrategy):
             self.strategy.keep_margin(margin)
-            self._checked_margin = margin
 
     def _objective_version(self) -> dict[str, str]:
         """The version of an objective of your own."""

@@ -109,10 +109,7 @@ class EmbeddedSimulator(StartingPlace):
         """Its options beside the rules; of the start only unusual ones."""
         start = {"start_offset": self.start_offset, "start_heading": self.start_heading}
         unusual = {name: value for name, value in start.items() if value != 0.0}
-        vehicle = asdict(self.vehicle)
-        if self.vehicle.front_stiffness == Vehicle().front_stiffness:
-            del vehicle["front_stiffness"]  # as in the records of before there was one
-        return {"vehicle": vehicle, "wall_limit": self.wall_limit, **unusual}
+        return {"vehicle": asdict(self.vehicle), "wall_limit": self.wall_limit, **unusual}
 
     @property
     def vehicle(self) -> Vehicle:
