@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import platform
 import time
@@ -610,7 +609,7 @@ class Campaign(ShownCampaign):
         self._search_so_far = None
         start = time.perf_counter() - tally.seconds
         try:
-            with _logging_to(log), catch_interrupt(callbacks.on_interrupt) as interrupt:
+            with catch_interrupt(callbacks.on_interrupt) as interrupt:
                 self._interrupt = interrupt
                 with self._workers(log) as workers:
                     compile_kernels()  # which the strategy needs here, while they start
@@ -646,7 +645,7 @@ class Campaign(ShownCampaign):
         except (KeyboardInterrupt, Exception) as error:
             interrupted = self._is_interruption(error)
             if not interrupted:
-                log.progress(tally.progress(time.perf_counter() - start), force=True)
+                log.progress(tally.progress(time.perf_counter() - start))
                 cause: dict[str, Any] = {}
                 if trace := traceback_of(error):
                     cause["traceback"] = trace
@@ -679,7 +678,7 @@ class Campaign(ShownCampaign):
             strategy_seconds=round(tally.strategy_seconds, 4),
             budget=asdict(self._required_budget),
         )
-        log.progress(summary, force=True)
+        log.progress(summary)
         fields: dict[str, Any] = summary.as_json()
         log.write(
             Event.INTERRUPTED if interrupted else Event.FINISHED,
@@ -798,17 +797,6 @@ def _saying_what_is_stored(store: CampaignStore, tally: Tally) -> Iterator[None]
         spent = f"{tally.budget_spent:.0%} of the budget spent"
         # A strategy's fault stays one: a bench goes on with the others.
         raise type(error)(f"{error}; {stored} stored, {spent}") from error
-
-
-@contextmanager
-def _logging_to(log: CampaignLog) -> Iterator[None]:
-    """Sends the library's messages to the campaign's log, too."""
-    logger, handler = logging.getLogger("frenetic"), log.handler()
-    logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
 
 
 def _await_start(workers: Workers, interrupt: Interrupt) -> None:

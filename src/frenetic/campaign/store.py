@@ -37,7 +37,8 @@ from types import MappingProxyType
 from typing import Any, Final, Literal, Self, TypeAlias, get_args
 from weakref import WeakSet
 
-from frenetic._support.file_locks import FileLock
+from filelock import FileLock
+
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic._support.json_value import plain
@@ -45,6 +46,7 @@ from frenetic._support.pictures import ShownCampaign
 from frenetic._support.words import present_moment
 from frenetic.campaign.changes import CHANGES, PartChange, present_parts, read_changes
 from frenetic.campaign.counts import StoredCounts, road_key
+from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import (
     CANDIDATE_COLUMNS,
     CHECKSUM,
@@ -374,7 +376,7 @@ class CampaignStore(ShownCampaign):
             ) from error
         path = folder / DATABASE
         _refuse_existing(path)
-        lock = FileLock(folder / LOCK)
+        lock = lock_file(folder / LOCK)
         try:
             _refuse_existing(path)  # again: someone may have been faster before we had the lock
             # Made under another name, so that a campaign exists completely or not at all.
@@ -400,7 +402,7 @@ class CampaignStore(ShownCampaign):
         find_database(folder)
         if readonly:
             return cls._open_to_read(folder)
-        lock = FileLock(folder / LOCK)
+        lock = lock_file(folder / LOCK)
         try:
             return cls._open_locked(folder, lock)
         except BaseException:

@@ -11,7 +11,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from frenetic._support.file_locks import find_holder
 from frenetic.campaign.changes import CHANGES, read_changes
 from frenetic.campaign.check.report import (
     CheckReport,
@@ -32,6 +31,7 @@ from frenetic.campaign.check.rows import (
     check_results,
 )
 from frenetic.campaign.counts import StoredCounts, road_key
+from frenetic.campaign.lock import holder
 from frenetic.campaign.record import CHECKSUM, Setting, checksum_fault, is_moment
 from frenetic.campaign.store import (
     DATABASE,
@@ -173,7 +173,7 @@ def _holdings(
             (trajectories,) = connection.execute("SELECT count(*) FROM trajectory").fetchone()
         if "elapsed" in tables.columns.get("test", ()):
             (elapsed,) = connection.execute("SELECT max(elapsed) FROM test").fetchone()
-    writer = find_holder(folder / LOCK)
+    writer = holder(folder / LOCK)
     files = (folder / f"{DATABASE}{suffix}" for suffix in ("", "-wal"))
     counts = StoredCounts.of(by_outcome, lowest, len(roads), asked=asked)
     return Holdings(
