@@ -46,7 +46,6 @@ MOVED: Final = {
     "frenetic.analysis.shrinking": "frenetic.redrive.shrinking",
     "frenetic.campaign.checking": "frenetic.campaign.check",
     "frenetic.campaign.dispatch": "frenetic.campaign.loop",
-    "frenetic.campaign.watching": "frenetic.campaign.watch",
     "frenetic.campaign.workers.cluster": "frenetic.campaign.workers.dask.workers",
     "frenetic.export.columns": "frenetic.export.tables",
     "frenetic.gym.roads": "frenetic.gym.environment",

@@ -34,6 +34,7 @@ from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import TestRecord
 from frenetic.campaign.screening import ScreeningSummary, Twin, screened
+from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
@@ -55,7 +56,6 @@ from frenetic.spec import (
     EarlierCampaign,
     Part,
     Spec,
-    decode_budget,
     describe,
     describe_terms,
     number_word,
@@ -469,7 +469,7 @@ class Campaign(ShownCampaign):
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
             if self.budget is None:
-                self.budget = _stored_budget(store)
+                self.budget = stored_budget(store)
             prepare(self.tester.simulator, is_here=self.cluster is None)
             strategy = store.config.get("strategy")
             if isinstance(strategy, Mapping) and "margin" in strategy:
@@ -743,18 +743,6 @@ class _Callbacks:
             self.on_test(store.test(candidate_id))
         if self.on_progress is not None:
             self.on_progress(progress)
-
-
-def _stored_budget(store: CampaignStore) -> Budget:
-    """The budget to which a campaign was run or resumed last.
-
-    Raises:
-        CampaignError: it holds none that can be used.
-    """
-    try:
-        return decode_budget(store.facts.get("budget", store.config.get("budget")))
-    except ValueError as error:
-        raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
 
 
 def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:
