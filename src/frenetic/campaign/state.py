@@ -234,8 +234,7 @@ class Follower:
         line = decode(text, type=Line)
         self._last = line
         if line.event == Event.PROGRESS:
-            self._progress = decode(text, type=Progress)
-            self._present = decode(text, type=_Present)
+            self._present, self._progress = decode(text, type=_Present), decode(text, type=Progress)
             self._recent.append((self._progress.seconds, self._progress.tests))
             while self._recent[-1][0] - self._recent[0][0] > RATE_WINDOW:
                 self._recent.popleft()

@@ -23,7 +23,7 @@ from rich.text import Text
 from frenetic._support.words import format_duration, rate_words
 from frenetic.campaign.log import WorkerState
 from frenetic.campaign.state import CampaignState, Follower, Line, Status, name_of
-from frenetic.cli.console import PLAIN_INTERVAL, Results, print_facts, progress_text
+from frenetic.cli.console import PLAIN_INTERVAL, Results, print_facts, progress_text, shell
 
 INTERVAL: Final = 1.0
 """Least time between two looks at the campaign, in s."""
@@ -154,7 +154,7 @@ def _facts(state: CampaignState, folder: Path) -> list[tuple[str, str]]:
     if state.status is Status.UNKNOWN:
         status += f" since {_clock(state.last_time)}: {start.host} may write it"
     elif state.status is Status.KILLED:
-        status += f": 'frenetic resume {folder}' goes on"
+        status += f": frenetic resume {shell(folder)} goes on"
     left = state.seconds_left
     times = format_duration(progress.seconds)
     times += "" if left is None else f", {format_duration(left)} left"
