@@ -6,9 +6,7 @@ Needs Playwright and a Chromium, as the report's tests do.
 from __future__ import annotations
 
 import os
-import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
@@ -19,7 +17,7 @@ from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Freneti
 from frenetic.analysis.failures import distinct_failures
 from frenetic.redrive.conditions import Variation
 from frenetic.redrive.robustness import rerun
-from frenetic.report.html import LiveReport, write_report
+from frenetic.report.html import write_report
 
 IMAGES = Path(__file__).resolve().parent / "images"
 SEED = 1
@@ -36,7 +34,6 @@ def main() -> None:
         options = ["--no-sandbox"] if hasattr(os, "geteuid") and os.geteuid() == 0 else []
         browser = playwright.chromium.launch(executable_path=found, args=options)
         take_pictures(browser, report)
-        take_live_picture(browser)
         browser.close()
         os.chdir(IMAGES)  # the folder goes
 
@@ -60,26 +57,6 @@ def make_report(folder: Path) -> Path:
         variations=[Variation("friction", 0.9, 1.3), Variation("start", -0.2, 0.2)],
     )
     return write_report(folder)
-
-
-def take_live_picture(browser: Browser) -> None:
-    """The top of the page of a running campaign."""
-    search = ["run", "--seed", str(SEED), "--simulations", "1500", "--out", "night-2"]
-    with (
-        LiveReport("night-2") as live,
-        subprocess.Popen(  # noqa: S603  # our own command
-            [sys.executable, "-m", "frenetic", *search],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-        ) as run,
-    ):
-        page = browser.new_page(viewport={"width": 1180, "height": 640})
-        page.goto(live.address)
-        page.get_by_role("heading", name=re.compile(r"in \d{3,} simulations")).wait_for(
-            timeout=300_000
-        )
-        save(page, "report-live")
-        run.terminate()
 
 
 def take_pictures(browser: Browser, report: Path) -> None:

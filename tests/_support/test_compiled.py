@@ -40,23 +40,19 @@ print(total(np.arange(5.0)))
 # Tells when it has to wait for its turn.
 OTHER = """
 import numpy as np
-from frenetic._support import compiled
-from frenetic._support.file_locks import try_to_lock
+from filelock import FileLock, Timeout
 from kernels import total
 
-waits = False
+acquire = FileLock.acquire
 
-def tell(file):
-    global waits
+def tell(self, *, timeout, **others):
     try:
-        try_to_lock(file)
-    except OSError:
-        if not waits:
-            print("waits", flush=True)
-        waits = True
+        return acquire(self, timeout=timeout, **others)
+    except Timeout:
+        print("waits", flush=True)
         raise
 
-compiled.try_to_lock = tell
+FileLock.acquire = tell
 print(total(np.arange(5)))
 """
 
@@ -104,21 +100,22 @@ def test_processes_take_turns(folder: Path) -> None:
 
 # Compiles in spite of another process that holds the lock all the time, or of files without locks.
 ALONE = """
-import sys
+import filelock
 import numpy as np
+from filelock import FileLock
 from frenetic._support import compiled
 from kernels import total
 
-def refuse(file):
+def refuse(self, **others):
     raise {error}("no turn")
 
-compiled.try_to_lock = refuse
+FileLock.acquire = refuse
 compiled.PATIENCE = 0.0
 print(total(np.arange(5)), total(np.arange(5.0)))
 """
 
 
-@pytest.mark.parametrize("error", ["BlockingIOError", "OSError"])
+@pytest.mark.parametrize("error", ["filelock.Timeout", "OSError"])
 def test_who_never_gets_a_turn_does_without(folder: Path, error: str) -> None:
     with start(folder, ALONE.format(error=error)) as alone:
         assert alone.communicate()[0] == "10.0 10.0\n"

@@ -20,10 +20,10 @@ import numpy as np
 import pytest
 from checksums import forget_checksums
 
-from frenetic._support.file_locks import FileLock
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import CheckReport, Severity, State, Subject, check_campaign
 from frenetic.campaign.check.report import SHOWN
+from frenetic.campaign.lock import lock_file
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, LOCK, MIGRATIONS
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.cli import main
@@ -235,7 +235,7 @@ def test_another_process_that_writes_is_named(folder: Path) -> None:
         assert check_campaign(folder, quick=True).holdings.writer == f"process {writer.pid}"
         writer.stdin.write(b"\n")
     assert check_campaign(folder, quick=True).holdings.writer is None
-    FileLock(folder / LOCK).release()  # nobody was kept out
+    lock_file(folder / LOCK).release()  # nobody was kept out
 
 
 def test_a_database_of_the_first_schema_is_sound_and_stays_one(sound: Path, tmp_path: Path) -> None:

@@ -99,16 +99,11 @@ def workers_of(
     drive_limit: float = LIMIT,
 ) -> Iterator[ClusterWorkers]:
     tester = RoadTester(simulator, driver or DummyDriver())
-    with CampaignLog(folder) as log:
-        handler = log.handler()
-        logging.getLogger("frenetic").addHandler(handler)
-        try:
-            with ClusterWorkers(
-                tester, cluster.address, drive_limit=drive_limit, log=log
-            ) as workers:
-                yield workers
-        finally:
-            logging.getLogger("frenetic").removeHandler(handler)
+    with (
+        CampaignLog(folder) as log,
+        ClusterWorkers(tester, cluster.address, drive_limit=drive_limit, log=log) as workers,
+    ):
+        yield workers
 
 
 def events(folder: Path) -> list[dict[str, object]]:

@@ -259,7 +259,7 @@ def test_a_second_process_is_refused(tmp_path: Path) -> None:
     assert summary.simulations == 60
     run, resume = answers
     assert "already holds a campaign" in run
-    assert f"is being written by another process (process {os.getpid()})" in resume
+    assert f"is being written by process {os.getpid()}" in resume
     campaign(tmp_path / "whole").run()
     assert contents(tmp_path / "c") == contents(tmp_path / "whole")
 

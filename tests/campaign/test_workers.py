@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import multiprocessing
 import os
 import signal
@@ -97,20 +96,9 @@ def local(
     tester = RoadTester(simulator, driver or DummyDriver())
     with (
         CampaignLog(folder) as log,
-        log_handler(log),
         LocalWorkers(tester, count, drive_limit=drive_limit, log=log) as workers,
     ):
         yield workers
-
-
-@contextmanager
-def log_handler(log: CampaignLog) -> Iterator[None]:
-    handler = log.handler()
-    logging.getLogger("frenetic").addHandler(handler)
-    try:
-        yield
-    finally:
-        logging.getLogger("frenetic").removeHandler(handler)
 
 
 def events(folder: Path) -> list[dict[str, object]]:

@@ -45,7 +45,7 @@ def test_names_of_parts_are_completed() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["show", "resume", "report", "check", "export", "robustness", "regression", "watch", "compare"],
+    ["show", "resume", "report", "check", "export", "robustness", "regression", "compare"],
 )
 def test_folders_of_campaigns_are_completed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str

@@ -94,10 +94,10 @@ def mixed(frenetic: Frenetic) -> str:
     return "c"
 
 
-def test_run_resume_show_watch_check_and_compare_use_the_same_words(
+def test_run_resume_show_check_and_compare_use_the_same_words(
     frenetic: Frenetic, mixed: str
 ) -> None:
-    for command in (("show", mixed), ("watch", "--once", mixed), ("check", mixed)):
+    for command in (("show", mixed), ("show", mixed, "--follow"), ("check", mixed)):
         assert WORDS in frenetic(*command).out
     assert WORDS in frenetic("export", mixed, "--format", "csv").err
     frenetic(*SEARCH, "--out", "d")
@@ -109,11 +109,11 @@ def test_run_resume_show_watch_check_and_compare_use_the_same_words(
     assert WORDS in frenetic("resume", mixed, "--workers", "1").out
 
 
-def test_run_show_watch_check_compare_and_export_give_the_same_numbers_as_json(
+def test_run_show_check_compare_and_export_give_the_same_numbers_as_json(
     frenetic: Frenetic, mixed: str
 ) -> None:
     assert numbers(frenetic(*SEARCH, "--out", "again", "--json").json) == NUMBERS
-    for command in (("show", mixed), ("watch", mixed), ("check", mixed)):
+    for command in (("show", mixed), ("show", mixed, "--follow"), ("check", mixed)):
         assert numbers(frenetic(*command, "--json").json) == NUMBERS
     compared = frenetic("compare", "one=c", "two=again", "--json").json["groups"]
     assert [numbers(one) for group in compared.values() for one in group] == [NUMBERS, NUMBERS]
@@ -149,7 +149,7 @@ def test_a_resumed_campaign_goes_on_counting(frenetic: Frenetic, campaign: str) 
         after = store.counts()
     assert after.simulations == before.simulations + 20
     assert numbers(more) == {name: after.counts_json()[name] for name in NUMBERS}
-    last = frenetic("watch", campaign, "--json").json
+    last = frenetic("show", campaign, "--follow", "--json").json
     assert numbers(last) == numbers(more)
 
 

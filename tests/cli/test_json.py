@@ -24,7 +24,6 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
     "init": ("keeps_its_lane.py",),
     "run": ("--simulations", "3", "--seed", "1", *ONE, "--out", "new"),
     "resume": ("c", "--simulations", "2", *ONE),
-    "watch": ("c",),
     "show": ("c",),
     "report": ("c",),
     "check": ("c",),

@@ -15,17 +15,14 @@ process holds the lock in between. Others find its result on disk afterwards.
 
 from __future__ import annotations
 
-import os
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar, cast
 
-from frenetic._support.file_locks import try_to_lock
-
 try:
     import numba
+    from filelock import FileLock, Timeout
     from numba.core import event
     from numba.extending import is_jitted
 except ImportError:
@@ -79,53 +76,43 @@ if IS_COMPILED:
             self._folder = cache_folder(_placed)
             self._guard = threading.Lock()
             self._depth = 0  # threads and kernels of kernels that compile
-            self._file: int | None = None
-            self._waits = self._folder is not None
+            self._lock: FileLock | None = None
             self.is_waiting = False
             """Whether another process compiles, and this one waits for it."""
 
         def on_start(self, _: event.Event) -> None:
             """Waits for this process's turn."""
             with self._guard:
-                if self._depth == 0 and self._waits:
-                    self._lock()
+                if self._depth == 0 and self._folder is not None:
+                    self._lock = self._turn(self._folder)
+                    if self._lock is None:
+                        self._folder = None  # nobody waits twice
                 self._depth += 1
 
         def on_end(self, _: event.Event) -> None:
             """Ends the turn."""
             with self._guard:
                 self._depth -= 1
-                if self._depth == 0 and self._file is not None:
-                    os.close(self._file)
-                    self._file = None
+                if self._depth == 0 and self._lock is not None:
+                    self._lock.release()
+                    self._lock = None
 
-        def _lock(self) -> None:
-            assert self._folder is not None
+        def _turn(self, folder: Path) -> FileLock | None:
+            # A new one each time: a fork of this process can lock none that was made before.
+            lock = FileLock(folder / LOCK, thread_local=False)
             try:
-                self._file = os.open(self._folder / LOCK, os.O_RDWR | os.O_CREAT, 0o666)
-            except OSError:  # nobody can write there
-                return
-            end = time.monotonic() + PATIENCE
-            try:
-                self._wait_for_turn(self._file, end)
-            finally:
-                self.is_waiting = False
-
-        def _wait_for_turn(self, file: int, end: float) -> None:
-            while True:
-                try:
-                    try_to_lock(file)
-                except (BlockingIOError, PermissionError):
-                    if time.monotonic() > end:
-                        self._waits = False
-                        return
-                except OSError:  # files cannot be locked there
-                    self._waits = False
-                    return
-                else:
-                    return
+                lock.acquire(timeout=0)
+            except Timeout:
                 self.is_waiting = True
-                time.sleep(_PAUSE)
+                try:
+                    lock.acquire(timeout=PATIENCE, poll_interval=_PAUSE)
+                except Timeout:
+                    return None
+                finally:
+                    self.is_waiting = False
+            except OSError:  # nobody can write or lock files there
+                return None
+            return lock
 
     class Compilation(event.Listener):
         """Notices kernels that are compiled: a kernel that is found on disk is not."""

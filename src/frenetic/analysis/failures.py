@@ -16,7 +16,7 @@ place where the car came nearest to its lane's edge.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
@@ -245,16 +245,7 @@ def distinct_failures(store: CampaignStore, limit: int | None = COMPARED) -> Clu
     Raises:
         CampaignError: the campaign is damaged.
     """
-    return distinct_among(failures_of(store, limit), read_earlier(store))
-
-
-def distinct_among(failures: Sequence[Failure], earlier: Sequence[EarlierTest]) -> Clusters:
-    """The distinct ones among a campaign's failures, as in `distinct_failures`.
-
-    Args:
-        failures: of the campaign, each once.
-        earlier: tests of the campaigns that it started from.
-    """
+    failures, earlier = failures_of(store, limit), read_earlier(store)
     found = cluster_failures(failures)
     return _with_known(found, failures, earlier) if earlier else found
 

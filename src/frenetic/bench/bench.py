@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 import msgspec
+from filelock import FileLock
 
-from frenetic._support.file_locks import FileLock
 from frenetic._support.files import write_file
 from frenetic._support.words import counted, format_duration
 from frenetic.analysis.comparison import Comparison, compare, compare_measured
@@ -24,6 +24,7 @@ from frenetic.bench.processes import run_all
 from frenetic.bench.runs import Run, RunState, Terms, compile_measures, ending_of, try_out
 from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
+from frenetic.campaign.lock import lock_file
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.progress import Progress
 from frenetic.errors import FreneticError
@@ -443,4 +444,4 @@ def _locked(folder: Path) -> FileLock:
             f"cannot make the folder {folder}: {error.strerror or error}; choose another folder"
             " with --out"
         ) from error
-    return FileLock(folder / LOCK)
+    return lock_file(folder / LOCK)

@@ -19,9 +19,9 @@ from typing import Any, Final, Self
 
 import numpy as np
 from cmaes import CMA
+from filelock import lock_descriptor
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.file_locks import try_to_lock
 from frenetic.calibration.driving import IntArray, TwinDriver
 from frenetic.calibration.loss import Loss
 from frenetic.calibration.parameters import Model
@@ -85,7 +85,8 @@ class Journal:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._path.touch()
             self._file = self._path.open("r+b")
-            try_to_lock(self._file.fileno())
+            if not lock_descriptor(self._file.fileno(), blocking=False):
+                raise BlockingIOError
             *lines, torn = self._file.read().split(b"\n")
             if lines and lines[0] == head:
                 for line in lines[1:]:

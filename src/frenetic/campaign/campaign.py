@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import os
 import platform
 import shlex
@@ -28,6 +27,7 @@ from frenetic.campaign.objective import MOOBD, Objective, objectives
 from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import Test
 from frenetic.campaign.screening import ScreeningSummary, Twin, screened
+from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
@@ -49,7 +49,6 @@ from frenetic.spec import (
     Part,
     Spec,
     changed_parts,
-    decode_budget,
     describe,
     describe_terms,
     number_word,
@@ -462,7 +461,7 @@ class Campaign(Shown):
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
             if self.budget is None:
-                self.budget = _stored_budget(store)
+                self.budget = stored_budget(store)
             prepare(self.tester.simulator, is_here=self.cluster is None)
             self._keep_margin()
             self.start_from, taken = stored_earlier(store)
@@ -581,7 +580,7 @@ class Campaign(Shown):
         self._search_so_far = None
         start = time.perf_counter() - tally.seconds
         try:
-            with _logging_to(log), catch_interrupt(callbacks.on_interrupt) as interrupt:
+            with catch_interrupt(callbacks.on_interrupt) as interrupt:
                 self._interrupt = interrupt
                 with self._workers(log) as workers:
                     compile_kernels()  # which the strategy needs here, while they start
@@ -617,7 +616,7 @@ class Campaign(Shown):
         except (KeyboardInterrupt, Exception) as error:
             interrupted = self._is_interruption(error)
             if not interrupted:
-                log.progress(tally.progress(time.perf_counter() - start), force=True)
+                log.progress(tally.progress(time.perf_counter() - start))
                 cause: dict[str, Any] = {}
                 if trace := traceback_of(error):
                     cause["traceback"] = trace
@@ -650,7 +649,7 @@ class Campaign(Shown):
             strategy_seconds=round(tally.strategy_seconds, 4),
             budget=asdict(self._required_budget),
         )
-        log.progress(summary, force=True)
+        log.progress(summary)
         fields: dict[str, Any] = summary.as_json()
         log.write(
             Event.INTERRUPTED if interrupted else Event.FINISHED,
@@ -709,18 +708,6 @@ class _Callbacks:
             self.on_progress(progress)
 
 
-def _stored_budget(store: CampaignStore) -> Budget:
-    """The budget to which a campaign was run or resumed last.
-
-    Raises:
-        CampaignError: it holds none that can be used.
-    """
-    try:
-        return decode_budget(store.facts.get("budget", store.config.get("budget")))
-    except ValueError as error:
-        raise CampaignError(f"{store.folder} has no budget to go on with: {error}") from None
-
-
 def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:
     """Number of workers that are of use, by default one per core."""
     usual = capabilities(simulator).usual_workers or available_cores()
@@ -761,17 +748,6 @@ def _saying_what_is_stored(store: CampaignStore, tally: Tally) -> Iterator[None]
         spent = f"{tally.budget_spent:.0%} of the budget spent"
         # A strategy's fault stays one: a bench goes on with the others.
         raise type(error)(f"{error}; {stored} stored, {spent}") from error
-
-
-@contextmanager
-def _logging_to(log: CampaignLog) -> Iterator[None]:
-    """Sends the library's messages to the campaign's log, too."""
-    logger, handler = logging.getLogger("frenetic"), log.handler()
-    logger.addHandler(handler)
-    try:
-        yield
-    finally:
-        logger.removeHandler(handler)
 
 
 def _await_start(workers: Workers, interrupt: Interrupt) -> None:

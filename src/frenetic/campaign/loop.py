@@ -46,9 +46,11 @@ MAX_ERRORS_IN_A_ROW: Final = 10
 """Consecutive broken drives after which a campaign gives up."""
 MAX_INVALID_IN_A_ROW: Final = 5_000
 """Consecutive refused roads after which a campaign gives up."""
+PROGRESS_INTERVAL: Final = 5.0
+"""Time between two lines of progress in the log, in s."""
 
 _SURE, _DOUBTFUL, _DOOMED = range(3)  # prospects of a waiting candidate
-_HEARTBEAT: Final = 1.0  # s between two checks of the log while nothing comes back
+_HEARTBEAT: Final = 1.0  # s between two looks at the clock while nothing comes back
 
 
 @runtime_checkable
@@ -110,7 +112,7 @@ class Dispatcher:
         self._unreported = unreported  # written
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
-        self._next_look = 0.0
+        self._next_line = 0.0  # of progress
 
     def tests(self) -> Iterator[tuple[int, Progress]]:
         """Tests until the budget is spent or the interrupt requested.
@@ -122,7 +124,7 @@ class Dispatcher:
                 come.
         """
         self._start = time.perf_counter() - self._tally.seconds
-        self._log_progress(force=True)
+        self._log_progress()
         try:
             yield from self._rounds()
         except CampaignError:
@@ -376,14 +378,12 @@ class Dispatcher:
                 **_traced(test.attempt.traceback),
             )
 
-    def _log_progress(self, *, force: bool = False) -> None:
+    def _log_progress(self) -> None:
         now = time.monotonic()
-        if force or now >= self._next_look:
-            self._next_look = now + _HEARTBEAT
+        if now >= self._next_line:
+            self._next_line = now + PROGRESS_INTERVAL
             progress = self._tally.progress(time.perf_counter() - self._start)
-            self._log.progress(
-                progress, workers=self._workers.states(), running=len(self._running), force=force
-            )
+            self._log.progress(progress, workers=self._workers.states(), running=len(self._running))
 
 
 def _without_numbers(notice: str) -> str:

@@ -31,13 +31,15 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Literal, Self, TypeAlias
 
-from frenetic._support.file_locks import FileLock
+from filelock import FileLock
+
 from frenetic._support.files import flush
 from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic._support.json_value import plain
 from frenetic._support.notebook import Shown
 from frenetic._support.words import present_moment
 from frenetic.campaign.counts import StoredCounts, road_key
+from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import (
     FINDING,
     FINISHED,
@@ -166,7 +168,7 @@ class CampaignStore(Shown):
             folder.mkdir(parents=True, exist_ok=True)
         path = folder / DATABASE
         _refuse_existing(path)
-        lock = FileLock(folder / LOCK)
+        lock = lock_file(folder / LOCK)
         try:
             _refuse_existing(path)  # again: someone may have been faster before we had the lock
             # Made under another name, so that a campaign exists completely or not at all.
@@ -192,7 +194,7 @@ class CampaignStore(Shown):
         folder = Path(folder)
         path = find_database(folder)
         if not readonly:
-            lock = FileLock(folder / LOCK)
+            lock = lock_file(folder / LOCK)
             try:
                 return cls._open_locked(folder, lock)
             except BaseException:

@@ -42,8 +42,7 @@ COMMANDS: Final = {
     "resume": Row(
         "resume:resume", "Go on with a campaign that was interrupted or is to be extended."
     ),
-    "watch": Row("watch:watch", "Follow a running campaign, from anywhere that sees its folder."),
-    "show": Row("show:show", "Look at a campaign, or at one of its tests."),
+    "show": Row("show:show", "Look at a campaign, while it runs or later, or at one of its tests."),
     "report": Row("report:report", "Write a campaign's report: one HTML file."),
     "check": Row(
         "check:check", "Check that a campaign's database is sound, and say what it holds."

@@ -73,6 +73,11 @@ LISTED_TESTS: Final = 20
     "Where to draw the test. [default: in the campaign's folder]",
     type=NewFile(is_picture=True),
 )
+@click.option(
+    "--follow",
+    is_flag=True,
+    help="Show how the campaign goes until it ends; with --json, print how it goes now.",
+)
 @json_option
 def show(
     campaign: Path,
@@ -82,6 +87,7 @@ def show(
     sort: str | None,
     limit: int | None,
     plot: Path | None,
+    follow: bool,
     as_json: bool,
 ) -> None:
     """Say what a CAMPAIGN folder holds, list its tests, or show one in full, with its picture.
@@ -90,6 +96,11 @@ def show(
     drive within 30 m of the place where the car left its lane, or else was nearest to it: length,
     max_curvature, direction_coverage, bends, mean_speed, std_speed, std_steering, mean_offset,
     extreme_offset.
+
+    --follow reads, each second, the database and log of a campaign that runs. Of one on another
+    machine, seen through a network share, it reads the log only. Ctrl-C leaves; the campaign goes
+    on. The exit code is 0 when the campaign has finished, 1 when it was interrupted, gave up or was
+    killed.
     """
     from frenetic.campaign import CampaignStore
 
@@ -101,6 +112,13 @@ def show(
         )
     if test_id is None and plot is not None:
         raise click.UsageError("--plot needs the ID of a test, too")
+    if follow:
+        if is_list or test_id is not None:
+            raise click.UsageError("--follow shows the whole campaign: leave out what shows tests")
+        from frenetic.cli.follow import follow as follow_campaign
+
+        follow_campaign(campaign, as_json=as_json)
+        return
     with CampaignStore.open(campaign) as store:
         if is_list:
             limit = limit if limit is not None or as_json else LISTED_TESTS

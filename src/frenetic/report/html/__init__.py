@@ -1,7 +1,5 @@
 """A campaign as one HTML file that opens anywhere, without a network: `write_report`.
 
-`LiveReport` shows the same page growing, while the campaign runs.
-
 What the page says is put together here as *sections* of *blocks* (`frenetic.report.html.blocks`),
 which become JSON in the page; how it looks is up to ``static``.
 
@@ -39,7 +37,6 @@ from frenetic.report.html.blocks import (
 )
 from frenetic.report.html.campaign import REPORT, campaign_report, write_report
 from frenetic.report.html.comparison import comparison_report, write_comparison_page
-from frenetic.report.html.live import LiveReport
 from frenetic.report.html.page import Report, render, write_page
 
 __all__ = [
@@ -51,7 +48,6 @@ __all__ = [
     "Command",
     "Fact",
     "Facts",
-    "LiveReport",
     "Paragraph",
     "Picture",
     "Report",

@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from frenetic.analysis.failures import (
-    COMPARED,
-    Clusters,
-    Failure,
-    distinct_among,
-    nearest_misses,
-)
+from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.segments import Segment, segment_of
 from frenetic.campaign.counts import Counts, key_of
-from frenetic.campaign.earlier import read_earlier, still_failing
+from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.screening import ScreeningSummary
@@ -100,183 +93,111 @@ def campaign_report(
     Raises:
         CampaignError: the campaign is damaged.
     """
-    return GrowingReport().make(store, clusters=clusters, misses=misses, sections=sections)
+    failures = store.by_outcome()[Outcome.FAIL]
+    clusters = distinct_failures(store) if clusters is None else clusters
+    found = clusters
+    if not failures:
+        found = nearest_misses(store) if misses is None else misses
+    tests, counts = _read(store)  # last: while the campaign runs, it has what was found before
+    by_id = {test.id: test for test in tests}
+    mapped = [test.id for test in choose_mapped(tests)]
+    config, facts = store.config, store.facts
+    reruns, trouble = _reruns(store)
+    confirmations, damage = confirmations_of(store)
+    confirmed = [test.test_id for one in confirmations for test in one.tests]
+    drives, measured = _look(store, _to_show(tests, by_id, found, confirmed), mapped)
+    opened = {drive.id for drive in drives}
+    spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
+    table = TestTable.of(test for test in tests if test.id in spoken_of)
+    moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
+    elapsed = store.elapsed()
+    screening = ScreeningSummary.of_store(store)
+    trouble = " ".join(
+        [
+            *([screening.stopped] if screening is not None and screening.stopped else []),
+            trouble,
+        ]
+    )
+    top = headline(
+        config,
+        facts,
+        counts,
+        clusters,
+        folder=str(store.folder),
+        elapsed=elapsed,
+        is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
+        objectives=objectives(store),
+        known=still_failing(store),
+        trouble=trouble,
+        screening=screening,
+    )
+    return Report(
+        title=top.title,
+        sections=(
+            Section("summary", top.title, (top,)),
+            timeline_section(tests, clusters),
+            gallery_section(found, moobds, opened, reruns, failures)
+            if failures
+            else misses_section(found, moobds, opened),
+            map_section(table.ids, measured, tests),
+            family_section(found, opened),
+            operators_section(tests, clusters),
+            *confirmed_sections(store, confirmations, damage),
+            repeat_section(config, facts),
+            *sections,
+        ),
+        campaign=_shell(store.folder),
+        drive_options=drive_options(config),
+        made_by=made_by(),
+        lane_width=_lane_width(config.get("lane_width")),
+        tests=table,
+        drives=tuple(drives),
+    )
 
 
-class GrowingReport:
-    """The report of one campaign, which can be made again while the campaign grows.
+def _read(store: CampaignStore) -> tuple[list[TestSummary], Counts]:
+    """The tests, and their counts: a campaign that runs may have more by now."""
+    tests, roads = [], set()
+    for record in store.tests():
+        tests.append(TestSummary.of(record))
+        if record.outcome is not Outcome.DROPPED:
+            roads.add(key_of(record.candidate))
+    by_outcome = dict.fromkeys(Outcome, 0) | Counter(test.outcome for test in tests)
+    moobds = [test.moobd for test in tests if test.moobd is not None]
+    return tests, Counts.of(by_outcome, min(moobds, default=None), len(roads))
 
-    What a test holds never changes, so it is read once.
+
+def _look(
+    store: CampaignStore, shown: Sequence[int], mapped: Sequence[int]
+) -> tuple[list[DriveData], dict[int, Measured]]:
+    """The drives of as many tests to show as there is room for, and the features of the mapped.
+
+    Each trajectory is read once, and not kept.
     """
-
-    def __init__(self) -> None:
-        self._tests: list[TestSummary] = []
-        self._by_id: dict[int, TestSummary] = {}
-        self._roads: set[int] = set()
-        self._failures: dict[int, Failure | None] = {}  # None without a drive
-        self._drives: dict[int, DriveData | None] = {}
-        self._measured: dict[int, Measured | None] = {}
-        self._camera: DriverCamera | None = None
-
-    @property
-    def told(self) -> int:
-        """Number of results that were read."""
-        return len(self._tests)
-
-    def make(
-        self,
-        store: CampaignStore,
-        *,
-        clusters: Clusters | None = None,
-        misses: Clusters | None = None,
-        sections: Sequence[Section] = (),
-        is_running: bool = False,
-    ) -> Report:
-        """The report of what the campaign holds now; for its arguments see `write_report`.
-
-        Args:
-            store: the campaign, the same each time.
-            is_running: whether the campaign is known to run, so that it is no wonder that it is
-                unfinished.
-
-        Raises:
-            CampaignError: the campaign is damaged.
-        """
-        self._read_new(store)
-        tests, by_id = self._tests, self._by_id
-        mapped = [test.id for test in choose_mapped(tests)]
-        clusters = self._distinct_failures(store, set(mapped)) if clusters is None else clusters
-        counts, config, facts = self._counts(), store.config, store.facts
-        failures = counts.by_outcome[Outcome.FAIL]
-        found = clusters
-        if not failures:
-            found = nearest_misses(store) if misses is None else misses
-        reruns, trouble = _reruns(store)
-        confirmations, damage = confirmations_of(store)
-        confirmed = [test.test_id for one in confirmations for test in one.tests]
-        drives, measured = self._look(store, _to_show(tests, by_id, found, confirmed), mapped)
-        opened = {drive.id for drive in drives}
-        spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
-        table = TestTable.of(test for test in tests if test.id in spoken_of)
-        moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
-        elapsed = store.elapsed()
-        screening = ScreeningSummary.of_store(store)
-        trouble = " ".join(
-            [
-                *([screening.stopped] if screening is not None and screening.stopped else []),
-                trouble,
-            ]
-        )
-        top = headline(
-            config,
-            facts,
-            counts,
-            clusters,
-            folder=str(store.folder),
-            elapsed=elapsed,
-            is_running=is_running,
-            is_spent=_budget_spent(config, facts, counts, elapsed) >= 1.0,
-            objectives=objectives(store),
-            known=still_failing(store),
-            trouble=trouble,
-            screening=screening,
-        )
-        return Report(
-            title=top.title,
-            sections=(
-                Section("summary", top.title, (top,)),
-                timeline_section(tests, clusters),
-                gallery_section(found, moobds, opened, reruns, failures)
-                if failures
-                else misses_section(found, moobds, opened),
-                map_section(table.ids, measured, tests),
-                family_section(found, opened),
-                operators_section(tests, clusters),
-                *confirmed_sections(store, confirmations, damage),
-                repeat_section(config, facts),
-                *sections,
-            ),
-            campaign=_shell(store.folder),
-            drive_options=drive_options(config),
-            made_by=made_by(),
-            lane_width=_lane_width(config.get("lane_width")),
-            tests=table,
-            drives=tuple(drives),
-        )
-
-    def _read_new(self, store: CampaignStore) -> None:
-        for record in store.tests(after=self.told):
-            if record.id not in self._by_id:
-                self._tests.append(TestSummary.of(record))
-                self._by_id[record.id] = self._tests[-1]
-                if record.outcome is not Outcome.DROPPED:
-                    self._roads.add(key_of(record.candidate))
-
-    def _counts(self) -> Counts:
-        """The counts of the tests that were read: a campaign that runs may have more by now."""
-        by_outcome = dict.fromkeys(Outcome, 0) | Counter(test.outcome for test in self._tests)
-        moobds = [test.moobd for test in self._tests if test.moobd is not None]
-        return Counts.of(by_outcome, min(moobds, default=None), len(self._roads))
-
-    def _distinct_failures(self, store: CampaignStore, mapped: Collection[int]) -> Clusters:
-        """As `frenetic.analysis.failures.distinct_failures`; features of the mapped are kept."""
-        failed = [test for test in self._tests if test.outcome is Outcome.FAIL]
-        failed.sort(key=lambda test: math.inf if test.moobd is None else test.moobd)
-        known, self._failures = self._failures, {}
-        for test in failed[:COMPARED]:
-            if test.id in known:
-                self._failures[test.id] = known[test.id]
-                continue
-            record = store.test(test.id)
-            segment = _segment(record)
-            self._failures[test.id] = (
-                None
-                if segment is None
-                else Failure.of(segment, id=test.id, moobd=record.moobd or 0.0)
-            )
-            if test.id in mapped:
-                self._measured[test.id] = None if segment is None else Measured.of(segment)
-        return distinct_among([one for one in self._failures.values() if one], read_earlier(store))
-
-    def _look(
-        self, store: CampaignStore, shown: Sequence[int], mapped: Sequence[int]
-    ) -> tuple[list[DriveData], dict[int, Measured]]:
-        """The drives of as many tests to show as there is room for, and the features of the mapped.
-
-        Each trajectory is read once, and not kept.
-        """
-        drives: dict[int, DriveData | None] = {}
-        measured: dict[int, Measured | None] = {}
-        room, room_for_pictures = DRIVES_SIZE, PICTURES_SIZE
-        is_mapped, is_shown = set(mapped), set(shown)
-        camera = self._camera = self._camera or DriverCamera(store.config)
-        for test_id in dict.fromkeys([*shown, *mapped]):
-            is_wanted = room > 0 and test_id in is_shown
-            lacks_drive = is_wanted and test_id not in self._drives
-            lacks_features = test_id in is_mapped and test_id not in self._measured
-            record = store.test(test_id) if lacks_drive or lacks_features else None
-            segment = None if record is None else _segment(record)
-            if test_id in is_mapped:
-                measured[test_id] = (
-                    (None if segment is None else Measured.of(segment))
-                    if lacks_features
-                    else self._measured[test_id]
-                )
-            if is_wanted:
-                drive = self._drives.get(test_id)
-                if record is not None and segment is not None and lacks_drive:
-                    drive = drive_data(record, segment)
-                    if room_for_pictures > 0:
-                        drive = replace(drive, camera=camera.saw(record))
-                drives[test_id] = drive
-                room -= 0 if drive is None else drive.size
-                if drive is not None and drive.camera is not None:
-                    room_for_pictures -= drive.camera.size
-        self._drives, self._measured = drives, measured
-        return (
-            [drive.with_files(store.folder) for drive in drives.values() if drive is not None],
-            {test_id: found for test_id, found in measured.items() if found is not None},
-        )
+    drives: list[DriveData] = []
+    measured: dict[int, Measured] = {}
+    room, room_for_pictures = DRIVES_SIZE, PICTURES_SIZE
+    is_mapped, is_shown = set(mapped), set(shown)
+    camera = DriverCamera(store.config)
+    for test_id in dict.fromkeys([*shown, *mapped]):
+        is_wanted = room > 0 and test_id in is_shown
+        if not is_wanted and test_id not in is_mapped:
+            continue
+        record = store.test(test_id)
+        segment = _segment(record)
+        if segment is None:
+            continue
+        if test_id in is_mapped:
+            measured[test_id] = Measured.of(segment)
+        if is_wanted:
+            drive = drive_data(record, segment)
+            if room_for_pictures > 0:
+                drive = replace(drive, camera=camera.saw(record))
+            drives.append(drive.with_files(store.folder))
+            room -= drive.size
+            if drive.camera is not None:
+                room_for_pictures -= drive.camera.size
+    return drives, measured
 
 
 def _segment(record: Test) -> Segment | None:

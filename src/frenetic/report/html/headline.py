@@ -52,7 +52,6 @@ def headline(
     *,
     folder: str,
     elapsed: float,
-    is_running: bool = False,
     is_spent: bool = False,
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
@@ -68,7 +67,6 @@ def headline(
         clusters: its distinct failures.
         folder: of the campaign.
         elapsed: s of its spent time.
-        is_running: whether the campaign is known to run.
         is_spent: whether its budget is.
         objectives: value of the objective by test, if it is not the MOOBD.
         known: what became of the failures of earlier campaigns.
@@ -114,9 +112,7 @@ def headline(
     return Headline(
         title=_title(clusters, failures, counts.simulations),
         lead=lead,
-        warning=" ".join(
-            text for text in ("" if is_running else _unfinished(facts, is_spent), trouble) if text
-        ),
+        warning=" ".join(text for text in (_unfinished(facts, is_spent), trouble) if text),
         tiles=tuple(tiles),
         facts=(
             Fact("campaign", folder),

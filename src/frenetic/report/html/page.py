@@ -32,8 +32,6 @@ SCRIPTS: Final = (
     "main.js",
 )
 """Files in ``static`` that become one script, in this order."""
-LIVE_SCRIPT: Final = "live.js"
-"""The script that a growing page has, too."""
 
 _MARK: Final = re.compile(r"\{\{(\w+)\}\}")
 _SECTION_ID: Final = re.compile(r"[a-z][a-z0-9-]*")
@@ -61,16 +59,12 @@ class Report:
     """Id of the test whose replay is all of the page; None for a page of sections."""
 
 
-def render(
-    report: Report, scripts: tuple[str, ...] = SCRIPTS, *, interval: float | None = None
-) -> str:
+def render(report: Report, scripts: tuple[str, ...] = SCRIPTS) -> str:
     """The page: self-contained HTML that may load nothing.
 
     Args:
         report: its contents.
         scripts: files in ``static`` that draw it, in order.
-        interval: s between two questions to the page's own server, for a page that grows; it may
-            load from there.
 
     Raises:
         ValueError: a section's id is invalid or not unique.
@@ -82,14 +76,13 @@ def render(
                 f"a section's id is {name!r}: letters, digits and hyphens are needed, and each id"
                 " once"
             )
-    is_live = interval is not None
-    script = _script((*scripts, LIVE_SCRIPT) if is_live else scripts)
+    script = _script(scripts)
     style = _text("report.css")
     parts = {
         "title": html.escape(report.title),
-        "policy": _policy(script, style, is_live),
+        "policy": _policy(script, style),
         "style": style,
-        "data": _island(to_json(report) | {"interval": interval}),
+        "data": _island(to_json(report)),
         "script": script,
     }
     return _MARK.sub(lambda mark: parts[mark[1]], _text("template.html"))
@@ -120,19 +113,15 @@ def _island(data: Any) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def _policy(script: str, style: str, is_live: bool) -> str:
-    """A content security policy that allows this script and style and loads nothing.
-
-    A growing page may ask its own server.
-    """
+def _policy(script: str, style: str) -> str:
+    """A content security policy that allows this script and style and loads nothing."""
     hashed = (
         base64.b64encode(hashlib.sha256(t.encode()).digest()).decode() for t in (script, style)
     )
     script_src, style_src = (f"'sha256-{one}'" for one in hashed)
-    asking = " connect-src 'self';" if is_live else ""
     return (
         f"default-src 'none'; script-src {script_src}; style-src {style_src}; img-src data:;"
-        f"{asking} base-uri 'none'; form-action 'none'"
+        " base-uri 'none'; form-action 'none'"
     )
 
 

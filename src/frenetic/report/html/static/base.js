@@ -5,11 +5,10 @@ const isEmbedded = report.replay !== null; // the page is one replay
 
 const OUTCOMES = { P: "PASS", F: "FAIL", I: "INVALID", E: "ERROR", D: "DROPPED" };
 
-/** Tests by id, each with its row in the page's table; -1 once it is not there any more. */
+/** Tests by id, each with its row in the page's table. */
 const tests = new Map();
 
 function readTests(table) {
-  for (const test of tests.values()) test.row = -1;
   table.ids.forEach((id, row) => {
     tests.set(id, {
       id,

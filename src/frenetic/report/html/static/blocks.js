@@ -1,5 +1,4 @@
-// What draws a block: its kind -> a function of the element to fill and the block. It may return a
-// function that shows a newer block in place; without one a page that grows draws it anew.
+// What draws a block: its kind -> a function of the element to fill and the block.
 
 const kinds = {
   paragraph: (element, block) => void element.append(el("p", {}, block.text)),

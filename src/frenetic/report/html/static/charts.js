@@ -266,15 +266,7 @@ function chart(height, label, figure, { hasLegend = true } = {}) {
     event.preventDefault();
   });
 
-  /** Draws it anew, with what one points at; never during a drag. */
-  function renew() {
-    if (pressed !== null) return;
-    const cursor = tip.hidden ? null : shown.cursor;
-    draw();
-    if (cursor !== null) point(cursor);
-  }
-
-  const one = { place, draw, zoom, renew };
+  const one = { place, draw, zoom };
   charts.push(one);
   let width = 0;
   new ResizeObserver(() => {
@@ -377,10 +369,4 @@ function drawTimeline(element, block) {
   );
   element.append(el("div", { class: "choices" }, "Over ", el("div", { class: "switch", role: "group", "aria-label": "Over what" }, buttons)), figure.place);
   captioned(element, block.caption);
-  return (newer) => {
-    block = newer;
-    axis = block.axes.find((one) => one.name === axis.name) ?? block.axes[0];
-    figure.renew();
-    element.querySelector(":scope > .caption").textContent = block.caption;
-  };
 }

@@ -113,24 +113,15 @@ function originText({ id, moobd, operator, does }) {
 
 function drawFamily(element, block) {
   const place = el("div", { "aria-live": "polite" });
-  const choice = el("select", { id: "family-choice" });
-  const offer = () => choice.replaceChildren(...block.ids.map((id) => el("option", { value: id }, originText(tests.get(id)))));
+  const choice = el("select", { id: "family-choice" }, block.ids.map((id) => el("option", { value: id }, originText(tests.get(id)))));
   const show = () => {
     const id = Number(choice.value);
     const none = el("p", { class: "quiet" }, `Test ${id} was a random road: it has no ancestors.`);
     place.replaceChildren(familyTree(id) ?? none);
   };
   choice.addEventListener("change", show);
-  offer();
   // The first that has a family says more than one that has none.
   choice.value = String(block.ids.find((id) => tests.get(id).parents.length) ?? block.ids[0]);
   show();
   element.append(el("div", { class: "choices" }, el("label", { for: "family-choice" }, "Ancestors of "), choice), place);
-  return (newer) => {
-    const chosen = Number(choice.value);
-    block = newer;
-    offer();
-    if (block.ids.includes(chosen)) choice.value = String(chosen);
-    else show();
-  };
 }

@@ -119,13 +119,7 @@ function drawGallery(element, block) {
   });
   for (const field of [sort, ...fields]) field.addEventListener("input", show);
   const labelled = (text, field) => el("span", {}, el("label", { for: field.id }, text), field);
-  const again = labelled("Driven again ", robust);
-  const renew = (newer) => {
-    block = newer;
-    for (const one of block.repeats) repeatsById.set(one.test, one);
-    again.hidden = !block.repeats.length;
-    show();
-  };
+  for (const one of block.repeats) repeatsById.set(one.test, one);
   element.append(
     el(
       "div",
@@ -135,7 +129,7 @@ function drawGallery(element, block) {
       labelled("Find ", search),
       radius.element,
       speed.element,
-      again,
+      block.repeats.length ? labelled("Driven again ", robust) : null,
       found,
       clear,
     ),
@@ -145,8 +139,7 @@ function drawGallery(element, block) {
     el("p", { class: "caption" }, "Each road is laid flat and driven to the right; ● is its start, ○ where the car left its lane."),
   );
   arrowKeys(grid, () => [...grid.querySelectorAll(".card")]);
-  renew(block);
-  return renew;
+  show();
 }
 
 /** Fills a grid with so many of its items, and says on a button how many more there are. */

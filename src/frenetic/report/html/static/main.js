@@ -3,13 +3,8 @@
 const PAPER = 680; // px, what is printed on
 
 const main = document.getElementById("page");
-const nav = scrollsSideways(el("nav", { "aria-label": "Sections" }));
-const drawn = new Map(); // a section's id -> its elements, and what shows a newer block in each
-
-function drawLinks() {
-  const links = report.sections.slice(1).map((section) => el("a", { href: `#${section.id}` }, section.title));
-  if (links.map((link) => link.text).join() !== [...nav.children].map((link) => link.text).join()) nav.replaceChildren(...links);
-}
+const links = report.sections.slice(1).map((section) => el("a", { href: `#${section.id}` }, section.title));
+const nav = scrollsSideways(el("nav", { "aria-label": "Sections" }, links));
 
 function drawBar() {
   const theme = el("button", { type: "button", id: "theme", class: "theme" });
@@ -23,28 +18,22 @@ function drawBar() {
     say();
   });
   say();
-  drawLinks();
   document.getElementById("bar").append(el("a", { class: "brand", href: "#page" }, "Frenetic"), nav, theme);
 }
 
 function drawSection(section, place) {
   const elements = section.blocks.map((block) => el("div", { class: `block block-${block.kind}` }));
   const body = el("div", { class: "blocks" }, elements);
-  const renew = section.blocks.map((block, i) => kinds[block.kind](elements[i], block));
+  section.blocks.forEach((block, i) => kinds[block.kind](elements[i], block));
   const title = el(place === 0 ? "h1" : "h2", { id: `${section.id}-title` }, section.title);
   const lead = section.lead ? el("p", { class: "lead" }, section.lead) : null;
-  const element = el("section", { id: section.id, "aria-labelledby": `${section.id}-title` }, title, lead, body);
-  drawn.set(section.id, { section, element, title, lead, elements, renew });
-  return element;
+  return el("section", { id: section.id, "aria-labelledby": `${section.id}-title` }, title, lead, body);
 }
 
 document.documentElement.dataset.theme = storedTheme();
 drawBar();
 main.append(...report.sections.map(drawSection));
-document.getElementById("foot").append(
-  `Made by ${report.made_by}. `,
-  report.interval === null ? "This file is complete: it loads nothing." : "It grows while 'frenetic watch --serve' shows it, on this computer only.",
-);
+document.getElementById("foot").append(`Made by ${report.made_by}. This file is complete: it loads nothing.`);
 
 document.addEventListener("DOMContentLoaded", openLinked);
 // Paper is white, narrower than most screens, and nothing on it can be unfolded.

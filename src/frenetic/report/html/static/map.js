@@ -15,12 +15,9 @@ function drawFeatureMap(element, block) {
   const panel = el("div", { class: "map-panel", "aria-live": "polite" });
   const axisOf = (select) => block.axes.find((axis) => axis.name === select.value);
 
-  const chosen = { cell: null, holds: "" }; // what the panel shows
-  const draw = () => place.replaceChildren(mapGrid(block, axisOf(across), axisOf(up), scope.value, shade.value, panel, chosen));
   const show = () => {
     panel.replaceChildren(el("p", { class: "quiet" }, "Choose a cell: click it, or move with the arrow keys and press Enter."));
-    chosen.cell = null;
-    draw();
+    place.replaceChildren(mapGrid(block, axisOf(across), axisOf(up), scope.value, shade.value, panel));
   };
   for (const select of [across, up, scope, shade]) select.addEventListener("change", show);
   const labelled = (text, select) => el("span", {}, el("label", { for: select.id }, text), select);
@@ -29,10 +26,6 @@ function drawFeatureMap(element, block) {
     el("div", { class: "map" }, place, panel),
   );
   show();
-  return (newer) => {
-    block = newer;
-    draw();
-  };
 }
 
 /** (cells) what was found, row by row from the top. */
@@ -53,7 +46,7 @@ function mapCells(xAxis, yAxis, scope) {
   return cells;
 }
 
-function mapGrid(block, xAxis, yAxis, scope, shade, panel, chosen) {
+function mapGrid(block, xAxis, yAxis, scope, shade, panel) {
   const cells = mapCells(xAxis, yAxis, scope);
   const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
   const found = cells.filter((cell) => cell.failed.length);
@@ -68,7 +61,6 @@ function mapGrid(block, xAxis, yAxis, scope, shade, panel, chosen) {
     return clamp(Math.floor(share * SHADES), 0, SHADES - 1);
   };
   const buttons = [];
-  let again = null; // chooses the cell that was chosen before
   const grid = el("div", { class: "cells", role: "grid", "aria-label": `Feature map: ${xAxis.description} across, ${yAxis.description} up` });
   grid.style.gridTemplateRows = `repeat(${tall}, 1fr)`;
   for (let row = 0; row < tall; row++) {
@@ -80,7 +72,7 @@ function mapGrid(block, xAxis, yAxis, scope, shade, panel, chosen) {
       const words = `${rangeText(xAxis, cell.column)}, ${rangeText(yAxis, cell.row)}: ${foundText(block, cell)}`;
       const button = el(
         "button",
-        { type: "button", role: "gridcell", class: `cell ${kind}`, "data-cell": buttons.length, title: words, "aria-label": words, tabindex: -1 },
+        { type: "button", role: "gridcell", class: `cell ${kind}`, title: words, "aria-label": words, tabindex: -1 },
         cell.failed.length ? String(cell.failed.length) : "",
       );
       if (cell.failed.length >= 1000) button.classList.add("long");
@@ -88,26 +80,17 @@ function mapGrid(block, xAxis, yAxis, scope, shade, panel, chosen) {
         buttons.forEach((other) => other.setAttribute("aria-selected", String(other === button)));
         buttons.forEach((other) => (other.tabIndex = other === button ? 0 : -1));
       };
-      const holds = [...cell.failed, ...cell.passed].map((test) => test.id).join();
       button.addEventListener("click", () => {
         choose();
-        Object.assign(chosen, { cell: button.dataset.cell, holds });
         showCell(block, panel, cell, xAxis, yAxis);
         scrollToPanel(panel);
       });
-      // The same cell in a newer map
-      if (chosen.cell === String(buttons.length)) {
-        again = choose;
-        if (chosen.holds !== holds) showCell(block, panel, cell, xAxis, yAxis);
-        chosen.holds = holds;
-      }
       buttons.push(button);
       line.append(button);
     }
     grid.append(line);
   }
-  if (again !== null) again();
-  else (buttons.find((button, i) => cells[i].failed.length) ?? buttons[0]).tabIndex = 0;
+  (buttons.find((button, i) => cells[i].failed.length) ?? buttons[0]).tabIndex = 0;
   arrowKeys(grid, () => buttons);
   const covered = cells.filter((cell) => cell.failed.length || cell.passed.length).length;
   return el(

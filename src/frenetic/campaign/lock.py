@@ -1,0 +1,97 @@
+"""The lock that keeps a folder to one writer, and who holds it."""
+
+from __future__ import annotations
+
+import os
+import platform
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from filelock import FileLock, Timeout, lock_descriptor
+from msgspec import DecodeError, Struct
+from msgspec.json import decode, encode
+
+from frenetic._support.words import present_moment
+from frenetic.errors import CampaignError
+
+PATIENCE: Final = 1.0
+"""Wait for a lock, in s, so that nobody is kept out by a look at who holds it."""
+
+
+class _Holder(Struct):
+    process_id: int
+    host: str
+    process_start: int | None
+    time: str
+
+    @classmethod
+    def here(cls) -> _Holder:
+        process_id = os.getpid()
+        return cls(process_id, platform.node(), _start_of(process_id), present_moment())
+
+    def __str__(self) -> str:
+        """Its process, if that is known to be the one which runs here under this number."""
+        here = self.host == platform.node() and self.process_start == _start_of(self.process_id)
+        if here and self.process_id == os.getpid():
+            return "this process"
+        is_known = here and self.process_start is not None
+        return f"process {self.process_id}" if is_known else "another process"
+
+
+def lock_file(path: Path) -> FileLock:
+    """Locks the file at a path for this process, until it is released or the process ends.
+
+    The file stays, and says who locked it last. A fork of the process does not hold the lock.
+
+    Raises:
+        CampaignError: another process or this one holds it, or it cannot be written.
+    """
+    held = FileLock(path, thread_local=False, on_acquired=_write_holder)
+    try:
+        held.acquire(timeout=PATIENCE)
+    except Timeout:
+        who = holder(path) or "another process"
+        raise CampaignError(
+            f"{path.parent} is being written by {who}: wait for it or stop it, or choose another"
+            " folder"
+        ) from None
+    except OSError as error:
+        raise CampaignError(
+            f"cannot lock {path}: {error.strerror or error}; check its folder's permissions, or"
+            " choose another disk"
+        ) from error
+    return held
+
+
+def holder(path: Path) -> str | None:
+    """The holder of the lock on a file, such as "process 123"; None if nobody holds it.
+
+    It changes nothing.
+    """
+    try:
+        with path.open("rb", buffering=0) as file:
+            with suppress(OSError):  # files cannot be locked there by a reader
+                if lock_descriptor(file.fileno(), blocking=False):
+                    return None
+            file.seek(1)  # on Windows the first byte is locked
+            return str(decode(file.read(), type=_Holder))
+    except DecodeError:
+        return "another process"
+    except OSError:
+        return None
+
+
+def _write_holder(file: int) -> None:
+    with suppress(OSError):  # the disk is full
+        os.ftruncate(file, 0)
+        os.write(file, b" " + encode(_Holder.here()) + b"\n")
+
+
+def _start_of(process_id: int) -> int | None:
+    """When a process started, in ticks of the machine; None where Linux does not tell."""
+    try:
+        text = Path(f"/proc/{process_id}/stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    return int(text.rpartition(")")[2].split()[19])

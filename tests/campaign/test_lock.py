@@ -1,0 +1,132 @@
+"""Who may write a folder, and what others learn about who does."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from permissions import bound_by_permissions
+
+from frenetic.campaign.lock import holder, lock_file
+from frenetic.errors import CampaignError
+
+HOLD = """
+import os, sys, time
+from pathlib import Path
+from frenetic.campaign.lock import lock_file
+
+held = lock_file(Path(sys.argv[1]))
+child = os.fork() if "fork" in sys.argv else 1
+if child == 0:
+    held.release()  # which is not its to release
+else:
+    print(child, flush=True)
+time.sleep(600)
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "c.lock"
+
+
+@contextmanager
+def holding(path: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    """A process that holds the lock, and the id of its fork."""
+    command = [sys.executable, "-W", "ignore", "-c", HOLD, str(path), *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            yield process, int(process.stdout.readline())
+        finally:
+            process.kill()
+
+
+def test_one_holds_it_until_it_is_released(path: Path) -> None:
+    with lock_file(path):
+        assert holder(path) == "this process"
+        with pytest.raises(CampaignError, match="is being written by this process: wait"):
+            lock_file(path)
+        assert holder(path) == "this process"
+    assert holder(path) is None
+    lock_file(path).release()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="tells when processes have started")
+def test_another_process_is_named_until_it_is_killed(path: Path) -> None:
+    with holding(path) as (process, _):
+        assert holder(path) == f"process {process.pid}"
+        with pytest.raises(CampaignError, match=f"written by process {process.pid}: wait"):
+            lock_file(path)
+        process.kill()
+        process.wait()
+        assert holder(path) is None
+        lock_file(path).release()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no forking here")
+def test_a_fork_neither_holds_nor_releases_it(path: Path) -> None:
+    with holding(path, "fork") as (process, child):
+        try:
+            assert holder(path) is not None
+            process.kill()
+            process.wait()
+            assert holder(path) is None
+        finally:
+            os.kill(child, signal.SIGKILL)
+
+
+@pytest.mark.parametrize(
+    "lie", [{"host": "elsewhere"}, {"process_start": 1}, {"process_id": 1 << 30}, {"host": 3}]
+)
+def test_the_number_of_a_process_counts_only_where_and_while_it_runs(
+    path: Path, lie: dict[str, Any]
+) -> None:
+    with lock_file(path):
+        said = json.loads(path.read_text())
+        assert (said["process_id"], said["host"]) == (os.getpid(), platform.node())
+        path.write_text(f" {json.dumps(said | lie)}")
+        assert holder(path) == "another process"
+        path.write_text("")
+        assert holder(path) == "another process"
+
+
+def test_a_look_makes_no_file_and_keeps_nobody_out(path: Path) -> None:
+    assert holder(path) is None
+    assert not path.exists()
+    lock_file(path).release()
+    look = "import sys; from pathlib import Path; from frenetic.campaign.lock import holder\n"
+    look += "print(flush=True)\nwhile True: holder(Path(sys.argv[1]))"
+    with subprocess.Popen(
+        [sys.executable, "-c", look, str(path)], stdout=subprocess.PIPE
+    ) as looking:
+        assert looking.stdout is not None
+        looking.stdout.readline()
+        for _ in range(20):
+            lock_file(path).release()
+        looking.kill()
+
+
+def test_a_lock_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match=r"cannot lock .*; check") as caught:
+        lock_file(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs POSIX permissions")
+def test_who_may_only_read_sees_the_holder(path: Path) -> None:
+    with lock_file(path):
+        path.chmod(0o444)
+        with bound_by_permissions(path.parent):
+            assert holder(path) == "this process"
+    with bound_by_permissions(path.parent):
+        assert holder(path) is None
