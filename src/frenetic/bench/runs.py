@@ -446,7 +446,7 @@ class _Clocked:
         self._clock = clock
         self._tally = Tally()
 
-    def ask(self) -> Candidate:
+    def ask(self) -> Candidate | None:
         if self._clock.is_over:
             raise SearchEnded("its own time has used up the budget")
         candidate = ask(self._strategy, self._tally)

@@ -110,6 +110,7 @@ class Dispatcher:
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
         self._unwritten: list[tuple[Test, Progress]] = []  # told
         self._unreported = unreported  # written
+        self._waits_for_result = False  # the strategy, before it proposes another road
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
         self._next_line = 0.0  # of progress
@@ -183,12 +184,20 @@ class Dispatcher:
             except SearchEnded as end:
                 self._tally.ended = str(end) or "the strategy has nothing left to propose"
                 return
+            if candidate is None:
+                if not self._outstanding:
+                    raise StrategyError(
+                        "the strategy wants to be told a result before it proposes a road, and none"
+                        " is outstanding"
+                    )
+                self._waits_for_result = True
+                return
             self._store.asked(candidate)
             self._outstanding[candidate.id] = candidate
             self._waiting.add(candidate.id)
 
     def _may_ask(self) -> bool:
-        if self._is_spent or self._tally.ended:
+        if self._is_spent or self._tally.ended or self._waits_for_result:
             return False
         if self._would_exceed(self._budget.simulations):
             return False
@@ -321,6 +330,7 @@ class Dispatcher:
         del self._outstanding[candidate.id]
         tally.measure(self._objective, evaluation)
         tell(self._strategy, evaluation, tally)
+        self._waits_for_result = False
         self._log_notice()
         progress = tally.progress(time.perf_counter() - self._start)
         self._unwritten.append((test, progress))
@@ -444,8 +454,8 @@ def start(strategy: Strategy, earlier: Sequence[EarlierTest], tally: Tally) -> N
         strategy.start_from([test.evaluation for test in earlier])
 
 
-def ask(strategy: Strategy, tally: Tally) -> Candidate:
-    """The strategy's next candidate; its time is counted.
+def ask(strategy: Strategy, tally: Tally) -> Candidate | None:
+    """The strategy's next candidate, None if it has to be told first; its time is counted.
 
     Raises:
         SearchEnded: it has none left.
@@ -454,6 +464,8 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate:
     _mark_used(strategy)
     with _own_time(tally, SearchEnded):
         candidate = strategy.ask()
+    if candidate is None:
+        return None
     if not isinstance(candidate, Candidate):
         raise StrategyError(
             f"the strategy proposed {type(candidate).__name__} instead of frenetic.Candidate"

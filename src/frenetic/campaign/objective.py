@@ -228,10 +228,12 @@ def _told(
     severity: float | None,
     read_trace: Callable[[], Trace | None],
 ) -> Evaluation:
-    departure = result.departure
+    departure, outcome = result.departure, result.outcome
+    if outcome.is_driven and result.moobd is None:
+        outcome = Outcome.ERROR  # nobody measured how it went, so nothing is learnt
     return Evaluation(
         candidate,
-        result.outcome,
+        outcome,
         result.moobd,
         budget_spent,
         place=result.moobd_distance if departure is None else departure.distance,

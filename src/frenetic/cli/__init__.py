@@ -39,6 +39,7 @@ class Row:
 COMMANDS: Final = {
     "init": Row("init:init", "Write a driver file with a test, ready to edit."),
     "run": Row("run:run", "Search for roads on which a driver fails."),
+    "ask-tell": Row("ask_tell:ask_tell", "Search for a simulator of your own, in any language."),
     "resume": Row(
         "resume:resume", "Go on with a campaign that was interrupted or is to be extended."
     ),

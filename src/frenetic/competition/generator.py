@@ -113,7 +113,10 @@ class Generator:
         )
         try:
             while not self._is_over():
-                self._try_road(self._strategy.ask())
+                candidate = self._strategy.ask()
+                if candidate is None:
+                    raise FreneticError("the strategy wants a result, and none is outstanding")
+                self._try_road(candidate)
         finally:
             counts = ", ".join(f"{n} {answer}" for answer, n in sorted(self._tally.items()))
             logger.info("%s ends after %s", type(self).__name__, counts or "no test")

@@ -133,7 +133,7 @@ class Screened:
         """Why screening stopped, or what the strategy has to say."""
         return self.stopped or notice_of(self.strategy)
 
-    def ask(self) -> Candidate:
+    def ask(self) -> Candidate | None:
         """Return the next road for the slow simulator."""
         if self.stopped is not None:
             return self.strategy.ask()
@@ -144,7 +144,7 @@ class Screened:
             if prospect is not None:
                 return self._hand_on(prospect)
         self._credit = max(self._credit - 1.0, 0.0)
-        candidate = self.strategy.ask()
+        candidate = _asked(self.strategy)
         seen = self._drive(candidate, self._budget_spent)
         self._trials[candidate.id] = _noted(candidate, "control", 0, seen)
         return self._trials[candidate.id]
@@ -209,7 +209,7 @@ class Screened:
         has_driven = False
         for _ in range(self._count):
             try:
-                candidate = self.scout.ask()
+                candidate = _asked(self.scout)
             except SearchEnded:
                 break
             seen = self._drive(candidate, self._budget_spent)
@@ -291,7 +291,7 @@ class Screened:
 
     def _hand_on(self, prospect: _Prospect) -> Candidate:
         scouted, seen = prospect.candidate, prospect.evaluation
-        number = self.strategy.ask().id
+        number = _asked(self.strategy).id
         for other in self._prospects:
             self._compare(other, prospect.place)
         self._row_of[number] = len(self._promised)
@@ -302,6 +302,13 @@ class Screened:
         self.strategy.replace(candidate)
         self._trials[number] = candidate
         return candidate
+
+
+def _asked(strategy: Strategy) -> Candidate:
+    candidate = strategy.ask()
+    if candidate is None:
+        raise ValueError("a strategy that waits for results cannot be screened")
+    return candidate
 
 
 def _noted(

@@ -27,9 +27,10 @@ class Strategy(Protocol):
 
     The contract, which `frenetic.testing.strategy_contract.StrategyContract` tests:
 
-    - `ask` may be called any number of times before anything is told. It never blocks and always
-      returns a candidate, if need be a random one; a strategy that has no more of them raises
-      `SearchEnded`, from then on at every call.
+    - `ask` may be called any number of times before anything is told. It never blocks. It returns a
+      candidate, or None if it has to be told a result first: only while one is outstanding, and
+      without changing anything. A strategy that has no more candidates raises `SearchEnded`, from
+      then on at every call.
     - Candidates have ids 1, 2, 3, .. in the order of asking. Their curvatures are read-only, finite
       and at least two, and are never changed after they were handed out.
     - Each candidate is told exactly once, in any order, whatever its outcome: INVALID, ERROR and
@@ -45,8 +46,8 @@ class Strategy(Protocol):
     propose, and what to remember.
     """
 
-    def ask(self) -> Candidate:
-        """Return the next road to try."""
+    def ask(self) -> Candidate | None:
+        """Return the next road to try, None for "tell me first"."""
         ...
 
     def tell(self, evaluation: Evaluation) -> None:

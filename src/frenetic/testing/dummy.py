@@ -134,8 +134,8 @@ def converse(
     waiting: list[Candidate] = []
     spent = 0
     while spent < budget:
-        while len(waiting) < outstanding:
-            waiting.append(strategy.ask())
+        while len(waiting) < outstanding and (proposed := strategy.ask()) is not None:
+            waiting.append(proposed)
         candidate = waiting.pop(0)
         outcome, moobd = verdict(candidate)
         spent += outcome is not Outcome.INVALID

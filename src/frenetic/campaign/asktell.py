@@ -1,0 +1,350 @@
+"""The search for a simulator that somebody else runs: requests and answers, a JSON object each.
+
+A campaign is searched and stored like any other, but its roads are driven by whoever asks for them:
+
+| request | answer |
+| --- | --- |
+| ``{"ask": {}}`` | ``{"candidate": {..}}``, ``{"wait": true}`` or ``{"end": reason}`` |
+| ``{"tell": {"id": 1, "outcome": "FAIL", ..}}`` | ``{"told": 1, "budget_spent": 0.01}`` |
+| ``{"validate": {"points": [[x, y], ..]}}`` | ``{"valid": false, "message": ".."}`` |
+| ``{"end": {}}``, or the end of the input | ``{"summary": {..}}`` |
+
+A candidate has an ``id``, ``points`` every 2 m or denser in m on the map, ``curvatures`` in 1/m,
+their ``step`` in m, the ``pose`` of its first point and the ``lane_width`` in m; invalid roads are
+not handed out. Any number may be asked for before one is told; ``wait`` means that one has to be
+told first. `Told` says what can be told. An unusable request is answered with ``{"error": ".."}``
+and changes nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, Literal, Self
+
+import numpy as np
+from msgspec import Struct, ValidationError, convert, json
+
+from frenetic._support.bounds import Count, Finite, NotNegative, Share
+from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.log import CampaignLog, WorkerState
+from frenetic.campaign.progress import Summary
+from frenetic.campaign.record import Attempt, Test
+from frenetic.campaign.store import DATABASE
+from frenetic.campaign.tester import RoadTester, road_through
+from frenetic.campaign.workers import Workers
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
+from frenetic.errors import CampaignError, RoadError
+from frenetic.oracle import LANE, Finding, Result, Side
+from frenetic.outcome import Outcome
+from frenetic.road import Road, check_validity
+from frenetic.search.records import Candidate
+from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+
+WORKER: Final = "client"
+"""Name of the worker in a test that was told."""
+
+
+class Records(Struct, forbid_unknown_fields=True):
+    """A drive, record by record: lists of one length. What is left out is stored as 0."""
+
+    time: list[NotNegative]
+    """Simulated time since the start, in s."""
+    x: list[Finite]
+    """Coordinate of the centre of mass on the map, in m."""
+    y: list[Finite]
+    """Coordinate of the centre of mass on the map, in m."""
+    speed: list[Finite]
+    """m/s."""
+    heading: list[Finite] = []
+    """rad, counter-clockwise from +x; by default the direction of the path."""
+    steering: list[Finite] = []
+    """Angle of the front wheels in rad, positive to the left."""
+    throttle: list[Finite] = []
+    """0..1."""
+    brake: list[Finite] = []
+    """0..1."""
+
+    def trajectory(self) -> Trajectory:
+        """The trajectory.
+
+        Raises:
+            ValueError: the lists differ in length, or are empty.
+        """
+        n = len(self.time)
+        values = {name: getattr(self, name) for name in self.__struct_fields__}
+        lengths = {name: len(value) for name, value in values.items() if value}
+        if not n or set(lengths.values()) != {n}:
+            raise ValueError(f"records need lists of one length, at least 1, not {lengths}")
+        if not self.heading:
+            dx, dy = (np.gradient(one) if n > 1 else np.zeros(1) for one in (self.x, self.y))
+            values["heading"] = np.unwrap(np.arctan2(dy, dx)).tolist()
+        columns = {name: np.zeros(n) for name in Trajectory.names()}
+        columns |= {name: np.array(value) for name, value in values.items() if len(value)}
+        return Trajectory(**columns)
+
+
+class Told(Struct, forbid_unknown_fields=True):
+    """The result of a candidate."""
+
+    id: Count
+    outcome: Literal["PASS", "FAIL", "ERROR"]
+    """ERROR if the drive broke, so that nothing is known about the road."""
+    moobd: Finite | None = None
+    """Minimum oob distance in m; the search learns nothing from a drive without it."""
+    reason: str = ""
+    """Why it ended so, in a sentence."""
+    place: Finite | None = None
+    """Distance along the road to where the car left its lane, or else was furthest off, in m."""
+    side: Side | None = None
+    """Side of the lane on which it left; a FAIL without a side left on none."""
+    oob_share: Share | None = None
+    """Largest share of the car's box outside its lane."""
+    duration: NotNegative | None = None
+    """Simulated time, in s."""
+    records: Records | None = None
+    """The drive, from which the search learns more, and which reports show."""
+
+    def attempt(self, road: Road, seconds: float) -> Attempt:
+        """The attempt on a road, which took so many s.
+
+        Raises:
+            ValueError: the records are unusable.
+        """
+        path = None if self.records is None else self.records.trajectory()
+        outcome = Outcome(self.outcome)
+        findings = []
+        if outcome is Outcome.FAIL and self.side is not None and self.place is not None:
+            x, y, _ = road.pose_at(min(max(self.place, 0.0), road.length))
+            share, at = self.oob_share or 1.0, self.duration or 0.0
+            findings = [Finding(LANE, share, share, self.side, at, self.place, x, y)]
+        result = Result(
+            outcome,
+            self.reason or f"told as {outcome}",
+            self.moobd if outcome.is_driven else None,
+            self.place if outcome.is_driven else None,
+            self.oob_share if outcome.is_driven else None,
+            self.duration if self.duration is not None or path is None else float(path.time[-1]),
+            tuple(findings),
+        )
+        return Attempt(self.id, result, road.pose, path, worker=WORKER, seconds=seconds)
+
+
+@dataclass(frozen=True)
+class TellingDriver:
+    """The driver of whoever asks and tells."""
+
+    BEHAVIOUR: ClassVar[int] = 1
+
+    name: str = "told"
+    """What it is, for the campaign's record."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Nothing drives here."""
+
+    def act(self, observation: Observation) -> Controls:  # noqa: ARG002 - a driver's
+        """Nothing drives here.
+
+        Raises:
+            CampaignError: always.
+        """
+        raise CampaignError("this driver is told about, and drives nothing here")
+
+
+class TellingSimulator:
+    """The simulator of whoever asks and tells.
+
+    Args:
+        rules: by which the drives are judged there, for the campaign's record.
+        car: likewise.
+    """
+
+    BEHAVIOUR: ClassVar[int] = 1
+
+    def __init__(self, rules: Rules | None = None, car: CarBody | None = None) -> None:
+        self.rules = rules or Rules()
+        self.car = car or CarBody()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def drive(self, road: Road, driver: Driver) -> Drive:  # noqa: ARG002
+        """Nothing drives here.
+
+        Raises:
+            CampaignError: always.
+        """
+        raise CampaignError("this simulator is told about, and drives nothing here")
+
+
+class _Client(Workers):
+    """Workers behind a line of requests and answers."""
+
+    def __init__(
+        self, tester: RoadTester, requests: Iterator[str], answer: Callable[[Any], None]
+    ) -> None:
+        self._tester = tester
+        self._requests = requests
+        self._answer = answer
+        self._asked = 0  # requests without an answer
+        self._refused: deque[Attempt] = deque()
+        self._running: dict[int, tuple[Road, float]] = {}  # id -> its road, and when it went out
+        self.has_ended = False
+
+    @property
+    def free(self) -> int:
+        return self._asked
+
+    def taken(self) -> int:
+        """Number of requests for a candidate without an answer, which the caller answers."""
+        asked, self._asked = self._asked, 0
+        return asked
+
+    def states(self) -> Mapping[str, WorkerState]:
+        return {}
+
+    def submit(self, candidate: Candidate) -> None:
+        try:
+            if candidate.points is None:
+                road, verdict = self._tester.fitted(candidate)
+            else:
+                verdict = check_validity(candidate.points, self._tester.map_size)
+                road = road_through(candidate.points, self._tester.lane_width)
+            message = verdict.message
+            if not verdict.valid:
+                road = None
+        except RoadError as error:
+            road, message = None, str(error)
+        if road is None:
+            self._refused.append(Attempt.undriven(candidate.id, Outcome.INVALID, message))
+            return
+        self._asked -= 1
+        self._running[candidate.id] = road, time.perf_counter()
+        self._answer(
+            {
+                "candidate": {
+                    "id": candidate.id,
+                    "points": road.road_points.round(6).tolist(),
+                    "curvatures": road.curvatures.tolist(),
+                    "step": road.step,
+                    "pose": list(road.pose),
+                    "lane_width": road.lane_width,
+                }
+            }
+        )
+
+    def wait(self, timeout: float) -> Sequence[Attempt]:  # noqa: ARG002 - the client decides
+        if self._refused:
+            return [self._refused.popleft()]
+        for _ in range(self.taken()):  # to which the strategy had no answer
+            self._answer({"wait": True})
+        while not self.has_ended and (line := next(self._requests, None)) is not None:
+            attempt = self.handled(line)
+            if attempt is not None:
+                return [attempt]
+            if self._asked:
+                return ()
+        self.has_ended = True
+        raise KeyboardInterrupt  # as Ctrl-C would: what is outstanding stays so
+
+    def handled(self, line: str) -> Attempt | None:
+        """Answers a request, unless the campaign has to; returns the attempt that it tells."""
+        try:
+            request = json.decode(line, type=dict[str, Any])
+            (kind,) = request
+            values = request[kind]
+            if kind == "ask":
+                self._asked += 1
+            elif kind == "tell":
+                told = convert(values, Told)
+                if told.id not in self._running:
+                    raise ValueError(f"candidate {told.id} is not outstanding")
+                road, since = self._running[told.id]
+                attempt = told.attempt(road, time.perf_counter() - since)
+                del self._running[told.id]
+                return attempt.pack(keep=True)
+            elif kind == "validate":
+                self._answer(validity(values, self._tester.map_size))
+            elif kind == "end":
+                self.has_ended = True
+            else:
+                raise ValueError(f"unknown request {kind!r}: ask, tell, validate or end is needed")
+        except (ValidationError, ValueError, TypeError, RoadError) as error:
+            self._answer({"error": " ".join(str(error).split())[:500]})
+        return None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def validity(request: Any, map_size: float) -> dict[str, Any]:
+    """The answer whether a road is valid, as the competition defines it.
+
+    Raises:
+        ValueError: there are no points.
+    """
+    points = np.array(convert(request, dict[str, list[tuple[Finite, Finite]]])["points"])
+    verdict = check_validity(points.reshape(-1, 2), map_size)
+    return {"valid": verdict.valid, "message": verdict.message}
+
+
+class ToldCampaign(Campaign):
+    """A campaign whose roads somebody else drives, see this module's text.
+
+    Args:
+        requests: lines, each with one JSON object.
+        answer: called with each answer.
+        name: of what drives, for the campaign's record.
+        others: as for `Campaign`, without driver and simulator.
+    """
+
+    def __init__(
+        self,
+        requests: Iterator[str],
+        answer: Callable[[Any], None],
+        *,
+        name: str = "told",
+        **others: Any,
+    ) -> None:
+        super().__init__(simulator=TellingSimulator(), driver=TellingDriver(name), **others)
+        self._answer = answer
+        self._requests = requests
+        self._client = _Client(self.tester, requests, answer)
+
+    def _workers(self, log: CampaignLog) -> Workers:  # noqa: ARG002 - nothing is lost here
+        return self._client
+
+    def serve(self) -> Summary:
+        """Searches until the client ends, and answers its requests.
+
+        It goes on with the campaign in its folder if there is one; candidates that were outstanding
+        then are handed out again.
+
+        Raises:
+            CampaignError: as for `run` and `resume`.
+        """
+        exists = (self.folder / DATABASE).is_file()
+        search = self.resume if exists else self.run
+        summary = search(on_test=self._say_told)
+        reason = summary.ended or "the budget is spent"
+        for _ in range(self._client.free):
+            self._answer({"end": reason})
+        while not self._client.has_ended and (line := next(self._requests, None)) is not None:
+            if self._client.handled(line) is not None:
+                self._answer({"error": reason})
+            for _ in range(self._client.taken()):
+                self._answer({"end": reason})
+        self._answer({"summary": summary.as_json()})
+        return summary
+
+    def _say_told(self, test: Test) -> None:
+        if test.attempt.worker == WORKER:
+            self._answer({"told": test.id, "budget_spent": test.budget_spent})

@@ -1,0 +1,83 @@
+"""The command that searches for a simulator that somebody else runs: ask-tell."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from frenetic.cli.options import Duration, GroupedCommand, as_usage_error, folder_option
+from frenetic.cli.parts import part_choice
+from frenetic.spec import Budget, Part, Spec
+
+DEFAULT_SIMULATIONS = 1000
+
+
+@click.command(name="ask-tell", cls=GroupedCommand)
+@click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
+@click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
+@click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
+@part_choice("strategy", "How to search (see 'frenetic strategies').", "frenetic")
+@click.option("--name", default="told", show_default=True, help="What drives, for the record.")
+@click.option(
+    "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."
+)
+@click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
+@folder_option("Folder for the results; one that holds this search is gone on with.")
+def ask_tell(
+    simulations: int | None,
+    seconds: float | None,
+    failures: int | None,
+    strategy: str,
+    strategy_options: tuple[tuple[str, Any], ...],
+    name: str,
+    map_size: float,
+    seed: int | None,
+    out: Path | None,
+) -> None:
+    """Search for a simulator that you run: JSON lines on stdin and stdout.
+
+    Write {"ask": {}} and read {"candidate": ..}, a road; drive it, and write {"tell": {"id": 1,
+    "outcome": "FAIL", "moobd": -0.4}}. The campaign is stored and shown like any other. The page on
+    ask-tell has all requests.
+    """
+    from frenetic.campaign import CampaignStore, new_folder
+    from frenetic.campaign.asktell import ToldCampaign
+    from frenetic.campaign.store import DATABASE
+
+    if simulations is None and seconds is None and failures is None:
+        simulations = DEFAULT_SIMULATIONS
+    folder = new_folder() if out is None else out
+    if seed is None and (folder / DATABASE).is_file():
+        with CampaignStore.open(folder) as store:
+            recorded = store.config.get("seed")
+            seed = recorded if isinstance(recorded, int) else None
+    seed = secrets.randbelow(2**31) if seed is None else seed
+    with as_usage_error():
+        budget = Budget(simulations=simulations, time=seconds, failures=failures)
+        spec = Spec(strategy=Part(strategy, dict(strategy_options)), seed=seed, map_size=map_size)
+        campaign = ToldCampaign(
+            _lines(),
+            _answer,
+            name=name,
+            strategy=spec.make_strategy(),
+            budget=budget,
+            folder=folder,
+            map_size=map_size,
+        )
+    summary = campaign.serve()
+    click.echo(f"{summary.in_words()}, results in {folder}", err=True)
+
+
+def _lines() -> Iterator[str]:
+    yield from sys.stdin
+
+
+def _answer(message: Any) -> None:
+    sys.stdout.write(json.dumps(message) + "\n")
+    sys.stdout.flush()
