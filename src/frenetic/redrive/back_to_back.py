@@ -405,6 +405,7 @@ class _VersionDriver:
                     i: drives
                     for i, drives in run.by_test().items()
                     if all(drive.outcome.is_driven for drive in drives)
+                    and len(drives) >= len(stored.get(i, ()))
                 }
         return stored
 

@@ -32,7 +32,7 @@ from frenetic.redrive.record import (
     redrive_document,
     verdict_document,
 )
-from frenetic.redrive.table import latest, read_runs
+from frenetic.redrive.table import merged, read_runs
 from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
@@ -169,20 +169,20 @@ def _of_run(run: Run) -> Confirmation:
         rules=run.rules,
         car=run.car,
         tests=run.drives,
-        missing=run.planned - len(run.drives),
+        missing=max(run.planned - len(run.drives), 0),
     )
 
 
 def read_confirmations(folder: Path | str) -> tuple[Confirmation, ...]:
-    """The stored confirmations of a campaign, oldest first.
+    """The stored confirmations, one for each simulator, driver and rules, oldest first.
 
-    Of those with the same simulator, driver and rules, the last counts.
+    Of a test's drives the last judged one counts.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
     runs = read_runs(folder, Purpose.CONFIRMATION)
-    return latest((_of_run(run) for run in runs if run.drives), lambda one: one.key)
+    return tuple(_of_run(run) for run in merged(runs) if run.drives)
 
 
 def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:

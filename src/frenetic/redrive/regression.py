@@ -13,7 +13,6 @@ from frenetic._support.files import write_file
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.loop import RedriveOptions, RedriveProgress, campaign_tester, drive_again
 from frenetic.redrive.record import (
@@ -24,7 +23,7 @@ from frenetic.redrive.record import (
     matches_document,
     matches_text,
 )
-from frenetic.redrive.table import latest, read_runs
+from frenetic.redrive.table import merged, read_runs
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL
 
@@ -117,23 +116,20 @@ def _of_run(folder: Path, run: Run) -> Replay:
         campaign=folder.resolve().name,
         driver=run.driver,
         simulator=run.simulator,
-        tests=run.drives,
-        missing=run.planned - len(run.drives),
+        tests=tuple(sorted(run.drives, key=lambda drive: drive.test_id)),
+        missing=max(run.planned - len(run.drives), 0),
     )
 
 
 def read_replays(folder: Path | str) -> tuple[Replay, ...]:
-    """The stored replays of a campaign, oldest first.
+    """The stored replays, one for each driver, simulator and rules, oldest first.
 
-    Of those with the same driver, simulator and rules, the last counts.
+    Of a test's drives the last judged one counts.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    runs = latest(
-        read_runs(folder, Purpose.REGRESSION),
-        lambda run: (comparison_key(run.driver, run.simulator), run.rules),
-    )
+    runs = merged(read_runs(folder, Purpose.REGRESSION))
     return tuple(_of_run(Path(folder), run) for run in runs)
 
 

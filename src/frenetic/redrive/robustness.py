@@ -208,7 +208,8 @@ def rerun(
 
     Each road is driven in place, in the same worlds as every other. The drives are stored in the
     campaign, also after Ctrl-C, see `read_reruns`. They replace older ones of the same test with
-    the same parts and ranges. A test without a judged drive is not stored.
+    the same parts and ranges, unless more of those were judged. A test without a judged drive is
+    not stored.
 
     Args:
         folder: of the campaign.
@@ -299,15 +300,16 @@ def telling_reruns(
 def read_reruns(folder: Path | str) -> tuple[Rerun, ...]:
     """The stored reruns of a campaign, in the order of the tests' ids.
 
-    A test has one for each driver, simulator and set of ranges, the latest at the end;
-    `telling_reruns` chooses among them.
+    A test has one for each driver, simulator and set of ranges, the latest at the end: that with
+    most judged drives, the last of equals. `telling_reruns` chooses among them.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
     runs = read_runs(folder, Purpose.ROBUSTNESS)
     judged = (one for run in runs for one in _reruns_of(run) if one.judged)
-    return tuple(sorted(latest(judged, lambda one: one._setting), key=lambda one: one.test_id))
+    kept = latest(judged, lambda one: one._setting, lambda one: one.judged)
+    return tuple(sorted(kept, key=lambda one: one.test_id))
 
 
 # JSON

@@ -103,8 +103,8 @@ _INSERT_DRIVE: Final = f"""
     INSERT INTO redrive ({", ".join(_COLUMNS)}, trajectory, difference, checksum)
     VALUES ({", ".join("?" * (len(_COLUMNS) + 3))})
 """  # noqa: S608
-# An ended run replaces the drives of older runs for the same purpose with the same parts and
-# ranges; for robustness, only those of its judged tests.
+# An ended run replaces a test's drives of older runs for the same purpose with the same parts and
+# ranges, unless more of those were judged: an interrupted run replaces nothing complete.
 _REPLACED: Final = """
     SELECT older.id FROM redrive_run AS older JOIN redrive_run AS this USING (purpose, variations)
     WHERE comparable(older.driver) = comparable(this.driver)
@@ -113,10 +113,12 @@ _REPLACED: Final = """
         AND (older.rules IS this.rules OR older.rules IS NULL)
 """
 _DELETE_DRIVES: Final = f"""
-    DELETE FROM redrive WHERE run IN ({_REPLACED}) AND (
-        EXISTS (SELECT 1 FROM redrive_run
-            WHERE id = :run AND purpose IN ('confirmation', 'regression'))
-        OR test IN (SELECT test FROM redrive WHERE run = :run AND outcome IN ('PASS', 'FAIL'))
+    WITH judged AS (
+        SELECT run, test, sum(outcome IN ('PASS', 'FAIL')) AS drives FROM redrive GROUP BY run, test
+    )
+    DELETE FROM redrive WHERE (run, test) IN (
+        SELECT older.run, test FROM judged AS older JOIN judged AS this USING (test)
+        WHERE this.run = :run AND older.run IN ({_REPLACED}) AND this.drives >= older.drives
     )
 """  # noqa: S608
 _DELETE_UNJUDGED: Final = """
@@ -150,13 +152,31 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
     return runs
 
 
-def latest(items: Iterable[T], key: Callable[[T], Hashable]) -> tuple[T, ...]:
-    """The last item with each key, in the order of the items."""
+def latest(
+    items: Iterable[T], key: Callable[[T], Hashable], judged: Callable[[T], int]
+) -> tuple[T, ...]:
+    """The item with each key that holds most judged drives, the last of equals, in their order."""
     last: dict[Hashable, T] = {}
     for item in items:
-        last.pop(key(item), None)  # so that it stands where it was last driven
-        last[key(item)] = item
+        if (name := key(item)) in last and judged(item) < judged(last[name]):
+            continue
+        last.pop(name, None)  # so that it stands where it was last driven
+        last[name] = item
     return tuple(last.values())
+
+
+def merged(runs: Iterable[Run]) -> list[Run]:
+    """Runs that drive a test once: one for the same parts and rules, the last at the end."""
+    alike: dict[Hashable, list[Run]] = {}
+    for run in runs:
+        key = comparison_key(run.driver, run.simulator), run.rules
+        alike[key] = [*alike.pop(key, []), run]
+    return [replace(own[-1], drives=_latest_drives(own)) for own in alike.values()]
+
+
+def _latest_drives(runs: Iterable[Run]) -> tuple[Redrive, ...]:
+    drives = (drive for run in runs for drive in run.drives)
+    return latest(drives, lambda drive: drive.test_id, lambda drive: drive.outcome.is_driven)
 
 
 def _read_runs(store: CampaignStore, purpose: Purpose, stored: Collection[str]) -> list[Run]:
@@ -228,8 +248,8 @@ def _comparable(described: object) -> str | None:
 class RunWriter:
     """Stores the drives of a run as they come; a context manager.
 
-    The run begins with its first drive. At the end it replaces the drives of older runs with the
-    same parts and ranges.
+    The run begins with its first drive. At the end it replaces older drives of its tests with the
+    same parts and ranges, unless more of those were judged.
 
     Args:
         folder: of the campaign.
