@@ -223,8 +223,8 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *(("changed", str(change)) for change in store.changes if change.what),
         ]
     )
-    if len(found):
-        print_failures(found, counts.failed, min(LISTED, len(found)))
+    print_failures(found, counts, min(LISTED, len(found)))
+    if found:
         click.echo(f"One in full: frenetic show {shell(store.folder)} {found[0].most_severe}")
 
 

@@ -188,7 +188,7 @@ class GrowingReport:
                 timeline_section(tests, clusters),
                 gallery_section(found, moobds, opened, reruns, failures)
                 if failures
-                else misses_section(found, moobds, opened),
+                else misses_section(found, counts, moobds, opened),
                 map_section(table.ids, measured, tests),
                 family_section(found, opened),
                 operators_section(tests, clusters),
