@@ -73,6 +73,18 @@ def test_chosen_tests_as_json(frenetic: Frenetic, campaign: str) -> None:
     assert "own simulator and driver" in answer.err
 
 
+def test_confirming_some_tests_replaces_nothing_of_the_others(
+    frenetic: Frenetic, campaign: str
+) -> None:
+    again = ("confirm", campaign, "--simulator-option", "friction=0.8", "--json")
+    first = frenetic(*again, "--top", "3").json["tests"]
+    (second,) = frenetic(*again, str(first[0]["test"])).json["tests"]
+    assert second == first[0]
+    (kept,) = read_confirmations(Path(campaign))
+    assert sorted(one.test_id for one in kept.tests) == sorted(one["test"] for one in first)
+    assert kept.missing == 0
+
+
 def test_it_has_to_be_another_simulator(frenetic: Frenetic, campaign: str) -> None:
     assert frenetic("confirm", campaign).refuses("say in which simulator", "frenetic regression")
     both = frenetic("confirm", campaign, "1", "--top", "2", "--simulator", "embedded")

@@ -30,6 +30,12 @@ pytest_plugins = ["command_line"]
 
 # One that the default driver leaves to the right; the next one it follows to its end.
 FAILING = [0.0, 0.01, 0.0, 0.0, 0.01, 0.012, -0.03, -0.036, -0.05, 0.0, 0.0, 0.0, 0.02, 0.02]
+# One that it no longer leaves with all curvatures 2 % smaller or larger.
+EDGE = [
+    *(0.043, 0.009, 0.037, 0.035, 0.028, -0.02, -0.054, -0.05, -0.009, -0.028, -0.01, -0.003),
+    *(0.007, -0.015, -0.016, -0.02, 0.029, 0.007, -0.005, -0.017, -0.035, 0.002, -0.019, 0.025),
+    *(0.022, -0.022, 0.013, 0.05),
+]
 STRAIGHT = [0.0] * 12
 
 
@@ -185,7 +191,7 @@ def test_a_shorter_road_that_is_there_stays(frenetic: Frenetic, campaign: None) 
     )
     assert Path(best["road"]).read_bytes() == written
     # A stronger guard asks for more than the road that is there keeps.
-    frenetic("minimise", "c", number, "--max-drives", "1", "--guard", "0.1")
+    frenetic("minimise", "c", number, "--guard", "0.04")
     assert Path(best["road"]).read_bytes() != written
 
 
@@ -207,12 +213,24 @@ def test_road_file_is_minimised_beside_it(frenetic: Frenetic) -> None:
     first, *_ = answer.out.splitlines()
     assert first.startswith("bend.json: 130 m -> ")
     assert "nothing smaller was found to fail" in first
-    for word in ("cut the end", "curvatures", "repeat     frenetic drive bend.min.json"):
+    for word in ("cut behind", "curvatures", "repeat     frenetic drive bend.min.json"):
         assert word in answer.out
     for name in ("bend.min.json", "bend.min.png", "bend.min-before-after.png"):
         assert Path(name).stat().st_size > 500
     assert frenetic("drive", "bend.min.json", "--json").json["outcome"] == "FAIL"
     assert json.loads(Path("bend.json").read_text()) == {"curvatures": FAILING}  # as it was
+
+
+def test_a_road_that_fails_only_as_it_is_says_so(frenetic: Frenetic) -> None:
+    Path("edge.json").write_text(json.dumps({"curvatures": EDGE}), encoding="utf-8")
+    answer = frenetic("minimise", "edge.json")
+    assert answer.code == 0
+    (item,) = frenetic("minimise", "edge.json", "--json").json
+    assert item["length"] < 0.7 * item["length_before"]
+    assert item["guard"] == 0.0
+    assert item["note"] in answer.out.splitlines()
+    assert "2 % smaller" in item["note"]
+    assert json.loads(Path("edge.min.json").read_text())["minimised"]["guard"] == 0.0
 
 
 def test_drives_are_bounded(frenetic: Frenetic) -> None:

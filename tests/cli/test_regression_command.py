@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +9,8 @@ from typing import TYPE_CHECKING
 from frenetic.redrive.regression import read_replays
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from command_line import Frenetic
 
 pytest_plugins = ["command_line"]
@@ -122,25 +123,8 @@ def test_workers_find_the_same(frenetic: Frenetic, campaign: str) -> None:
     assert documents[0] == documents[1]
 
 
-STOPPING = """
-import os
-import signal
-
-from frenetic import Planner
-
-
-class Stopping(Planner):
-    def reset(self, setup):
-        os.kill({pid}, signal.SIGINT)  # its own process does not hear Ctrl-C
-        super().reset(setup)
-
-    def act(self, observation):
-        return super().act(observation)
-"""
-
-
 def test_ctrl_c_exits_130_and_leaves_no_report_that_looks_complete(
-    frenetic: Frenetic, campaign: str
+    frenetic: Frenetic, campaign: str, stopping_driver: Callable[[int], str]
 ) -> None:
     Path("stopping.py").write_text(STOPPING.format(pid=os.getpid()))
     answer = frenetic(
@@ -150,6 +134,17 @@ def test_ctrl_c_exits_130_and_leaves_no_report_that_looks_complete(
     assert "1 failure driven again" in answer.out
     assert "roads were not driven" in answer.err
     assert not Path("replay.xml").exists()
+
+
+def test_an_interrupted_run_replaces_no_complete_one(
+    frenetic: Frenetic, campaign: str, stopping_driver: Callable[[int], str]
+) -> None:
+    assert frenetic("replay", campaign, "--driver", stopping_driver(0)).code == 1
+    (before,) = read_replays(campaign)
+    assert frenetic("replay", campaign, "--driver", stopping_driver(1)).code == 130
+    (after,) = read_replays(campaign)
+    assert (after.tests, after.missing) == (before.tests, 0)
+    assert len(after.tests) > 1
 
 
 def test_mistakes_are_one_line(frenetic: Frenetic, campaign: str) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sqlite3
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +21,8 @@ from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.worlds import QUANTITIES as REAL_QUANTITIES
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from command_line import Frenetic
 
 pytest_plugins = ["command_line"]
@@ -193,27 +194,6 @@ def test_a_damaged_record_is_one_line(
     assert frenetic("robustness", campaign).refuses("does not say with what it was driven", *words)
 
 
-STOPPING = """
-import os
-import signal
-
-from frenetic import Planner
-
-
-class Stopping(Planner):
-    drives = 0
-
-    def reset(self, setup):
-        Stopping.drives += 1
-        if Stopping.drives == {stop}:
-            os.kill({pid}, signal.SIGINT)  # its own process does not hear Ctrl-C
-        super().reset(setup)
-
-    def act(self, observation):
-        return super().act(observation)
-"""
-
-
 BROKEN = """
 from frenetic import Planner
 
@@ -255,9 +235,12 @@ def test_a_driver_that_takes_no_noise_is_refused_before_it_drives(
 
 @pytest.mark.parametrize(("stop", "kept"), [(3, [2, 1]), (4, [2, 2]), (6, [2, 2, 2])])
 def test_ctrl_c_keeps_what_is_done_and_exits_130(
-    frenetic: Frenetic, campaign: str, stop: int, kept: list[int]
+    frenetic: Frenetic,
+    campaign: str,
+    stopping_driver: Callable[[int], str],
+    stop: int,
+    kept: list[int],
 ) -> None:
-    Path(f"stopping{stop}.py").write_text(STOPPING.format(stop=stop, pid=os.getpid()))
     ids = [str(number) for number in failures_of(campaign)[:3]]
     answer = frenetic(
         "robustness", campaign, *ids, "--times", "2", "--driver", f"stopping{stop}.py:Stopping"
@@ -266,6 +249,17 @@ def test_ctrl_c_keeps_what_is_done_and_exits_130(
     assert "Finishing what runs" in answer.err
     assert (f"Interrupted: {counted(6 - sum(kept), 'drive')} to go" in answer.err) is (stop < 6)
     assert ("up to 2 drives of each" in answer.out) is (stop < 6)
+
+
+def test_an_interrupted_run_replaces_no_complete_one(
+    frenetic: Frenetic, campaign: str, stopping_driver: Callable[[int], str]
+) -> None:
+    first = str(failures_of(campaign)[0])
+    again = ("rerun", campaign, first, "--times", "5", "--driver")
+    assert frenetic(*again, stopping_driver(0)).code == 0
+    assert frenetic(*again, stopping_driver(1)).code == 130
+    (kept,) = read_reruns(campaign)
+    assert len(kept.drives) == 5
 
 
 def test_help_names_every_quantity(frenetic: Frenetic) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,6 +44,48 @@ def test_show_says_why_drives_broke(frenetic: Frenetic) -> None:
     said = "the driver raised ZeroDivisionError: division by zero (broken.py:3: "
     assert f"The first error: {said}" in frenetic("run", "--driver", "broken.py:Broken", *how).out
     assert f"the first: {said}" in frenetic("show", "broken").out
+
+
+UNRELIABLE = """
+from dataclasses import replace
+from frenetic.testing import DummySimulator
+
+
+class Unreliable(DummySimulator):
+    def __init__(self, out: float, every: int) -> None:
+        super().__init__(lambda road: out)
+        self.out = out
+        self.every = every
+        self.drives = 0
+
+    def drive(self, road, driver):
+        self.drives += 1
+        drive = super().drive(road, driver)
+        is_broken = self.drives % self.every == 0
+        return replace(drive, error="no connection") if is_broken else drive
+"""
+
+
+@pytest.mark.parametrize(
+    ("out", "every", "broken"),
+    [(0.0, 1, "6 of 6 drives broke"), (0.0, 2, "3 of 6 drives broke"), (6.0, 3, "2 of 6 drives")],
+)
+def test_headings_say_how_many_drives_broke(
+    frenetic: Frenetic, out: float, every: int, broken: str
+) -> None:
+    Path("unreliable.py").write_text(UNRELIABLE)
+    parts = ("--simulator", "unreliable.py:Unreliable", "--driver", "stanley")
+    options = ("--simulator-option", f"out={out}", "--simulator-option", f"every={every}")
+    how = ("--strategy", "random", "--simulations", "6", "--seed", "3", "--workers", "1")
+    run = frenetic("run", *parts, *options, *how, "--out", "c", "--fail-on-failure")
+    shown = frenetic("show", "c")
+    assert (run.code, shown.code) == (1, 0)
+    title = re.search(r"<title>(.*?)</title>", Path("c/report.html").read_text(encoding="utf-8"))
+    assert title is not None
+    for text in (run.out, shown.out, title[1]):
+        assert broken in text
+        assert "Nothing failed" not in text
+        assert "No failure" not in text
 
 
 def test_pictures_of_near_misses_make_way_for_failures(frenetic: Frenetic, campaign: str) -> None:

@@ -147,6 +147,7 @@ def test_guard_lets_no_road_through_whose_neighbours_pass(failures: list[Road]) 
     tester = make_tester()
     for road in failures[:4]:
         minimised = minimise(road, tester)
+        assert minimised.guard == GUARD
         for factor in (1.0 - GUARD, 1.0 + GUARD):
             near = Road(factor * minimised.road.curvatures)
             placed, verdict = near.placed()
@@ -154,6 +155,31 @@ def test_guard_lets_no_road_through_whose_neighbours_pass(failures: list[Road]) 
                 assert placed is not None
                 drive = EmbeddedSimulator().drive(placed, Planner())
                 assert failure_reason(placed, drive) is minimised.reason
+
+
+REGAINED = [
+    *(0.0233, 0.0523, 0.0325, -0.0121, 0.0062, -0.0192, -0.0048, -0.0172, -0.0034, -0.0276, -0.026),
+    *(-0.0207, -0.0073, -0.037, 0.0098, -0.0112, -0.0306, -0.0471, -0.0651, -0.0468, -0.0135),
+    *(-0.0135, 0.0075, -0.023),
+]
+NEVER = [
+    *(0.043, 0.009, 0.037, 0.035, 0.028, -0.02, -0.054, -0.05, -0.009, -0.028, -0.01, -0.003),
+    *(0.007, -0.015, -0.016, -0.02, 0.029, 0.007, -0.005, -0.017, -0.035, 0.002, -0.019, 0.025),
+    *(0.022, -0.022, 0.013, 0.05),
+]
+
+
+@pytest.mark.parametrize(("curvatures", "guard"), [(REGAINED, GUARD), (NEVER, 0.0)])
+def test_roads_whose_neighbours_pass_become_shorter_too(
+    curvatures: list[float], guard: float
+) -> None:
+    placed, _ = Road(curvatures).placed()
+    assert placed is not None
+    minimised = minimise(placed, make_tester())
+    assert minimised.road.length < 0.7 * placed.length
+    assert minimised.smallest.is_like(minimised.original)
+    assert minimised.guard == guard
+    assert ("2 % smaller and 2 % larger" in minimised.note) is (guard == 0.0)
 
 
 def test_without_a_guard_it_takes_fewer_drives(failures: list[Road]) -> None:

@@ -259,8 +259,29 @@ def test_neighbours_have_to_have_the_property_too() -> None:
     assert alone.values == (0.03, 0.03)
     assert guarded.values == (0.04, 0.04)
     # A neighbour that is refused says nothing.
-    sharpest = shrink(Shape((0.0, 0.0, 0.06), 10.0), ask, max_trials=4, neighbours=neighbours)
+    sharpest = shrink(Shape((0.0, 0.0, 0.06), 10.0), ask, max_trials=5, neighbours=neighbours)
     assert sharpest.shape.length == 10.0
+
+
+def test_neighbours_need_not_have_the_property_until_they_do() -> None:
+    def ask(shape: Shape) -> Answer:
+        return Answer.YES if 0.05 in shape.values or len(shape) == 2 else Answer.NO
+
+    start = Shape((0.0, 0.05, 0.0, 0.02), 10.0)
+    shrunk = shrink(start, ask, max_trials=ENOUGH, neighbours=lambda one: [one.scaled(0.9)])
+    assert (shrunk.shape.length, shrunk.is_guarded) == (10.0, True)
+    never = shrink(start, ask, max_trials=ENOUGH, neighbours=lambda _: [start.scaled(0.9)])
+    assert (never.shape.length, never.is_guarded) == (10.0, False)
+
+
+def test_what_lies_behind_the_place_is_cut_first() -> None:
+    def has_bend(shape: Shape) -> Answer:
+        return Answer.YES if 0.05 in shape.values else Answer.NO
+
+    start = Shape((0.01, 0.02, 0.05, *[0.01] * 17), 10.0)
+    shrunk = shrink(start, has_bend, max_trials=1, place=18.0)
+    (found,) = shrunk.improvements
+    assert found.shape.values == (0.01, 0.02, 0.05)
 
 
 def test_stopped_on_demand_with_the_smallest_so_far() -> None:

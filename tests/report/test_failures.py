@@ -9,6 +9,7 @@ import pytest
 
 from frenetic.analysis.failures import distinct_failures, representative_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.counts import Counts
 from frenetic.cli.console import print_failures
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
@@ -70,7 +71,7 @@ def test_of_many_failures_the_most_severe_are_compared_and_the_table_says_so(
     severe = [record.candidate.id for record in store.tests(Outcome.FAIL, "moobd", limit=8)]
     clusters = distinct_failures(store, limit=8)
     assert sorted(i for cluster in clusters for i in cluster.ids) == sorted(severe)
-    print_failures(clusters, failures=30, listed=len(clusters) - 1)
+    print_failures(clusters, Counts(failed=30), listed=len(clusters) - 1)
     title, heading, *rows = capsys.readouterr().out.splitlines()
     assert len(clusters) > 1
     listed = len(clusters) - 1

@@ -339,7 +339,7 @@ class ToldCampaign(Campaign):
             self._answer({"end": reason})
         while not self._client.has_ended and (line := next(self._requests, None)) is not None:
             if self._client.handled(line) is not None:
-                self._answer({"error": reason})
+                self._answer({"error": f"{reason}: nothing more is told"})
             for _ in range(self._client.taken()):
                 self._answer({"end": reason})
         self._answer({"summary": summary.as_json()})

@@ -64,6 +64,13 @@ class Counts:
         """Number per outcome; every outcome is present."""
         return MappingProxyType({outcome: getattr(self, name) for outcome, name in _NAMES.items()})
 
+    @property
+    def broken(self) -> str:
+        """How many drives broke, in words; empty if none did."""
+        if not self.errors:
+            return ""
+        return f"{self.errors} of {counted(self.simulations, 'drive')} broke in driver or simulator"
+
     @classmethod
     def total(cls, campaigns: Iterable[Counts]) -> Counts:
         """The counts of several campaigns together; a road counts once in each."""

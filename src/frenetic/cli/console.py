@@ -21,6 +21,7 @@ from frenetic.cli import silence
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import CampaignStore, Progress
+    from frenetic.campaign.counts import Counts
     from frenetic.oracle import Result
 
 ANNOUNCE_AFTER = 1.5  # s of compiling after which it is mentioned
@@ -175,17 +176,24 @@ def two_digits(value: float | None) -> str | None:
     return None if value is None else f"{value:.2f}"
 
 
-def print_failures(clusters: Clusters, failures: int, listed: int) -> None:
+def print_failures(clusters: Clusters, counts: Counts, listed: int) -> None:
     """Prints a table of distinct failures or, where nothing failed, of the nearest misses.
 
     Args:
-        clusters: the distinct failures or near misses, at least one.
-        failures: number of all failures, possibly more than were compared.
+        clusters: the distinct failures or near misses.
+        counts: of the campaign; possibly with more failures than were compared.
         listed: number of clusters to print.
     """
+    if counts.broken:
+        Results().print(counts.broken, style="bold", markup=False)
+    if not clusters:
+        return
+    failures = counts.failed
     heading = "what happens"
     if not failures:
-        title = f"Nothing failed; the nearest {'miss' if len(clusters) == 1 else 'misses'}"
+        title = f"The nearest {'miss' if len(clusters) == 1 else 'misses'}"
+        if not counts.broken:
+            title = f"Nothing failed; {title.lower()}"
         heading = "where the car came nearest to leaving its lane"
     else:
         title = counted(len(clusters), "distinct failure")

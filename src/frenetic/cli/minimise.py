@@ -97,8 +97,8 @@ class Done:
     default=0.02,
     show_default=True,
     metavar="SHARE",
-    help="Keep a road only if it fails with all curvatures this much smaller and larger, too;"
-    " 0 is no such guard.",
+    help="Keep a road only if it fails with all curvatures this much smaller and larger, too, once"
+    " one does; 0 is no such guard.",
 )
 @file_option(
     "--out",
@@ -172,7 +172,6 @@ def minimise(
                     minimised,
                     driver=describe(tester.driver),
                     simulator=describe(tester.simulator),
-                    guard=guard,
                     test_id=work.test_id,
                     driven=drive_record(spec.with_limit().to_json()),
                 )
@@ -346,6 +345,8 @@ def _print_one(done: Done) -> None:
                 for found in last
             ],
         )
+    if minimised.note:
+        click.echo(minimised.note)
     if done.there is not None:
         click.echo(
             f"The road of {done.there:.0f} m that an earlier call found stays in {files.road};"
@@ -396,6 +397,8 @@ def _print_many(done: list[Done]) -> None:
     different = len({(item.minimised.reason, item.minimised.smallest.shape) for item in done})
     come = f"{counted(len(done), 'failure')} {'comes' if len(done) == 1 else 'come'}"
     click.echo(f"{come} down to {counted(different, 'different road')}")
+    if unguarded := [item.work.name for item in done if item.minimised.note]:
+        click.echo(f"Not found to hold the guard: {', '.join(unguarded)}")
     if stay := [item.work.name for item in done if item.there is not None]:
         click.echo(f"Shorter roads that an earlier call found stay: {', '.join(stay)}")
     click.echo(f"Roads:       {done[0].work.files.road.parent}")
@@ -417,6 +420,8 @@ def _as_json(done: Done) -> dict[str, Any]:
         "drives": minimised.drives,
         "ending": str(minimised.ending),
         "trouble": minimised.trouble,
+        "guard": minimised.guard,
+        "note": minimised.note,
         "difference": minimised.difference,
         "match": minimised.match,
         "step": after.shape.step,

@@ -60,7 +60,7 @@ def worker_options(command: Callable[P, R]) -> Callable[P, R]:
 fail_on_failure_option = click.option(
     "--fail-on-failure",
     is_flag=True,
-    help="End with exit code 1 if a test failed, for CI.",
+    help="End with exit code 1 if a test failed or a drive broke, for CI.",
 )
 
 
@@ -129,7 +129,7 @@ def search(
         announcement: the first line.
         as_json: whether to print the result as JSON.
         seed: of the strategy.
-        fail_on_failure: whether a failure ends the command with exit code 1.
+        fail_on_failure: whether a failure or broken drive ends the command with exit code 1.
     """
     from frenetic.analysis.failures import (
         distinct_failures,
@@ -171,8 +171,8 @@ def search(
             click.echo(json.dumps(summary.as_json() | more))
         elif summary is not None:
             _print_summary(summary, first_error(store), still_failing(store))
-        if listed and not as_json:
-            print_failures(found, counts.failed, len(listed))
+        if not as_json:
+            print_failures(found, counts, len(listed))
         if summary is not None and not as_json:
             click.echo(f"Results:     {folder}")
         if listed:
@@ -186,7 +186,7 @@ def search(
             click.echo(f"Report:      {report}")
     if summary is not None and summary.interrupted:
         raise click.exceptions.Exit(130)
-    if summary is not None and summary.failed and fail_on_failure:
+    if summary is not None and fail_on_failure and (summary.failed or summary.errors):
         raise click.exceptions.Exit(1)
     if summary is not None and summary.errors and not summary.passed + summary.failed:
         raise click.exceptions.Exit(1)

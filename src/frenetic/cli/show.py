@@ -240,8 +240,8 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
         ]
     )
-    if len(found):
-        print_failures(found, counts.failed, min(LISTED, len(found)))
+    print_failures(found, counts, min(LISTED, len(found)))
+    if found:
         click.echo(f"One in full: frenetic show {shell(store.folder)} {found[0].most_severe}")
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final, Unpack
@@ -20,7 +20,7 @@ from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.drives import RedriveOptions, campaign_tester, drive_again, read_runs
+from frenetic.redrive.drives import RedriveOptions, campaign_tester, drive_again, merged, read_runs
 from frenetic.redrive.record import (
     Agreement,
     Purpose,
@@ -167,7 +167,7 @@ def _of_run(run: Run) -> Confirmation:
         rules=run.rules,
         car=run.car,
         tests=run.drives,
-        missing=run.planned - len(run.drives),
+        missing=max(run.planned - len(run.drives), 0),
     )
 
 
@@ -179,12 +179,8 @@ def read_confirmations(folder: Path | str) -> tuple[Confirmation, ...]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    merged: dict[str, Confirmation] = {}
-    for run in read_runs(folder, Purpose.CONFIRMATION):
-        one = _of_run(run)
-        tests = {test.test_id: test for test in (merged.get(one.key, one).tests + one.tests)}
-        merged[one.key] = replace(one, tests=tuple(tests.values()))
-    return tuple(one for one in merged.values() if one.tests)
+    runs = merged(read_runs(folder, Purpose.CONFIRMATION))
+    return tuple(_of_run(run) for run in runs if run.drives)
 
 
 def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:

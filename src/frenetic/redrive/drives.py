@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TypedDict, TypeVar, Unpack
 
@@ -29,7 +29,7 @@ from frenetic.redrive.strategy import Again
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions, conditions_document
 from frenetic.spec import Budget, describe, require_count, version_notes
-from frenetic.versions import SHORT
+from frenetic.versions import SHORT, comparison_key
 
 T = TypeVar("T")
 
@@ -249,6 +249,19 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
                 made_at = str(store.fact("created_at"))
             found.append((len(run.drives) == run.planned, made_at, run))
     return [run for *_, run in sorted(found, key=lambda one: one[:2])]
+
+
+def merged(runs: Iterable[Run]) -> list[Run]:
+    """Runs with the same parts and rules as one: of each test, the drives of the last count."""
+    found: dict[object, Run] = {}
+    for run in runs:
+        key = comparison_key(run.driver, run.simulator), run.rules
+        before = found.get(key, replace(run, planned=0, drives=()))
+        drives = {**by_test(before.drives), **by_test(run.drives)}
+        planned = max(run.planned, sum(map(len, drives.values())))
+        every = tuple(drive for own in drives.values() for drive in own)
+        found[key] = replace(run, planned=planned, drives=every)
+    return list(found.values())
 
 
 def latest(items: Iterable[T], key: Callable[[T], Hashable]) -> tuple[T, ...]:

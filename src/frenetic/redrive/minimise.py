@@ -34,6 +34,10 @@ GUARD: Final = 0.02
 """Share by which the curvatures of a road's neighbours differ, which must fail as well."""
 MAX_ERRORS_IN_A_ROW: Final = 10
 """Consecutive broken drives after which minimising ends."""
+_UNGUARDED: Final = (
+    "No road was found that also fails with all curvatures {0:g} % smaller and {0:g} % larger,"
+    " the original included"
+)
 OPERATOR: Final = "minimise"
 """Operator in the origin of the tried roads."""
 
@@ -119,6 +123,10 @@ class Minimised:
     """MINIMAL if no pass makes it smaller; SPENT if the drives were not enough to know."""
     trouble: str | None
     """Reason for giving up, if any: the simulator or driver broke repeatedly."""
+    guard: float
+    """Share by which the curvatures of its neighbours differ, which fail as well; 0 without any."""
+    note: str
+    """Sentence that no neighbours fail as well although they should; mostly empty."""
     match: Match | None = None
     """How the original fails now, beside the failure that its campaign recorded; None without a
     campaign."""
@@ -159,7 +167,9 @@ def minimise(
     Smaller is shorter, or as long and plainer, in the order of `frenetic.redrive.shrinking.Shape`.
     Every kept road is valid, was driven and has the failure (see `FailedDrive.is_like`), and so did
     two neighbours of it, with all curvatures a little smaller and a little larger: the failure
-    survives a slight change. No road is driven twice, and the result is deterministic.
+    survives a slight change. Where those of the original do not fail, roads are kept without such
+    neighbours until one with them is found. No road is driven twice, and the result is
+    deterministic.
 
     Args:
         road: fails.
@@ -214,6 +224,7 @@ def minimise(
             neighbours=lambda shape: (
                 (shape.scaled(1.0 - guard), shape.scaled(1.0 + guard)) if guard > 0.0 else ()
             ),
+            place=None if result.departure is None else result.departure.distance,
             on_trial=report,
             on_better=better,
             should_stop=lambda: trials.gave_up or (should_stop is not None and should_stop()),
@@ -227,6 +238,8 @@ def minimise(
         drives=shrunk.trials + 1,
         ending=shrunk.ending,
         trouble=trials.trouble if trials.gave_up else None,
+        guard=guard if shrunk.is_guarded else 0.0,
+        note="" if shrunk.is_guarded else _UNGUARDED.format(100.0 * guard),
     )
 
 

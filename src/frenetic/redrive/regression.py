@@ -19,7 +19,7 @@ from frenetic.redrive.drives import (
     RedriveProgress,
     campaign_tester,
     drive_again,
-    latest,
+    merged,
     read_runs,
 )
 from frenetic.redrive.record import (
@@ -31,7 +31,6 @@ from frenetic.redrive.record import (
     matches_text,
 )
 from frenetic.simulators.simulator import Simulator
-from frenetic.versions import comparison_key
 
 SUITE: Final = "frenetic regression"
 """Name of the suite in a JUnit file."""
@@ -121,23 +120,20 @@ def _of_run(folder: Path, run: Run) -> Replay:
         campaign=folder.resolve().name,
         driver=run.driver,
         simulator=run.simulator,
-        tests=run.drives,
-        missing=run.planned - len(run.drives),
+        tests=tuple(sorted(run.drives, key=lambda drive: drive.test_id)),
+        missing=max(run.planned - len(run.drives), 0),
     )
 
 
 def read_replays(folder: Path | str) -> tuple[Replay, ...]:
-    """The stored replays of a campaign, oldest first.
+    """The stored replays, one for each driver, simulator and rules, oldest first.
 
-    Of those with the same driver, simulator and rules, the last counts.
+    Of a test's drives the last judged one counts.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    runs = latest(
-        read_runs(folder, Purpose.REGRESSION),
-        lambda run: (comparison_key(run.driver, run.simulator), run.rules),
-    )
+    runs = merged(read_runs(folder, Purpose.REGRESSION))
     return tuple(_of_run(Path(folder), run) for run in runs)
 
 

@@ -307,15 +307,17 @@ def telling_reruns(
 def read_reruns(folder: Path | str) -> tuple[Rerun, ...]:
     """The stored reruns of a campaign, in the order of the tests' ids.
 
-    A test has one for each driver, simulator and set of ranges, the latest at the end;
-    `telling_reruns` chooses among them.
+    A test has one for each driver, simulator and set of ranges, the latest at the end: that with
+    most judged drives, the last of equals. `telling_reruns` chooses among them.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
     runs = read_runs(folder, Purpose.ROBUSTNESS)
-    judged = (one for run in runs for one in _reruns_of(run) if one.judged)
-    return tuple(sorted(latest(judged, lambda one: one._setting), key=lambda one: one.test_id))
+    judged = [one for run in runs for one in _reruns_of(run) if one.judged]
+    judged.sort(key=lambda one: one.judged)
+    kept = latest(judged, lambda one: one._setting)
+    return tuple(sorted(kept, key=lambda one: one.test_id))
 
 
 # JSON

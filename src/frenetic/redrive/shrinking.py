@@ -30,6 +30,8 @@ _SHARPER: Final = 1.25
 """Factor on all curvatures when a sample is dropped."""
 _BEND: Final = 0.03
 """Bend on one curvature when the first sample is dropped, in 1/m."""
+CUT_BEHIND: Final = "cut behind"
+"""Name of what comes before the passes."""
 
 
 class Answer(StrEnum):
@@ -131,6 +133,8 @@ class Shrunk:
     """Its improvements, in order; the last one's shape is `shape`."""
     trials: int
     ending: Ending
+    is_guarded: bool
+    """Whether its neighbours were found to have the property, too."""
 
 
 def shrink(
@@ -139,6 +143,7 @@ def shrink(
     *,
     max_trials: int,
     neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),  # noqa: ARG005
+    place: float | None = None,
     on_trial: Callable[[str, int, Shape], None] | None = None,
     on_better: Callable[[Improvement], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
@@ -151,8 +156,9 @@ def shrink(
         start: has the property.
         ask: whether a shape has it; YES and NO count as a trial each, None stops.
         max_trials: most trials to spend.
-        neighbours: shapes close to a given one, which must have the property as well for it to be
-            kept, unless they are REFUSED.
+        neighbours: shapes close to a given one, which have the property as well unless they are
+            REFUSED. A shape without such neighbours is kept only while none with them is known.
+        place: where the start shows the property, in m along it; what lies behind is cut first.
         on_trial: called after every trial with the current pass, the trials spent and the smallest
             shape so far.
         on_better: called with every improvement.
@@ -166,10 +172,16 @@ def shrink(
     shrinker = _Shrinker(start, ask, max_trials, neighbours, on_trial, on_better, should_stop)
     ending = Ending.MINIMAL
     try:
-        shrinker.run()
+        shrinker.run(place)
     except _End as end:
         ending = end.ending
-    return Shrunk(shrinker.best, tuple(shrinker.improvements), shrinker.trials, ending)
+    return Shrunk(
+        shrinker.best,
+        tuple(shrinker.improvements),
+        shrinker.trials,
+        ending,
+        shrinker.is_guarded,
+    )
 
 
 class _End(Exception):  # noqa: N818  # nothing went wrong
@@ -191,6 +203,7 @@ class _Shrinker:
         should_stop: Callable[[], bool] | None,
     ) -> None:
         self.best = start
+        self.is_guarded = False
         self.trials = 0
         self.improvements: list[Improvement] = []
         self._ask = ask
@@ -202,8 +215,12 @@ class _Shrinker:
         self._answers = {start: Answer.YES}
         self._pass = ""
 
-    def run(self) -> None:
-        """Runs the passes in turn until none of them improves anything."""
+    def run(self, place: float | None) -> None:
+        """Cuts behind the place, then runs the passes in turn until none improves anything."""
+        self._pass = CUT_BEHIND
+        self.is_guarded = self._has_guard(self.best)
+        if place is not None:
+            _cut_behind(self, place)
         before = None
         while self.best != before:
             before = self.best
@@ -217,13 +234,18 @@ class _Shrinker:
             return False
         if self._answer(shape) is not Answer.YES:
             return False
-        if any(self._answer(near) is Answer.NO for near in self._neighbours(shape)):
+        has_guard = self._has_guard(shape)
+        if self.is_guarded and not has_guard:
             return False
+        self.is_guarded = has_guard
         self.best = shape
         self.improvements.append(Improvement(shape, self._pass, self.trials))
         if self._on_better is not None:
             self._on_better(self.improvements[-1])
         return True
+
+    def _has_guard(self, shape: Shape) -> bool:
+        return all(self._answer(near) is not Answer.NO for near in self._neighbours(shape))
 
     def _answer(self, shape: Shape) -> Answer:
         if shape not in self._answers:
@@ -245,6 +267,15 @@ class _Shrinker:
 # --- Passes ------------------------------------------------------------------------------------
 #
 # `offer` refuses a shape that is not smaller at no cost, so a pass may offer freely.
+
+
+def _cut_behind(shrinker: _Shrinker, place: float) -> None:
+    """Cuts what lies behind a place, or else behind 1, 2, 4 or 8 samples more."""
+    shape = shrinker.best
+    end = math.ceil(place / shape.step) + 1
+    for more in (0, 1, 2, 4, 8):
+        if shrinker.offer(shape.replaced(end + more, len(shape), ())):
+            return
 
 
 def _coarsen(shrinker: _Shrinker) -> None:

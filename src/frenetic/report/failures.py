@@ -135,7 +135,7 @@ def write_failures(
                 return False
         if drawn:
             near = listed[0].outcome is Outcome.PASS
-            title = "Nothing failed: the nearest misses" if near else "The most telling failures"
+            title = "The nearest misses" if near else "The most telling failures"
             draw_gallery(drawn, folder / GALLERY, title=title)
     return True
 

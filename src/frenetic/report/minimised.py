@@ -61,7 +61,6 @@ def minimised_document(
     *,
     driver: JSONValue,
     simulator: JSONValue,
-    guard: float,
     test_id: int | None = None,
     driven: JSONValue = None,
 ) -> dict[str, Any]:
@@ -71,7 +70,6 @@ def minimised_document(
         minimised: the road.
         driver: who failed on it, as `frenetic.campaign.campaign.describe` says it.
         simulator: where, likewise.
-        guard: share by which its curvatures may differ.
         test_id: of the campaign's test that was minimised, if it was one.
         driven: its `frenetic.spec.drive_record`, if the parts have names.
     """
@@ -93,7 +91,7 @@ def minimised_document(
             "match": minimised.match,
             "original_length": minimised.original.road.length,
             "drives": minimised.drives,
-            "guard": guard,
+            "guard": minimised.guard,
             "ending": str(minimised.ending),
         },
         **road_entries(smallest.road),

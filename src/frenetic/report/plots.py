@@ -190,14 +190,16 @@ def failures_to_show(
         number: most drives.
         limit: most failures to compare; the usual number if None.
     """
-    failed = store.by_outcome()[Outcome.FAIL]
+    counts = store.counts()
+    failed = counts.failed
     found = distinct_failures(store) if limit is None else distinct_failures(store, limit)
     title = _distinct_in_words(found, failed)
     if len(found) > number:
         title += f"; the {number} most severe"
     if not failed:
         found = nearest_misses(store, number)
-        title = "No failure; the nearest misses" if found else "No failure"
+        title = counts.broken or "No failure"
+        title += "; the nearest misses" if found else ""
     items = []
     for cluster in found.clusters[:number]:
         test = store.test(cluster.most_severe)

@@ -138,7 +138,7 @@ def campaign_report(
             timeline_section(tests, clusters),
             gallery_section(found, moobds, opened, reruns, failures)
             if failures
-            else misses_section(found, moobds, opened),
+            else misses_section(found, counts, moobds, opened),
             map_section(table.ids, measured, tests),
             family_section(found, opened),
             operators_section(tests, clusters),

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from frenetic._support.words import counted
 from frenetic.analysis.failures import Cluster, Clusters
+from frenetic.campaign.counts import Counts
 from frenetic.oracle import Side
 from frenetic.redrive.robustness import Rerun
 from frenetic.report.html.blocks import Section
@@ -108,10 +109,10 @@ def gallery_section(
 
 
 def misses_section(
-    misses: Clusters, moobds: Mapping[int, float], shown: Collection[int]
+    misses: Clusters, counts: Counts, moobds: Mapping[int, float], shown: Collection[int]
 ) -> Section:
     """The nearest misses as pictures, where nothing failed; for its arguments see above."""
-    lead = "No failure was found."
+    lead = f"{counts.broken or 'No failure was found'}."
     if not misses:
         return Section("failures", "Failures", (), lead)
     lead += (
@@ -130,7 +131,7 @@ def family_section(clusters: Clusters, shown: Collection[int]) -> Section:
         " here is a button."
     )
     if not ids:
-        return Section("family", "Family tree", (), "No failure was found.")
+        return Section("family", "Family tree", (), "No test failed or passed.")
     return Section("family", "Family tree", (Family(ids),), lead)
 
 

@@ -110,7 +110,7 @@ def headline(
         Tile("wall time", format_duration(duration), "min:s" if duration < 3600.0 else "h:min:s")
     )
     return Headline(
-        title=_title(clusters, failures, counts.simulations),
+        title=_title(clusters, counts),
         lead=lead,
         warning=" ".join(text for text in (_unfinished(facts, is_spent), trouble) if text),
         tiles=tuple(tiles),
@@ -140,13 +140,14 @@ def headline(
 _PARTS = ("strategy", "driver", "simulator")
 
 
-def _title(clusters: Clusters, failures: int, simulations: int) -> str:
-    if not failures:
-        return f"No failure in {counted(simulations, 'simulation')}"
-    found = counted(len(clusters), "distinct failure")
-    if clusters.failures < failures:
+def _title(clusters: Clusters, counts: Counts) -> str:
+    if counts.errors and not counts.failed:
+        return counts.broken
+    found = counted(len(clusters), "distinct failure") if counts.failed else "No failure"
+    if clusters.failures < counts.failed:
         found = f"At least {found}"
-    return f"{found} in {counted(simulations, 'simulation')}"
+    broken = f"; {counts.broken}" if counts.errors else ""
+    return f"{found} in {counted(counts.simulations, 'simulation')}{broken}"
 
 
 def _named(config: Mapping[str, JSONValue], part: str) -> str:
