@@ -97,6 +97,6 @@ def replay(road: Any, drive: Any, **how: Any) -> Replay:
 
 def data_frame(campaign: Any) -> pd.DataFrame:
     """The tests of a campaign as a data frame, see `frenetic.export.data_frame`."""
-    from frenetic.export.frames import data_frame as frame_of  # as this module says
+    from frenetic.export.tables import data_frame as frame_of  # as this module says
 
     return frame_of(campaign)

@@ -27,7 +27,7 @@ from frenetic.campaign import campaign
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.progress import Progress
 from frenetic.errors import FreneticError
-from frenetic.export.tables import Which
+from frenetic.export.campaigns import Which
 from frenetic.fingerprint import differences, package_versions
 from frenetic.registry import STRATEGIES
 from frenetic.simulators.embedded import compile_kernels
