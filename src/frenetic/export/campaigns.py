@@ -41,7 +41,7 @@ def export_campaign(
     | json | ``tests.jsonl``: one object per line and test | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
-    `frenetic.export.tables` lists the tables' columns. Memory does not grow with the campaign,
+    `frenetic.export.TABLES` lists the tables' columns. Memory does not grow with the campaign,
     which may be running: later results are left out.
 
     Args:
@@ -59,9 +59,9 @@ def export_campaign(
         The folder.
 
     Raises:
-        FreneticError: the folder is not empty or cannot be written, the campaign is damaged, or
-            Parquet is asked for and pyarrow is not installed; or another format than the
-            competition's is to have its sides.
+        FreneticError: the folder is not empty or cannot be written, the campaign is damaged; or
+            another format than the competition's is to have its sides, or is asked for without
+            pandas and pyarrow.
         ValueError: there is no such format, outcome, choice of trajectories or of sides.
     """
     for name, value, allowed in (

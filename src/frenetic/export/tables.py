@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 from msgspec import to_builtins
+from msgspec.json import encode
 
 from frenetic._support.words import text_cell
 from frenetic.campaign.record import FINISHED, Column, Test, value_at
@@ -90,7 +91,8 @@ _CATEGORIES: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Name of a column -> its categories; those that there are if none are given."""
 _DICTIONARIES: Final = ("conditions", "source", "notes", "fault")
-_TESTS_AT_ONCE: Final = 1000
+TESTS_AT_ONCE: Final = 1000
+"""Tests of which a file's rows are in memory together."""
 _DIGITS: Final = 6  # decimals of road points: micrometres
 
 
@@ -157,11 +159,11 @@ def write_tables(
     def batches() -> Iterator[tuple[list[Test], pd.DataFrame]]:
         done, is_last = 0, False
         while not is_last:
-            tests = list(islice(stored, _TESTS_AT_ONCE))
+            tests = list(islice(stored, TESTS_AT_ONCE))
             yield tests, _tests(tests, places)
             done += len(tests)
             on_progress(done, total)
-            is_last = len(tests) < _TESTS_AT_ONCE
+            is_last = len(tests) < TESTS_AT_ONCE
 
     if format == "json":
         _write_json(folder / "tests.jsonl", batches(), driven)
@@ -257,14 +259,14 @@ def _write_json(
     batches: Iterable[tuple[list[Test], pd.DataFrame]],
     driven: Collection[Outcome] | None,
 ) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
+    with path.open("wb") as file:
         for tests, frame in batches:
             columns = [_plain(frame[name]) for name in frame]
             for test, *row in zip(tests, *columns, strict=True):
                 line = dict(zip(frame, row, strict=True)) | {"road_points": _road_points(test)}
                 if driven is not None:
                     line["trajectory"] = _trajectory(test) if test.outcome in driven else None
-                file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+                file.write(encode(line) + b"\n")
 
 
 def _road_points(test: Test) -> list[list[float]] | None:
