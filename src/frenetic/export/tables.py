@@ -9,6 +9,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from datetime import datetime
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -302,7 +303,9 @@ def _write_frames(
             for table, rows in frames.items():
                 found = _texts(rows) if format == "csv" else _columns(rows, TABLES[table])
                 if table not in writers:
-                    make = CSVWriter if format == "csv" else ParquetWriter
+                    make = (
+                        CSVWriter if format == "csv" else partial(ParquetWriter, compression="zstd")
+                    )
                     path = folder / f"{table}.{format}"
                     writers[table] = files.enter_context(make(path, found.schema))
                 writers[table].write_table(found)
