@@ -86,7 +86,8 @@ def different_drives() -> list[tuple[Candidate, Attempt]]:
 
 def make_campaign(folder: Path, tests: int) -> None:
     """Writes a campaign in which different drives are repeated, and prints how long that took."""
-    from frenetic.campaign import Budget, Campaign, CampaignStore
+    from frenetic._support.words import present_moment
+    from frenetic.campaign import Budget, Campaign, CampaignStore, Test
     from frenetic.drivers import Planner
     from frenetic.outcome import Outcome
     from frenetic.search import RandomSearch
@@ -112,13 +113,16 @@ def make_campaign(folder: Path, tests: int) -> None:
             simulations += outcome is not Outcome.INVALID
             failures += outcome is Outcome.FAIL
             elapsed = number * SECONDS_PER_TEST
-            record = attempt.record(
-                candidate,
-                told=number,
-                budget_spent=budget.spent(simulations, elapsed, failures),
-                elapsed=elapsed,
+            store.told(
+                Test(
+                    candidate=candidate,
+                    attempt=replace(attempt, candidate_id=number),
+                    told=number,
+                    budget_spent=budget.spent(simulations, elapsed, failures),
+                    elapsed=elapsed,
+                    finished_at=present_moment(),
+                )
             )
-            store.told(record, attempt.packed)
         seconds = tests * SECONDS_PER_TEST
         store.finish(seconds=seconds, interrupted=False, budget=asdict(budget))
     seconds = time.perf_counter() - start

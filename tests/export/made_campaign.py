@@ -1,4 +1,4 @@
-"""A campaign whose tests end in every way but ERROR, and one that is damaged."""
+"""A campaign whose tests end in every way but ERROR, and copies that are damaged or told anew."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import sqlite3
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from typing import Protocol
 
 import pytest
-from checksums import forget_checksums
 
-from frenetic.campaign import Budget, Campaign
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
+from frenetic.campaign.store import DATABASE, JSONValue
 from frenetic.drivers import Planner
 from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator
@@ -35,15 +35,36 @@ def made_campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def damaged(made_campaign: Path, tmp_path: Path) -> Callable[[str], Path]:
-    """Makes a copy in which a statement was executed."""
+    """Makes a copy in which a statement changed one row."""
 
     def damage(statement: str) -> Path:
         folder = Path(shutil.copytree(made_campaign, tmp_path / "damaged"))
         with closing(sqlite3.connect(folder / DATABASE)) as connection:
-            connection.execute("PRAGMA ignore_check_constraints = ON")
             assert connection.execute(statement).rowcount == 1
-            forget_checksums(connection)
             connection.commit()
         return folder
 
     return damage
+
+
+class ToldAnew(Protocol):
+    """Makes a sound campaign of the tests, each of them changed, with a changed configuration."""
+
+    def __call__(self, change: Callable[[Test], Test], **config: JSONValue) -> Path: ...
+
+
+@pytest.fixture
+def told_anew(made_campaign: Path, tmp_path: Path) -> ToldAnew:
+    def tell(change: Callable[[Test], Test], **config: JSONValue) -> Path:
+        folder = tmp_path / "told anew"
+        with (
+            CampaignStore.open(made_campaign) as old,
+            CampaignStore.create(folder, {**old.config, **config}) as new,
+        ):
+            for candidate, _ in old.candidates():
+                new.asked(candidate)
+            for test in old.tests(with_trajectory=True):
+                new.told(change(test))
+        return folder
+
+    return tell

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from shapely import LineString, Point
 
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.export import competition, data_frame, export_campaign
 from frenetic.export.competition import SimulationRecord
 from frenetic.outcome import Outcome
 from frenetic.road.validity import check_validity
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
+
+if TYPE_CHECKING:
+    from made_campaign import ToldAnew
 
 pytest_plugins = ["made_campaign"]
 
@@ -76,7 +79,7 @@ def test_execution_data_say_what_the_oracle_said(campaign: Path, exported: Path)
             records = documents[record.candidate.id]["execution_data"]
             data = [dict(zip(FIELDS, values, strict=True)) for values in records]
             assert min(r["oob_distance"] for r in data) == pytest.approx(record.moobd, abs=2e-4)
-            assert data[-1]["timer"] == pytest.approx(record.duration)
+            assert data[-1]["timer"] == pytest.approx(record.result.duration)
             assert data[-1]["is_oob"] == (record.departure is not None)
             assert data[0]["pos"][2] == -28.0
 
@@ -120,23 +123,32 @@ def test_tables_count_all_tests(campaign: Path, exported: Path) -> None:
 
 
 def test_sides_by_the_official_rule_are_distances_from_the_centre_line(
-    exported: Path, damaged: Callable[[str], Path], tmp_path: Path
+    exported: Path, campaign: Path, told_anew: ToldAnew, tmp_path: Path
 ) -> None:
-    folder = damaged(
-        "UPDATE test SET departure_side = 'left' WHERE candidate_id ="
-        " (SELECT min(candidate_id) FROM test WHERE departure_side = 'right')"
-    )
+    with CampaignStore.open(campaign) as store:
+        right = {
+            test.id for test in store.tests() if test.departure and test.departure.side == "right"
+        }
+
+    def change(test: Test) -> Test:
+        if test.id != min(right):
+            return test
+        findings = tuple(replace(finding, side="left") for finding in test.result.findings)
+        result = replace(test.result, findings=findings)
+        return replace(test, attempt=replace(test.attempt, result=result))
+
+    folder = told_anew(change)
     out = export_campaign(folder, "competition", tmp_path / "out", sides="competition")
-    left = right = 0
+    left = others = 0
     for document in documents_in(exported).values():
         data = [dict(zip(FIELDS, values, strict=True)) for values in document["execution_data"]]
         place = next((r["pos"] for r in data if r["is_oob"]), None)
         if place is not None:
             line = LineString([point[:2] for point in document["interpolated_points"]])
             is_left = line.distance(Point(place[:2])) < 2.0
-            left, right = left + is_left, right + (not is_left)
+            left, others = left + is_left, others + (not is_left)
     theirs, ours = row(out / "oob_stats.csv"), row(exported / "oob_stats.csv")
-    assert (theirs.pop("left_oob"), theirs.pop("right_oob")) == (str(left), str(right))
+    assert (theirs.pop("left_oob"), theirs.pop("right_oob")) == (str(left), str(others))
     assert theirs == {name: ours[name] for name in theirs}
     by_place = row(export_campaign(folder, "competition", tmp_path / "ours") / "oob_stats.csv")
     assert int(by_place["left_oob"]) == int(ours["left_oob"]) + 1
@@ -166,11 +178,9 @@ def test_sparseness_of_too_many_failures_is_left_empty(
 
 
 def test_generation_time_is_not_known_where_several_drove(
-    damaged: Callable[[str], Path], tmp_path: Path
+    told_anew: ToldAnew, tmp_path: Path
 ) -> None:
-    folder = damaged(
-        "UPDATE campaign SET value = json_set(value, '$.workers', 4) WHERE key = 'config'"
-    )
+    folder = told_anew(lambda test: test, workers=4)
     out = export_campaign(folder, "competition", tmp_path / "out", trajectories="none")
     assert row(out / "generation_stats.csv")["real_time_generation"] == ""
 

@@ -6,24 +6,32 @@ import csv
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from frenetic.campaign import CampaignStore
+from frenetic.campaign import CampaignStore, Test
 from frenetic.cli import main
 from frenetic.cli.export import FORMATS, SIDES
 from frenetic.cli.export import TRAJECTORIES as OFFERED
-from frenetic.errors import CampaignError, FreneticError
-from frenetic.export import campaigns, data_frame, export_campaign
+from frenetic.errors import FreneticError
+from frenetic.export import TABLES, campaigns, data_frame, export_campaign, tables
 from frenetic.export.competition import Sides
-from frenetic.export.tables import TABLES, TESTS, TRAJECTORIES, Which
+from frenetic.outcome import Outcome
+from frenetic.search.records import Source
+
+if TYPE_CHECKING:
+    from made_campaign import ToldAnew
 
 pytest_plugins = ["made_campaign"]
+
+DICTIONARIES = ("conditions", "source", "notes", "fault")
 
 
 @pytest.fixture(scope="session")
@@ -31,82 +39,122 @@ def campaign(made_campaign: Path) -> Path:
     return made_campaign
 
 
-@pytest.fixture(scope="module")
-def exported(campaign: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    parent = tmp_path_factory.mktemp("all")
-    return {
-        name: export_campaign(campaign, name, parent / name) for name in ("parquet", "csv", "json")
-    }
+def fifth(**changes: Any) -> Callable[[Test], Test]:
+    """Changes the fifth test: fields of its result, attempt, origin or candidate, or its own."""
+
+    def change(test: Test) -> Test:
+        if test.told != 5:
+            return test
+        candidate, attempt, result = test.candidate, test.attempt, test.attempt.result
+        parts: dict[str, Any] = {"result": result, "attempt": attempt, "candidate": candidate}
+        parts["origin"] = candidate.origin
+        for name, value in changes.items():
+            part = next(k for k, v in parts.items() if hasattr(v, name))
+            parts[part] = replace(parts[part], **{name: value})
+        return replace(
+            test,
+            candidate=replace(parts["candidate"], origin=parts["origin"]),
+            attempt=replace(parts["attempt"], result=parts["result"]),
+        )
+
+    return change
 
 
-def same(one: pd.DataFrame, other: pd.DataFrame, *, relative: float = 0.0) -> None:
-    """Frames whose values are the same, whatever their types; numbers but for a relative error."""
-    assert list(one.columns) == list(other.columns)
-    for name in one.columns:
-        for a, b in zip(one[name], other[name], strict=True):
-            if isinstance(a, (np.ndarray, list)):
-                assert list(a) == list(b)
-            elif isinstance(a, float) and not pd.isna(b):
-                assert a == pytest.approx(b, rel=relative, abs=0.0)
-            else:
-                assert (pd.isna(a) and pd.isna(b)) or a == b
+@pytest.fixture(params=["a whole batch", "batches of seven"])
+def exported(
+    request: pytest.FixtureRequest,
+    told_anew: ToldAnew,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> tuple[Path, dict[str, Path]]:
+    """A campaign one of whose tests has everything, and its exports."""
+    if request.param == "batches of seven":
+        monkeypatch.setattr(tables, "TESTS_AT_ONCE", 7)
+    folder = told_anew(
+        fifth(
+            conditions={"fog": 60.5},
+            repeat=2,
+            source=Source("nightly", 31),
+            notes={"screened": [4000, None], "why": "κ"},
+            worker="w1",
+        )
+    )
+    names: Any = ("parquet", "csv", "json")
+    return folder, {name: export_campaign(folder, name, tmp_path / name) for name in names}
 
 
-def test_parquet_comes_back(campaign: Path, exported: dict[str, Path]) -> None:
-    for table in ("tests", "trajectories"):
-        path = exported["parquet"] / f"{table}.parquet"
-        same(pd.read_parquet(path), data_frame(campaign, table))
+def plain_rows(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return value.tolist()
+        return value if isinstance(value, dict) or not pd.isna(value) else None
+
+    return [{name: plain(v) for name, v in row.items()} for row in frame.to_dict("records")]
 
 
-def test_parquet_knows_units_types_and_row_groups(exported: dict[str, Path]) -> None:
+def from_text(text: str, value: Any) -> Any:
+    """What a cell says, read as another value's type."""
+    if value is None:
+        return text or None
+    if isinstance(value, str):
+        return text
+    if isinstance(value, (list, dict)):
+        return json.loads(text)
+    return datetime.fromisoformat(text) if isinstance(value, datetime) else type(value)(text)
+
+
+def test_parquet_comes_back(exported: tuple[Path, dict[str, Path]]) -> None:
+    folder, files = exported
+    for table in get_args(tables.Table):
+        read = pd.read_parquet(files["parquet"] / f"{table}.parquet")
+        for name in DICTIONARIES if table == "tests" else ():
+            texts = read[name].astype(object)
+            read[name] = texts.where(texts.notna(), None).map(json.loads, na_action="ignore")
+        pd.testing.assert_frame_equal(read, data_frame(folder, table), check_categorical=False)
+
+
+def test_parquet_knows_units(campaign: Path, tmp_path: Path) -> None:
+    folder = export_campaign(campaign, "parquet", tmp_path / "out")
     for table, columns in TABLES.items():
-        schema = pq.read_schema(exported["parquet"] / f"{table}.parquet")
+        schema = pq.read_schema(folder / f"{table}.parquet")
         for column in columns:
-            field = schema.field(column.name)
-            assert field.metadata.get(b"unit", b"").decode() == column.unit
-            assert field.metadata[b"description"].decode() == column.description
-            assert field.nullable == column.optional
-    tests = pd.read_parquet(exported["parquet"] / "tests.parquet")
-    assert isinstance(tests["outcome"].dtype, pd.CategoricalDtype)
-    assert str(tests["finished_at"].dtype).endswith("UTC]")
+            metadata = schema.field(column.name).metadata
+            assert metadata[b"unit"].decode() == column.unit
+            assert metadata[b"description"].decode() == column.about != ""
 
 
-def test_csv_comes_back(campaign: Path, exported: dict[str, Path]) -> None:
-    tests = pd.read_csv(
-        exported["csv"] / "tests.csv",
-        converters={"curvatures": json.loads, "parents": json.loads},
-        parse_dates=["finished_at"],
-    )
-    # What is written is exact; pandas reads it a few units in the last place beside.
-    same(tests, data_frame(campaign), relative=1e-14)
-    driven = pd.read_csv(exported["csv"] / "trajectories.csv")
-    same(driven, data_frame(campaign, "trajectories"), relative=1e-14)
-    with (exported["csv"] / "tests.csv").open(encoding="utf-8", newline="") as file:
-        written = [float(row["seconds"]) for row in csv.DictReader(file)]
-    assert written == list(data_frame(campaign)["seconds"])
+def test_csv_comes_back(exported: tuple[Path, dict[str, Path]]) -> None:
+    folder, files = exported
+    for table in get_args(tables.Table):
+        wanted = plain_rows(data_frame(folder, table))
+        with (files["csv"] / f"{table}.csv").open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        assert [
+            {name: from_text(text, value[name]) for name, text in row.items()}
+            for row, value in zip(rows, wanted, strict=True)
+        ] == wanted
 
 
-def test_json_comes_back(campaign: Path, exported: dict[str, Path]) -> None:
-    path = exported["json"] / "tests.jsonl"
-    documents = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-    frame = pd.DataFrame(documents)
-    same(
-        frame[[column.name for column in TESTS]].assign(
-            finished_at=pd.to_datetime(frame["finished_at"])
-        ),
-        data_frame(campaign),
-    )
-    assert list(pd.read_json(path, lines=True)["id"]) == list(frame["id"])
-    with CampaignStore.open(campaign) as store:
-        for document in documents:
-            test = store.test(document["id"])
-            assert np.allclose(document["road_points"], test.road.road_points, atol=1e-6)
-            if test.drive is None:
-                assert document["trajectory"] is None
-                continue
-            assert list(document["trajectory"]) == [column.name for column in TRAJECTORIES[1:]]
-            rows = np.array(list(document["trajectory"].values())).T
-            assert np.array_equal(rows, test.drive.trajectory.to_rows())
+def test_json_comes_back(exported: tuple[Path, dict[str, Path]]) -> None:
+    folder, files = exported
+    wanted = plain_rows(data_frame(folder))
+    lines = (files["json"] / "tests.jsonl").read_text(encoding="utf-8").split("\n")[:-1]
+    with CampaignStore.open(folder) as store:
+        stored = list(store.tests(with_trajectory=True))
+    for line, row, test in zip(lines, wanted, stored, strict=True):
+        document = json.loads(line)
+        assert np.allclose(document.pop("road_points"), test.road.road_points, atol=1e-6)
+        trajectory = document.pop("trajectory")
+        document["finished_at"] = datetime.fromisoformat(document["finished_at"])
+        assert document == row
+        assert (trajectory is None) == (test.trajectory is None)
+        if test.trajectory is not None:
+            assert list(trajectory) == list(test.trajectory.names())
+            rows = np.array(list(trajectory.values())).T
+            assert np.array_equal(rows, test.trajectory.to_rows())
+    assert list(pd.read_json(files["json"] / "tests.jsonl", lines=True)["id"]) == [
+        row["id"] for row in wanted
+    ]
 
 
 @pytest.mark.parametrize("name", ["parquet", "csv"])
@@ -140,12 +188,17 @@ def test_json_without_trajectories(campaign: Path, tmp_path: Path) -> None:
 
 
 def test_a_candidate_that_is_no_road_is_exported(
-    damaged: Callable[[str], Path], tmp_path: Path
+    campaign: Path, told_anew: ToldAnew, tmp_path: Path
 ) -> None:
-    folder = damaged(
-        "UPDATE candidate SET curvatures = X'' WHERE id ="
-        " (SELECT min(candidate_id) FROM test WHERE outcome = 'INVALID')"
-    )
+    with CampaignStore.open(campaign) as store:
+        invalid = next(store.tests(Outcome.INVALID)).id
+
+    def change(test: Test) -> Test:
+        if test.id != invalid:
+            return test
+        return replace(test, candidate=replace(test.candidate, curvatures=np.empty(0)))
+
+    folder = told_anew(change)
     frame = data_frame(folder)
     (row,) = frame[frame["curvature_count"] == 0].to_dict("records")
     assert (row["length"], row["curvatures"].tolist()) == (0.0, [])
@@ -154,17 +207,13 @@ def test_a_candidate_that_is_no_road_is_exported(
         export_campaign(folder, name, tmp_path / name)
     lines = (tmp_path / "json" / "tests.jsonl").read_text(encoding="utf-8").splitlines()
     assert [json.loads(line)["road_points"] for line in lines].count(None) == 1
-    path = tmp_path / "competition" / f"test.{row['id']:04d}.json"
+    path = tmp_path / "competition" / f"test.{invalid:04d}.json"
     assert json.loads(path.read_text(encoding="utf-8"))["road_points"] == []
 
 
-def test_texts_with_everything_in_them_come_back(
-    damaged: Callable[[str], Path], tmp_path: Path
-) -> None:
+def test_texts_with_everything_in_them_come_back(told_anew: ToldAnew, tmp_path: Path) -> None:
     reason = 'κ → "θ", \n; \u2028'
-    folder = damaged(
-        "UPDATE test SET reason = 'κ → \"θ\", ' || char(10) || '; ' || char(8232) WHERE told = 5"
-    )
+    folder = told_anew(fifth(reason=reason))
     assert data_frame(folder)["reason"][4] == reason
     path = export_campaign(folder, "csv", tmp_path / "csv") / "tests.csv"
     with path.open(encoding="utf-8", newline="") as file:
@@ -209,13 +258,33 @@ def test_what_is_there_is_refused_in_one_line(campaign: Path, tmp_path: Path) ->
         export_campaign(campaign, "csv", tmp_path / "file" / "below")
 
 
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize(
+    ("statement", "text"),
+    [
+        ("UPDATE test SET seconds = 99.0 WHERE told = 50", "does not match its checksum"),
+        ("UPDATE test SET trajectory = NULL WHERE told = 1", "the trajectory of test 1 is gone"),
+        ("UPDATE test SET trajectory = X'00' WHERE told = 1", "is damaged"),
+        ("DELETE FROM test WHERE told = 50", "the result told as number 50 is missing"),
+    ],
+)
 def test_nothing_is_left_of_an_export_that_broke(
-    damaged: Callable[[str], Path], tmp_path: Path
+    damaged: Callable[[str], Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    name: str,
+    statement: str,
+    text: str,
 ) -> None:
-    folder = damaged("UPDATE test SET finished_at = 'now' WHERE told = 50")
-    for name in ("parquet", "csv", "json"):
-        with pytest.raises(CampaignError, match="finished_at"):
-            export_campaign(folder, name, tmp_path / "out" / name)
+    monkeypatch.setattr(tables, "TESTS_AT_ONCE", 7)
+    folder = damaged(statement)
+    (tmp_path / "out").mkdir()
+    assert run(str(folder), "--format", name, "--out", str(tmp_path / "out" / name)) == 2
+    answer = capsys.readouterr()
+    assert answer.out == ""
+    assert text in answer.err
+    assert len(answer.err.splitlines()) == 1
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -241,15 +310,17 @@ def test_what_there_is_not(campaign: Path, tmp_path: Path) -> None:
         export_campaign(campaign, "csv", tmp_path / "out", outcomes=["GREAT"])
 
 
-def test_only_parquet_needs_pyarrow(
+def test_tables_need_the_extra_and_the_competition_does_not(
     campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("pandas", "pyarrow"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(FreneticError, match=r'pip install "frenetic-roads\[tables\]"'):
-        export_campaign(campaign, "parquet", tmp_path / "out")
-    for name in ("csv", "json", "competition"):
-        export_campaign(campaign, name, tmp_path / name)  # type: ignore[arg-type]
+    for module in ("pandas", "pyarrow"):
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, module, None)
+            for name in ("csv", "json", "parquet"):
+                with pytest.raises(FreneticError, match=r'pip install "frenetic-roads\[tables\]"'):
+                    export_campaign(campaign, name, tmp_path / "out")
+                assert not (tmp_path / "out").exists()
+            export_campaign(campaign, "competition", tmp_path / module)
 
 
 NASTY = {
@@ -261,6 +332,7 @@ NASTY = {
     "\r=1": "\\r=1",
     "\n=1": "'\n=1",
     "a\x1b[31m\x9b\x7f": "a\\x1b[31m\\x9b\\x7f",
+    "a\0b": "a\\x00b",
     "a=1, -2": "a=1, -2",
 }
 """Text of a test -> its cell."""
@@ -268,24 +340,16 @@ NASTY = {
 
 @pytest.mark.parametrize("text", NASTY)
 def test_no_text_is_a_formula_or_controls_a_terminal(
-    damaged: Callable[[str], Path], tmp_path: Path, text: str
+    told_anew: ToldAnew, tmp_path: Path, text: str
 ) -> None:
-    folder = damaged(
-        f"UPDATE test SET reason = CAST(X'{text.encode().hex()}' AS TEXT) WHERE told = 5"
-    )
+    folder = told_anew(fifth(reason=text, operator=text, worker=text))
     path = export_campaign(folder, "csv", tmp_path / "csv", trajectories="none") / "tests.csv"
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert rows[4]["reason"] == NASTY[text]
+    names = ("reason", "operator", "worker")
+    assert [rows[4][name] for name in names] == [NASTY[text]] * 3
     assert min(float(row["moobd"]) for row in rows if row["moobd"]) < 0.0  # numbers stay numbers
-    assert data_frame(folder)["reason"][4] == text
-
-
-def test_nul_is_no_byte_of_a_table(damaged: Callable[[str], Path], tmp_path: Path) -> None:
-    folder = damaged("UPDATE test SET reason = 'a' || char(0) || 'b' WHERE told = 5")
-    path = export_campaign(folder, "csv", tmp_path / "csv", trajectories="none") / "tests.csv"
-    assert b"\0" not in path.read_bytes()
-    assert pd.read_csv(path)["reason"][4] == "a\\x00b"
+    assert list(data_frame(folder).loc[4, list(names)]) == [text] * 3
 
 
 # On the command line
@@ -313,9 +377,9 @@ def test_command(campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_command_writes_into_the_campaigns_folder_by_default(
-    damaged: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+    told_anew: ToldAnew, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    folder = damaged("UPDATE test SET reason = 'Because' WHERE told = 1")
+    folder = told_anew(lambda test: test)
     assert run(str(folder), "--format", "json") == 0
     assert capsys.readouterr().out == f"{folder / campaigns.EXPORTS / 'json'}\n"
     assert (folder / "exports" / "json" / "tests.jsonl").is_file()
@@ -338,5 +402,5 @@ def test_command_with_what_there_is_not(campaign: Path, option: tuple[str, ...])
 
 def test_the_command_offers_what_the_library_does() -> None:
     assert get_args(campaigns.Format) == FORMATS
-    assert get_args(Which) == OFFERED
+    assert get_args(campaigns.Which) == OFFERED
     assert get_args(Sides) == SIDES

@@ -1,22 +1,27 @@
-"""Data frames say what the campaign's records say, with pandas' own types."""
+"""Data frames say what the campaign's tests say, with pandas' own types."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import frenetic
-from frenetic.campaign import CampaignStore
-from frenetic.errors import CampaignError, FreneticError
-from frenetic.export import data_frame, tables
-from frenetic.export.tables import TESTS, TRAJECTORIES, Kind
+from frenetic.campaign import CampaignStore, Test
+from frenetic.errors import CampaignError, Fault, FreneticError
+from frenetic.export import data_frame
 from frenetic.outcome import Outcome
+from frenetic.search.records import Source
+
+if TYPE_CHECKING:
+    from made_campaign import ToldAnew
 
 pytest_plugins = ["made_campaign"]
 
@@ -26,80 +31,148 @@ def campaign(made_campaign: Path) -> Path:
     return made_campaign
 
 
-def expected(record: Any) -> dict[str, Any]:
-    """A row of the table, made from a record."""
-    candidate, place = record.candidate, record.pose or (None, None, None)
+def expected(test: Test, asked_after: int) -> dict[str, Any]:
+    """A row of the table, made from a test."""
+    candidate, attempt, result = test.candidate, test.attempt, test.result
+    curvatures = candidate.curvatures.tolist()
+    x, y, heading = attempt.pose or (None, None, None)
+    departure = test.departure
     return {
         "id": candidate.id,
-        "outcome": str(record.outcome),
+        "told": test.told,
+        "outcome": test.outcome.value,
+        "reason": result.reason,
         "operator": candidate.origin.operator,
         "parents": list(candidate.origin.parents),
         "generation": candidate.origin.generation,
-        "length": (len(candidate.curvatures) - 1) * candidate.step,
-        "curvature_count": len(candidate.curvatures),
-        "max_curvature": abs(candidate.curvatures).max(),
-        "curvatures": candidate.curvatures.tolist(),
+        "asked_after": asked_after,
+        "length": (len(curvatures) - 1) * candidate.step,
+        "curvature_count": len(curvatures),
+        "max_curvature": max(map(abs, curvatures)),
+        "curvatures": curvatures,
         "step": candidate.step,
-        "x": place[0],
-        "y": place[1],
-        "heading": place[2],
-        **{
-            column.name: getattr(record, column.name)
-            for column in TESTS
-            if hasattr(record, column.name) and column.name != "outcome"
-        },
+        "x": x,
+        "y": y,
+        "heading": heading,
+        "moobd": result.moobd,
+        "moobd_distance": result.moobd_distance,
+        "max_oob_share": result.max_oob_share,
+        "objective": test.objective,
+        "duration": result.duration,
+        "departure_time": departure and departure.time,
+        "departure_distance": departure and departure.distance,
+        "departure_x": departure and departure.x,
+        "departure_y": departure and departure.y,
+        "departure_side": departure and departure.side,
+        "seconds": attempt.seconds,
+        "elapsed": test.elapsed,
+        "attempts": test.attempts,
+        "worker": attempt.worker,
+        "budget_spent": test.budget_spent,
+        "finished_at": datetime.fromisoformat(test.finished_at),
+        "conditions": candidate.conditions or None,
+        "repeat": candidate.repeat,
+        "source": candidate.source
+        and {"campaign": candidate.source.campaign, "test": candidate.source.test},
+        "notes": candidate.notes or None,
+        "fault": result.fault and vars(result.fault),
+        "records": attempt.records,
     }
 
 
 def plain(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
-    return None if pd.isna(value) else value
+    return value if isinstance(value, dict) or not pd.isna(value) else None
 
 
-def test_tests_are_the_records(campaign: Path) -> None:
+def rows_of(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    return [{name: plain(value) for name, value in row.items()} for row in frame.to_dict("records")]
+
+
+def expected_rows(folder: Path) -> list[dict[str, Any]]:
+    with CampaignStore.open(folder) as store:
+        places = {candidate.id: place for candidate, place in store.candidates()}
+        return [expected(test, places[test.id]) for test in store.tests()]
+
+
+def test_a_frame_says_what_the_tests_say(campaign: Path) -> None:
     frame = data_frame(campaign)
-    assert list(frame.columns) == [column.name for column in TESTS]
-    with CampaignStore.open(campaign) as store:
-        records = list(store.tests())
-        asked_after = [place for _, place in store.candidates_with_place()]
-    assert len(frame) == len(records)
-    for row, record in zip(frame.to_dict("records"), records, strict=True):
-        wanted = expected(record)
-        assert {name: plain(row[name]) for name in wanted} == wanted
-        assert row["asked_after"] == asked_after[row["id"] - 1]
-    assert frame["objective"].isna().all()  # the MOOBD is minimised
-    others = {"asked_after", "finished_at", "objective"}
-    assert set(frame.columns) - set(expected(records[0])) == others
+    rows = expected_rows(campaign)
+    assert rows_of(frame) == rows
+    assert list(frame.columns) == list(rows[0])
+    assert {row["outcome"] for row in rows} == {"PASS", "FAIL", "INVALID", "DROPPED"}
 
 
-def test_types_are_those_of_pandas(campaign: Path) -> None:
-    frame = data_frame(campaign)
-    for column in TESTS:
-        dtype = frame[column.name].dtype
-        match column.kind:
-            case Kind.WHOLE:
-                assert dtype == "int64"
-            case Kind.REAL:
-                assert dtype == ("Float64" if column.optional else "float64")
-            case Kind.CHOICE:
-                assert isinstance(dtype, pd.CategoricalDtype)
-            case Kind.TEXT:
-                assert dtype == "string"
-            case Kind.MOMENT:
-                assert isinstance(dtype, pd.DatetimeTZDtype)
-                assert str(dtype.tz) == "UTC"
-            case _:
-                assert str(dtype) == "object"
-    assert list(frame["outcome"].cat.categories) == [str(outcome) for outcome in Outcome]
-    assert list(frame["departure_side"].cat.categories) == ["left", "right"]
+def test_a_frame_says_what_only_some_tests_have(
+    told_anew: ToldAnew,
+) -> None:
+    def change(test: Test) -> Test:
+        if test.told != 5:
+            return test
+        fault = Fault("driver", "ValueError", "mine.py", 7)
+        return replace(
+            test,
+            candidate=replace(
+                test.candidate,
+                conditions={"fog": 60.5},
+                repeat=2,
+                source=Source("nightly", 31),
+                notes={"screened": [4000, None]},
+            ),
+            attempt=replace(
+                test.attempt, worker="w1", result=replace(test.result, findings=(), fault=fault)
+            ),
+            objective=-0.5,
+        )
+
+    folder = told_anew(change)
+    row = rows_of(data_frame(folder))[4]
+    assert row == expected_rows(folder)[4]
+    assert row["conditions"] == {"fog": 60.5}
+    assert row["source"] == {"campaign": "nightly", "test": 31}
+    assert row["fault"]["kind"] == "ValueError"
+    assert (row["worker"], row["objective"], row["departure_time"]) == ("w1", -0.5, None)
+
+
+TYPES = {
+    "id": "int64",
+    "reason": "string",
+    "outcome": "category",
+    "operator": "category",
+    "worker": "category",
+    "departure_side": "category",
+    "length": "float64",
+    "seconds": "float64",
+    "moobd": "Float64",
+    "objective": "Float64",
+    "records": "Int64",
+    "finished_at": "datetime64[ms, UTC]",
+    "curvatures": "object",
+    "conditions": "object",
+}
+
+
+def test_types_are_those_of_pandas_even_without_tests(campaign: Path, tmp_path: Path) -> None:
+    with CampaignStore.create(tmp_path / "empty", {}):
+        pass
+    frame, empty = data_frame(campaign), data_frame(tmp_path / "empty")
+    assert len(empty) == 0
+    assert list(empty.columns) == list(frame.columns)
+    for rows in (frame, empty):
+        assert {name: str(rows[name].dtype) for name in TYPES} == TYPES
+        assert list(rows["outcome"].cat.categories) == [str(outcome) for outcome in Outcome]
+        assert list(rows["departure_side"].cat.categories) == ["left", "right"]
+    paths, none = (data_frame(f, "trajectories") for f in (campaign, tmp_path / "empty"))
+    assert len(none) == 0
+    assert paths.dtypes.equals(none.dtypes)
 
 
 def test_only_some_outcomes(campaign: Path) -> None:
     whole = data_frame(campaign)
-    frame = data_frame(campaign, outcomes=[Outcome.FAIL, "INVALID"])
-    assert set(frame["outcome"]) == {"FAIL", "INVALID"}
-    assert list(frame["id"]) == list(whole["id"][whole["outcome"].isin(["FAIL", "INVALID"])])
+    for outcomes in (["FAIL"], [Outcome.FAIL, "INVALID"]):
+        frame = data_frame(campaign, outcomes=outcomes)
+        assert list(frame["id"]) == list(whole["id"][whole["outcome"].isin(outcomes)])
 
 
 def test_an_open_campaign_stays_open(campaign: Path) -> None:
@@ -107,77 +180,45 @@ def test_an_open_campaign_stays_open(campaign: Path) -> None:
         assert len(data_frame(store)) == store.counts().told
 
 
-def test_trajectories_are_those_of_the_records(campaign: Path) -> None:
-    frame = data_frame(campaign, "trajectories")
-    assert list(frame.columns) == [column.name for column in TRAJECTORIES]
-    by_id = {int(number): rows for number, rows in frame.groupby("id", sort=False)}
+def test_trajectories_are_those_of_the_tests(campaign: Path) -> None:
+    by_id = {int(n): rows for n, rows in data_frame(campaign, "trajectories").groupby("id")}
     with CampaignStore.open(campaign) as store:
-        driven = [r for r in store.tests(with_trajectory=True) if r.trajectory is not None]
-    assert list(by_id) == [record.candidate.id for record in driven]
-    for record in driven:
-        assert record.trajectory is not None
-        rows = by_id[record.candidate.id].drop(columns="id").to_numpy()
-        assert np.array_equal(rows, record.trajectory.to_rows())
-
-
-def test_rows_do_not_depend_on_the_batches(campaign: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    frames = [data_frame(campaign), data_frame(campaign, "trajectories")]
-    monkeypatch.setattr(tables, "RECORDS_AT_ONCE", 700)
-    for name in ("_SELECT_TESTS", "_SELECT_TRAJECTORIES"):
-        select = getattr(tables, name)
-        monkeypatch.setattr(tables, name, select[: select.index("LIMIT")] + "LIMIT 7")
-    again = [data_frame(campaign), data_frame(campaign, "trajectories")]
-    for one, other in zip(frames, again, strict=True):
-        pd.testing.assert_frame_equal(one, other)
-
-
-def test_a_campaign_without_tests_has_the_same_columns(campaign: Path, tmp_path: Path) -> None:
-    with CampaignStore.create(tmp_path / "empty", {}) as store:
-        store.finish()
-    full = data_frame(campaign)
-    empty = data_frame(tmp_path / "empty")
-    assert len(empty) == 0
-    assert list(empty.columns) == list(full.columns)
-    for column in TESTS:
-        if column.kind is not Kind.CHOICE:
-            assert empty[column.name].dtype == full[column.name].dtype
-    assert len(data_frame(tmp_path / "empty", "trajectories")) == 0
+        driven = [test for test in store.tests(with_trajectory=True) if test.trajectory is not None]
+    assert list(by_id) == sorted(test.id for test in driven)
+    for test in driven:
+        assert test.trajectory is not None
+        rows = by_id[test.id].drop(columns="id").to_numpy()
+        assert np.array_equal(rows, test.trajectory.to_rows())
 
 
 @pytest.mark.parametrize(
-    ("change", "text"),
+    ("statement", "text"),
     [
-        ("candidate SET curvatures = X'01' WHERE id = 9", "curvatures of the result"),
-        ("candidate SET curvatures = X'000000000000F87F' WHERE id = 9", "curvatures of the result"),
-        ("candidate SET parents = '[true]' WHERE id = 9", "parents of the result"),
-        ("candidate SET parents = '[' WHERE id = 9", "parents of the result"),
-        ("test SET budget_spent = 9e999 WHERE told = 9", "budget_spent of the result that was"),
-        ("test SET finished_at = 'now' WHERE told = 9", "finished_at .* told as number 9 is 'now'"),
-        ("test SET finished_at = '2026-13-01T00:00:00+00:00' WHERE told = 9", "finished_at"),
-        ("test SET departure_side = 'up' WHERE told = 9", "departure_side .* is 'up'"),
-        ("test SET outcome = 'GREAT' WHERE told = 9", "GREAT"),
-        ("test SET reason = CAST(X'FF' AS TEXT) WHERE told = 9", "damaged"),
+        ("UPDATE test SET seconds = 99.0 WHERE id = 9", "test 9 does not match its checksum"),
+        ("UPDATE test SET curvatures = X'01' WHERE id = 9", "test 9 does not match its checksum"),
+        ("UPDATE test SET reason = CAST(X'FF' AS TEXT) WHERE id = 9", "damaged"),
+        ("DELETE FROM test WHERE told = 9", "the result told as number 9 is missing"),
+        (
+            "DELETE FROM finding WHERE test = (SELECT min(test) FROM finding)",
+            "does not match its checksum",
+        ),
     ],
 )
-def test_damage_is_one_line(damaged: Callable[[str], Path], change: str, text: str) -> None:
-    folder = damaged(f"UPDATE {change}")
+def test_damage_is_one_line(damaged: Callable[[str], Path], statement: str, text: str) -> None:
+    folder = damaged(statement)
     with pytest.raises(CampaignError, match=text) as caught:
         data_frame(folder)
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_candidate_is_not_left_out(damaged: Callable[[str], Path]) -> None:
-    with pytest.raises(CampaignError, match="id of the result that was told as number"):
-        data_frame(damaged("DELETE FROM candidate WHERE id = 9"))
-
-
-def test_a_damaged_trajectory_is_one_line(damaged: Callable[[str], Path]) -> None:
-    folder = damaged(
-        "UPDATE trajectory SET data = X'00' WHERE candidate_id ="
-        " (SELECT min(candidate_id) FROM trajectory)"
-    )
-    with pytest.raises(CampaignError, match=r"damaged: test 1: .*frenetic check"):
+@pytest.mark.parametrize(("data", "text"), [("NULL", "is gone"), ("X'00'", "is damaged")])
+def test_a_missing_or_damaged_trajectory_is_one_line(
+    damaged: Callable[[str], Path], data: str, text: str
+) -> None:
+    folder = damaged(f"UPDATE test SET trajectory = {data} WHERE told = 1")
+    with pytest.raises(CampaignError, match=text) as caught:
         data_frame(folder, "trajectories")
+    assert "\n" not in str(caught.value)
     assert len(data_frame(folder)) > 0
 
 

@@ -28,7 +28,7 @@ from frenetic.campaign.lock import lock_file
 from frenetic.campaign.objective import MOOBD
 from frenetic.campaign.progress import Progress
 from frenetic.errors import FreneticError
-from frenetic.export.tables import Which
+from frenetic.export.campaigns import Which
 from frenetic.registry import STRATEGIES
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.spec import Spec, decode_command, describe, require_count

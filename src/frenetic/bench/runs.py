@@ -35,7 +35,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver
 from frenetic.errors import FreneticError, StrategyError
 from frenetic.export import export_campaign
-from frenetic.export.tables import Which
+from frenetic.export.campaigns import Which
 from frenetic.registry import STRATEGIES
 from frenetic.road import MAP_SIZE, Road, check_validity
 from frenetic.road.validity import interpolate, min_radius, overlaps_itself

@@ -354,7 +354,7 @@ def row_of(test: Test) -> tuple[Any, ...]:
     Raises:
         ValueError: a number is not finite.
     """
-    return tuple(column.encoded(_value(test, path)) for column, path in _PATHS)
+    return tuple(column.encoded(value_at(test, path)) for column, path in _PATHS)
 
 
 def row_of_candidate(candidate: Candidate) -> tuple[Any, ...]:
@@ -363,7 +363,9 @@ def row_of_candidate(candidate: Candidate) -> tuple[Any, ...]:
     Raises:
         ValueError: a number is not finite.
     """
-    values = [column.encoded(_value(candidate, path[1:])) for column, path in _PATHS[: len(ASKED)]]
+    values = [
+        column.encoded(value_at(candidate, path[1:])) for column, path in _PATHS[: len(ASKED)]
+    ]
     return (*values, *(None for _ in TOLD))
 
 
@@ -372,7 +374,8 @@ def row_of_finding(finding: Finding) -> tuple[Any, ...]:
     return tuple(column.encoded(getattr(finding, column.name)) for column in FINDING)
 
 
-def _value(thing: Any, path: Sequence[str]) -> Any:
+def value_at(thing: Any, path: Sequence[str]) -> Any:
+    """The value at the end of a path of attributes; None from where one is missing."""
     for name in path:
         if thing is None:
             return None

@@ -25,7 +25,7 @@ SIDES: Final = ("geometry", "competition")
     "name",
     type=click.Choice(FORMATS),
     required=True,
-    help="What to write; parquet needs the extra 'tables'.",
+    help="What to write; all but competition need the extra 'tables'.",
 )
 @folder_option(
     "Folder to write, empty or not there yet. [default: exports/FORMAT in the campaign's]"

@@ -7,7 +7,6 @@ from frenetic.export.competition import (
     simulation_records,
     stored_test_document,
 )
-from frenetic.export.frames import data_frame
 from frenetic.export.openscenario import to_openscenario
 from frenetic.export.roads import (
     FORMATS,
@@ -17,7 +16,7 @@ from frenetic.export.roads import (
     road_format,
     write_road,
 )
-from frenetic.export.tables import TABLES
+from frenetic.export.tables import TABLES, data_frame
 
 __all__ = [
     "FORMATS",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, Literal, TypeAlias, get_args
@@ -12,23 +12,12 @@ from typing import Final, Literal, TypeAlias, get_args
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError
 from frenetic.export.competition import Sides, write_competition_folder
-from frenetic.export.frames import write_parquet
-from frenetic.export.tables import (
-    ALL,
-    TESTS,
-    TRAJECTORIES,
-    Batch,
-    Which,
-    batches_of_tests,
-    batches_of_trajectories,
-    number_of_tests,
-    number_of_trajectories,
-    trajectories_of,
-)
-from frenetic.export.text import write_csv, write_json_lines
+from frenetic.export.tables import opened, write_tables
 from frenetic.outcome import Outcome
 
 Format: TypeAlias = Literal["parquet", "csv", "json", "competition"]
+Which: TypeAlias = Literal["all", "failures", "none"]
+"""Choice of tests whose trajectories are exported."""
 EXPORTS: Final = "exports"
 """Folder for exports in a campaign's folder."""
 
@@ -52,7 +41,7 @@ def export_campaign(
     | json | ``tests.jsonl``: one object per line and test | pandas, DuckDB, jq |
     | competition | ``test.NNNN.json`` and its tables | the competition's tools |
 
-    `frenetic.export.tables` lists the tables' columns. Memory does not grow with the campaign,
+    `frenetic.export.TABLES` lists the tables' columns. Memory does not grow with the campaign,
     which may be running: later results are left out.
 
     Args:
@@ -70,9 +59,9 @@ def export_campaign(
         The folder.
 
     Raises:
-        FreneticError: the folder is not empty or cannot be written, the campaign is damaged, or
-            Parquet is asked for and pyarrow is not installed; or another format than the
-            competition's is to have its sides.
+        FreneticError: the folder is not empty or cannot be written, the campaign is damaged; or
+            another format than the competition's is to have its sides, or is asked for without
+            pandas and pyarrow.
         ValueError: there is no such format, outcome, choice of trajectories or of sides.
     """
     for name, value, allowed in (
@@ -87,70 +76,29 @@ def export_campaign(
             f"the format {format} counts no sides: leave the sides out, or choose the format"
             " competition"
         )
-    wanted = tuple(Outcome(outcome) for outcome in outcomes) or ALL
-    if not isinstance(campaign, CampaignStore):
-        with CampaignStore.open(Path(campaign)) as store:
-            return export_campaign(
-                store,
-                format,
-                out,
-                outcomes=wanted,
-                trajectories=trajectories,
-                sides=sides,
-                on_progress=on_progress,
-            )
-    target = campaign.folder / EXPORTS / format if out is None else Path(out)
-    with _whole_folder(target) as folder:
-        notify = on_progress or (lambda *_: None)
-        _write(folder, campaign, format, wanted, trajectories, sides, notify)
+    wanted = tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)
+    driven = {
+        "all": wanted,
+        "failures": tuple(outcome for outcome in wanted if outcome is Outcome.FAIL),
+        "none": None,
+    }[trajectories]
+    notify = on_progress or (lambda *_: None)
+    with opened(campaign) as store:
+        target = store.folder / EXPORTS / format if out is None else Path(out)
+        with _whole_folder(target) as folder:
+            if format == "competition":
+                total = sum(store.by_outcome().values())
+                write_competition_folder(
+                    folder,
+                    store,
+                    outcomes=wanted,
+                    driven=driven or (),
+                    sides=sides,
+                    on_test=lambda done: notify(done, total),
+                )
+            else:
+                write_tables(folder, store, format, wanted, driven, notify)
     return target
-
-
-def _write(
-    folder: Path,
-    store: CampaignStore,
-    format: Format,  # noqa: A002
-    outcomes: tuple[Outcome, ...],
-    trajectories: Which,
-    sides: Sides,
-    on_progress: Callable[[int, int], None],
-) -> None:
-    tests = number_of_tests(store, outcomes)
-    driven = tuple(o for o in outcomes if trajectories == "all" or o is Outcome.FAIL)
-    if format == "competition":
-        total = number_of_tests(store)
-        write_competition_folder(
-            folder,
-            store,
-            outcomes=outcomes,
-            driven=() if trajectories == "none" else driven,
-            sides=sides,
-            on_test=lambda done: on_progress(done, total),
-        )
-        return
-    if format == "json":
-        write_json_lines(
-            folder / "tests.jsonl",
-            batches_of_tests(store, outcomes),
-            None if trajectories == "none" else trajectories_of(store, driven),
-            lambda done: on_progress(done, tests),
-        )
-        return
-    write = write_parquet if format == "parquet" else write_csv
-    total = tests if trajectories == "none" else tests + number_of_trajectories(store, driven)
-    done = 0
-
-    def counted(batches: Iterable[Batch]) -> Iterator[Batch]:
-        nonlocal done
-        for batch in batches:
-            yield batch
-            done += batch.tests
-            on_progress(done, total)
-
-    write(folder / f"tests.{format}", TESTS, counted(batches_of_tests(store, outcomes)))
-    if trajectories != "none":
-        batches = counted(batches_of_trajectories(store, driven))
-        write(folder / f"trajectories.{format}", TRAJECTORIES, batches)
 
 
 @contextmanager

@@ -1,362 +1,364 @@
-"""A campaign's tests and trajectories as tables, read many rows at a time.
+"""A campaign's tests and trajectories as tables: pandas data frames, and files made of these.
 
-The columns, the same in every format, are those of tests in `frenetic.campaign.record`, three that
-are made of them, and the objective, which has a table of its own. One batch is in memory at a time,
-however large the campaign. A damaged value is a `CampaignError` that names the test.
+Files are written a batch of tests at a time, so memory does not grow with the campaign.
 """
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from datetime import UTC, datetime
+import json
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, nullcontext
+from datetime import datetime
+from functools import partial
+from itertools import islice
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
-import numpy.typing as npt
+from msgspec import to_builtins
+from msgspec.json import encode
 
-from frenetic._support.arrays import FloatArray
-from frenetic.campaign.record import CANDIDATE_COLUMNS, TEST_COLUMNS
-from frenetic.campaign.record import Column as Column
-from frenetic.campaign.record import Kind as Kind
-from frenetic.campaign.store import DATABASE, CampaignStore
-from frenetic.campaign.trajectory_codec import RESOLUTIONS, decode_columns
-from frenetic.errors import CampaignError
+from frenetic._support.words import text_cell
+from frenetic.campaign.record import FINISHED, Column, Test, value_at
+from frenetic.campaign.store import CampaignStore
+from frenetic.errors import FreneticError, RoadError
+from frenetic.oracle import Side
 from frenetic.outcome import Outcome
-from frenetic.spec import shown
+from frenetic.simulators.drive import Trajectory
 
-IntArray: TypeAlias = npt.NDArray[np.int64]
-Which: TypeAlias = Literal["all", "failures", "none"]
-"""Choice of tests whose trajectories are exported."""
+if TYPE_CHECKING:
+    import pandas as pd
 
-DERIVED: Final = (
-    Column("length", Kind.REAL, "of the road", "m"),
-    Column("curvature_count", Kind.WHOLE, "number of curvatures"),
-    Column("max_curvature", Kind.REAL, "largest curvature, without its sign", "1/m", True),
+Table: TypeAlias = Literal["tests", "trajectories"]
+
+_DERIVED: Final = (
+    Column("asked_after", "", "INTEGER", "number of results told when it was asked"),
+    Column("length", "", "REAL", "of the road", "m"),
+    Column("curvature_count", "", "INTEGER", "number of curvatures"),
+    Column("max_curvature", "", "REAL", "largest curvature, without its sign", "1/m"),
+    Column("departure_time", "departure.time", "REAL", "when the car left its lane", "s"),
+    Column("departure_distance", "departure.distance", "REAL", "along the road to there", "m"),
+    Column("departure_x", "departure.x", "REAL", "where it was then", "m"),
+    Column("departure_y", "departure.y", "REAL", "where it was then", "m"),
+    Column("departure_side", "departure.side", "TEXT", "left or right"),
 )
-"""Columns of tests that are not stored."""
-OBJECTIVE: Final = Column(
-    "objective", Kind.REAL, "what the search minimised, if it is not the MOOBD", "", True
-)
-
-_BY_NAME: Final = {
-    **TEST_COLUMNS,
-    **CANDIDATE_COLUMNS,
-    **{column.name: column for column in (*DERIVED, OBJECTIVE)},
-}
+_BY_NAME: Final = {column.name: column for column in (*FINISHED, *_DERIVED)}
 _ORDER: Final = """
     id told outcome reason operator parents generation asked_after
     length curvature_count max_curvature curvatures step x y heading
     moobd moobd_distance max_oob_share objective duration
     departure_time departure_distance departure_x departure_y departure_side
     seconds elapsed attempts worker budget_spent finished_at
+    conditions repeat source notes fault records
 """
-
-TESTS: Final = tuple(_BY_NAME[name] for name in _ORDER.split())
-"""The table of tests: one row per candidate that was told."""
-
-_DRIVEN: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
-    {
-        "time": ("since the start of the drive", "s"),
-        "x": ("centre of mass", "m"),
-        "y": ("centre of mass", "m"),
-        "heading": ("counter-clockwise from +x, unwrapped", "rad"),
-        "speed": ("along the car", "m/s"),
-        "lateral_speed": ("across the car, positive to the left", "m/s"),
-        "yaw_rate": ("positive to the left", "rad/s"),
-        "steering": ("angle of the front wheels, positive to the left", "rad"),
-        "steering_input": ("the angle that the driver asked for", "rad"),
-        "throttle": ("0..1, as the driver asked", ""),
-        "brake": ("0..1, as the driver asked", ""),
-    }
-)
-
-TRAJECTORIES: Final = (
-    Column("id", Kind.WHOLE, "of the test"),
-    *(Column(name, Kind.REAL, *_DRIVEN[name]) for name in RESOLUTIONS),
-)
-"""The table of trajectories: one row per record of a drive."""
-
 TABLES: Final[Mapping[str, tuple[Column, ...]]] = MappingProxyType(
-    {"tests": TESTS, "trajectories": TRAJECTORIES}
+    {
+        "tests": tuple(_BY_NAME[name] for name in _ORDER.split()),
+        "trajectories": (
+            Column("id", "id", "INTEGER", "of the test"),
+            Column("time", "time", "REAL", "since the start of the drive", "s"),
+            Column("x", "x", "REAL", "centre of mass", "m"),
+            Column("y", "y", "REAL", "centre of mass", "m"),
+            Column("heading", "heading", "REAL", "counter-clockwise from +x, unwrapped", "rad"),
+            Column("speed", "speed", "REAL", "along the car", "m/s"),
+            Column("lateral_speed", "lateral_speed", "REAL", "positive to the left", "m/s"),
+            Column("yaw_rate", "yaw_rate", "REAL", "positive to the left", "rad/s"),
+            Column("steering", "steering", "REAL", "of the wheels, positive to the left", "rad"),
+            Column("steering_input", "steering_input", "REAL", "as the driver asked", "rad"),
+            Column("throttle", "throttle", "REAL", "0..1, as the driver asked"),
+            Column("brake", "brake", "REAL", "0..1, as the driver asked"),
+        ),
+    }
 )
 """Name of a table -> its columns."""
 
-ALL: Final = tuple(Outcome)
-TESTS_AT_ONCE: Final = 5_000
-"""Rows of the table of tests in a batch."""
-RECORDS_AT_ONCE: Final = 250_000
-"""Rows of the table of trajectories in a batch, extended to whole trajectories."""
-_TRAJECTORIES_AT_ONCE: Final = 200  # fetched from the database
-
-
-@dataclass(frozen=True, eq=False)
-class Lists:
-    """A column of lists."""
-
-    values: npt.NDArray[Any]
-    """(k,) the lists' values, one list after the other."""
-    offsets: IntArray
-    """(n + 1,) where each list begins in them, and where the last one ends."""
-
-    def __len__(self) -> int:
-        return len(self.offsets) - 1
-
-    def __iter__(self) -> Iterator[npt.NDArray[Any]]:
-        """The lists, as views."""
-        places = self.offsets.tolist()
-        return (self.values[a:b] for a, b in itertools.pairwise(places))
-
-
-Values: TypeAlias = "FloatArray | IntArray | npt.NDArray[np.datetime64] | list[str | None] | Lists"
-"""The values of a column: NaN or None where they are missing."""
-
-
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Some rows of a table."""
-
-    columns: tuple[Column, ...]
-    values: Mapping[str, Values]
-    """Name of a column -> its values, all of one length."""
-
-    tests: int
-    """Number of their tests."""
-
-    def __len__(self) -> int:
-        return len(self.values["id"])
-
-
-_STORED: Final = tuple(column for column in TESTS if column not in (*DERIVED, OBJECTIVE))
-_SELECT_TESTS: Final = f"""
-    SELECT {", ".join(column.name for column in _STORED)}
-    FROM test LEFT JOIN candidate ON candidate.id = candidate_id
-    WHERE told > ? AND told <= ? AND +outcome IN ({{}}) ORDER BY told LIMIT {TESTS_AT_ONCE}
-"""  # noqa: S608  # names of columns; the + lets SQLite go along told
-_SELECT_TRAJECTORIES: Final = f"""
-    SELECT told, candidate_id, data FROM test JOIN trajectory USING (candidate_id)
-    WHERE told > ? AND told <= ? AND +outcome IN ({{}}) ORDER BY told LIMIT {_TRAJECTORIES_AT_ONCE}
-"""  # noqa: S608
-
-
-def number_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> int:
-    """Number of tests with these outcomes."""
-    by_outcome = store.by_outcome()
-    return sum(by_outcome[outcome] for outcome in outcomes)
-
-
-def number_of_trajectories(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> int:
-    """Number of tests with these outcomes and a trajectory."""
-    select = "SELECT count(*) FROM test JOIN trajectory USING (candidate_id) WHERE outcome IN ({})"
-    ((number,),) = store.rows(
-        select.format(", ".join("?" * len(outcomes))), list(map(str, outcomes))
-    )
-    return int(number)
-
-
-def batches_of_tests(store: CampaignStore, outcomes: Collection[Outcome] = ALL) -> Iterator[Batch]:
-    """The table of tests in the order of telling, a batch at a time.
-
-    Args:
-        store: the campaign. Later results are left out.
-        outcomes: of the tests.
-
-    Raises:
-        CampaignError: the campaign is damaged.
-    """
-    wanted = [str(outcome) for outcome in outcomes]
-    select = _SELECT_TESTS.format(", ".join("?" * len(wanted)))
-    last, done = _last_told(store), 0
-    objectives = store.objectives()
-    while rows := list(store.rows(select, (done, last, *wanted))):
-        batch = _to_batch(store, rows, objectives)
-        told = int(batch.values["told"][-1])  # type: ignore[index, arg-type]
-        store.require_checksums(done, told)
-        yield batch
-        done = told
-
-
-def batches_of_trajectories(
-    store: CampaignStore, outcomes: Collection[Outcome] = ALL
-) -> Iterator[Batch]:
-    """The table of trajectories, a batch at a time: drives in the order of telling, each in time.
-
-    Args:
-        store: the campaign.
-        outcomes: of the tests.
-
-    Raises:
-        CampaignError: the campaign is damaged.
-    """
-    ids: list[int] = []
-    parts: list[FloatArray] = []
-    records = 0
-    for candidate_id, columns in trajectories_of(store, outcomes):
-        ids.append(candidate_id)
-        parts.append(columns)
-        records += columns.shape[1]
-        if records >= RECORDS_AT_ONCE:
-            yield _trajectory_batch(ids, parts)
-            ids, parts, records = [], [], 0
-    if records:
-        yield _trajectory_batch(ids, parts)
-
-
-def trajectories_of(
-    store: CampaignStore, outcomes: Collection[Outcome] = ALL
-) -> Iterator[tuple[int, FloatArray]]:
-    """Ids of the driven tests in the order of telling, each with its (11, n) trajectory.
-
-    Raises:
-        CampaignError: the campaign is damaged.
-    """
-    wanted = [str(outcome) for outcome in outcomes]
-    select = _SELECT_TRAJECTORIES.format(", ".join("?" * len(wanted)))
-    last, done = _last_told(store), 0
-    while rows := list(store.rows(select, (done, last, *wanted))):
-        store.require_checksums(done, rows[-1][0], trajectories=True)
-        for _, candidate_id, data in rows:
-            if not isinstance(data, bytes):
-                raise _damaged(store, f"the trajectory of test {candidate_id} is {shown(data)}")
-            try:
-                yield candidate_id, decode_columns(data)
-            except CampaignError as error:
-                raise _damaged(store, f"test {candidate_id}: {error}") from error
-        done = rows[-1][0]
-
-
-def _trajectory_batch(ids: list[int], parts: list[FloatArray]) -> Batch:
-    columns = np.concatenate(parts, axis=1)
-    repeated = np.repeat(np.array(ids, dtype=np.int64), [part.shape[1] for part in parts])
-    names = [column.name for column in TRAJECTORIES[1:]]
-    values = {"id": repeated, **dict(zip(names, columns, strict=True))}
-    return Batch(TRAJECTORIES, values, len(ids))
-
-
-def _last_told(store: CampaignStore) -> int:
-    ((last,),) = store.rows("SELECT max(told) FROM test")
-    return last if isinstance(last, int) else 0
-
-
-# Rows to columns. All values of a column are read together, at the speed of C; if one is damaged,
-# `Column.read` says which, and why.
-
-
-class _DamagedRow(Exception):  # noqa: N818  # it becomes a CampaignError
-    def __init__(self, row: int, fault: str) -> None:
-        self.row, self.fault = row, fault
-
-
-def _to_batch(
-    store: CampaignStore, rows: Sequence[tuple[Any, ...]], objectives: Mapping[int, float]
-) -> Batch:
-    raw = dict(zip((c.name for c in _STORED), map(list, zip(*rows, strict=True)), strict=True))
-    values: dict[str, Values] = {}
-    for column in _STORED:
-        try:
-            values[column.name] = _read(column, raw[column.name])
-        except _DamagedRow as error:
-            told = raw["told"][error.row]
-            text = f"{column.name} of the result that was told as number {told} {error.fault}"
-            raise _damaged(store, text) from None
-    curvatures, step = values["curvatures"], values["step"]
-    assert isinstance(curvatures, Lists)
-    assert isinstance(step, np.ndarray)
-    counts = np.diff(curvatures.offsets)
-    values["curvature_count"] = counts
-    values["length"] = np.maximum(counts - 1, 0) * step
-    values["max_curvature"] = _largest(curvatures)
-    values["objective"] = np.array([objectives.get(one, np.nan) for one in raw["id"]])
-    return Batch(TESTS, {column.name: values[column.name] for column in TESTS}, len(rows))
-
-
-def _largest(lists: Lists) -> FloatArray:
-    """(n,) largest value without its sign of each list; NaN for empty ones."""
-    largest = np.full(len(lists), np.nan)
-    filled = np.diff(lists.offsets) > 0
-    if filled.any():
-        starts = lists.offsets[:-1][filled]
-        largest[filled] = np.maximum.reduceat(np.abs(lists.values), starts)
-    return largest
-
-
-def _read(column: Column, raw: list[Any]) -> Values:
-    """The values of a column.
-
-    Raises:
-        _DamagedRow: the first that is none of the column.
-    """
-    allowed, read = _READERS[column.kind]
-    types = {*allowed, type(None)} if column.optional else allowed
-    if set(map(type, raw)) <= types:
-        with suppress(ValueError):
-            return read(column, raw)
-    for row, value in enumerate(raw):
-        try:
-            column.read(value)
-        except ValueError as error:
-            raise _DamagedRow(row, str(error)) from None
-    raise AssertionError(f"each value of {column.name} is one, and all of them are none")
-
-
-def _wholes(_: Column, raw: list[Any]) -> IntArray:
-    return np.array(raw, dtype=np.int64)
-
-
-def _reals(column: Column, raw: list[Any]) -> FloatArray:
-    numbers = np.array(raw, dtype=np.float64)
-    if np.isinf(numbers).any() or (column.is_positive and (numbers <= 0.0).any()):
-        raise ValueError
-    return numbers
-
-
-def _texts(column: Column, raw: list[Any]) -> list[str | None]:
-    if column.choices and not set(raw) <= {None, *column.choices}:
-        raise ValueError
-    return raw
-
-
-def _moments(_: Column, raw: list[Any]) -> npt.NDArray[np.datetime64]:
-    moments = [datetime.fromisoformat(text) for text in raw]
-    if None in {moment.tzinfo for moment in moments}:
-        raise ValueError
-    plain = [moment.astimezone(UTC).replace(tzinfo=None) for moment in moments]
-    return np.array(plain, dtype="datetime64[ms]")
-
-
-def _lists_of_wholes(column: Column, raw: list[Any]) -> Lists:
-    lists = [column.read(text) for text in raw]
-    joined = np.fromiter(itertools.chain.from_iterable(lists), dtype=np.int64)
-    return Lists(joined, _offsets([len(numbers) for numbers in lists]))
-
-
-def _lists_of_reals(_: Column, raw: list[Any]) -> Lists:
-    sizes = [len(data) for data in raw]
-    numbers = np.frombuffer(b"".join(raw), dtype="<f8").astype(np.float64, copy=False)
-    if any(size % 8 for size in sizes) or not np.isfinite(numbers).all():
-        raise ValueError
-    return Lists(numbers, _offsets([size // 8 for size in sizes]))
-
-
-def _offsets(lengths: Sequence[int]) -> IntArray:
-    return np.concatenate([[0], np.cumsum(lengths, dtype=np.int64)])
-
-
-_READERS: Final[Mapping[Kind, tuple[set[type], Callable[[Column, list[Any]], Values]]]] = {
-    Kind.WHOLE: ({int}, _wholes),
-    Kind.REAL: ({float, int}, _reals),
-    Kind.TEXT: ({str}, _texts),
-    Kind.CHOICE: ({str}, _texts),
-    Kind.MOMENT: ({str}, _moments),
-    Kind.WHOLES: ({str}, _lists_of_wholes),
-    Kind.REALS: ({bytes}, _lists_of_reals),
+_DTYPES: Final = {
+    "INTEGER": "int64",
+    "REAL": "Float64",
+    "TEXT": "string",
+    "JSON": "object",
+    "REALS": "object",
+    **dict.fromkeys(("length", "step", "seconds", "elapsed", "budget_spent"), "float64"),
+    "finished_at": "datetime64[ms, UTC]",
+    "records": "Int64",
 }
+"""Kind or name of a column -> its type in pandas; names go first."""
+_CATEGORIES: Final[Mapping[str, tuple[str, ...]]] = {
+    "outcome": tuple(map(str, Outcome)),
+    "departure_side": get_args(Side),
+    "operator": (),
+    "worker": (),
+}
+"""Name of a column -> its categories; those that there are if none are given."""
+_DICTIONARIES: Final = ("conditions", "source", "notes", "fault")
+TESTS_AT_ONCE: Final = 1000
+"""Tests of which a file's rows are in memory together."""
+_DIGITS: Final = 6  # decimals of road points: micrometres
 
 
-def _damaged(store: CampaignStore, what: str) -> CampaignError:
-    return CampaignError(
-        f"{store.folder / DATABASE} is damaged: {what}; 'frenetic check' says more"
-    )
+def data_frame(
+    campaign: CampaignStore | Path | str,
+    table: Table = "tests",
+    *,
+    outcomes: Collection[Outcome | str] = (),
+) -> pd.DataFrame:
+    """A campaign's tests, or the trajectories of their drives, as a pandas data frame.
+
+    The columns are those that ``frenetic export`` writes, see `frenetic.export.TABLES`. Tests come
+    in the order of telling. Outcomes, operators, sides and workers are categories; numbers that may
+    be missing are nullable (``Float64``); curvatures and parents are arrays; conditions, source,
+    notes and fault are dictionaries; ``finished_at`` is a time with its zone, UTC.
+
+    Args:
+        campaign: its folder, or the opened campaign.
+        table: ``tests``, one row per candidate that was told, or ``trajectories``, one row per
+            record of a drive: 96 bytes each, 25 kB for an ordinary test.
+        outcomes: only tests of these, such as ``["FAIL"]``; of all without any.
+
+    Raises:
+        FreneticError: pandas or pyarrow is not installed, or the campaign cannot be read.
+        ValueError: there is no such table or outcome.
+    """
+    if table not in TABLES:
+        raise ValueError(f"table is {table!r}: one of {', '.join(TABLES)} is needed")
+    wanted = tuple(Outcome(outcome) for outcome in outcomes) or tuple(Outcome)
+    _require_extra("a data frame")
+    with opened(campaign) as store:
+        if table == "trajectories":
+            return _trajectories(_stored(store, wanted, with_trajectory=True))
+        return _tests(_stored(store, wanted), _places(store))
+
+
+def write_tables(
+    folder: Path,
+    store: CampaignStore,
+    format: Literal["csv", "json", "parquet"],  # noqa: A002
+    outcomes: Collection[Outcome],
+    driven: Collection[Outcome] | None,
+    on_progress: Callable[[int, int], None],
+) -> None:
+    """Writes the tables of a campaign as `export_campaign` describes.
+
+    Args:
+        folder: exists.
+        store: the campaign.
+        format: of the files.
+        outcomes: of the tests.
+        driven: outcomes of the tests whose trajectories are written; None for no trajectories.
+        on_progress: called with the number of tests written, and of all, after each batch.
+
+    Raises:
+        FreneticError: pandas or pyarrow is not installed, or the campaign is damaged.
+        OSError: a file cannot be written.
+    """
+    _require_extra(f"the format {format}")
+    stored = _stored(store, outcomes, with_trajectory=driven is not None)
+    places, by_outcome = _places(store), store.by_outcome()
+    total = sum(by_outcome[outcome] for outcome in outcomes)
+
+    def batches() -> Iterator[tuple[list[Test], pd.DataFrame]]:
+        done, is_last = 0, False
+        while not is_last:
+            tests = list(islice(stored, TESTS_AT_ONCE))
+            yield tests, _tests(tests, places)
+            done += len(tests)
+            on_progress(done, total)
+            is_last = len(tests) < TESTS_AT_ONCE
+
+    if format == "json":
+        _write_json(folder / "tests.jsonl", batches(), driven)
+    else:
+        _write_frames(folder, format, batches(), driven)
+
+
+def _require_extra(what: str) -> None:
+    """Checks that the extra ``tables`` is installed.
+
+    Raises:
+        FreneticError: it is not; the message says how to install it.
+    """
+    try:
+        import pandas  # noqa: F401  # an extra
+        import pyarrow  # noqa: F401  # an extra
+    except ImportError as error:
+        raise FreneticError(
+            f"{what} needs pandas and pyarrow, and {error.name or 'one of them'} is not installed:"
+            ' pip install "frenetic-roads[tables]"'
+        ) from error
+
+
+# From a campaign to frames
+
+
+def opened(campaign: CampaignStore | Path | str) -> AbstractContextManager[CampaignStore]:
+    """A campaign, opened unless it is."""
+    if isinstance(campaign, CampaignStore):
+        return nullcontext(campaign)
+    return CampaignStore.open(campaign)
+
+
+def _stored(
+    store: CampaignStore, outcomes: Collection[Outcome], *, with_trajectory: bool = False
+) -> Iterator[Test]:
+    only = next(iter(outcomes)) if len(outcomes) == 1 else None
+    tests = store.tests(only, with_trajectory=with_trajectory)
+    return (test for test in tests if test.outcome in outcomes)
+
+
+def _places(store: CampaignStore) -> dict[int, int]:
+    """Id of a test -> the number of results told before it was asked."""
+    return dict(store.rows("SELECT id, asked_after FROM test"))
+
+
+def _tests(tests: Iterable[Test], places: Mapping[int, int]) -> pd.DataFrame:
+    import pandas as pd  # an extra
+
+    columns = TABLES["tests"]
+    values: dict[str, list[Any]] = {column.name: [] for column in columns}
+    paths = [(values[column.name], column.path.split(".")) for column in columns if column.path]
+    for test in tests:
+        for found, path in paths:
+            found.append(value_at(test, path))
+    roads = values["curvatures"]
+    values |= {
+        "asked_after": [places[number] for number in values["id"]],
+        "curvature_count": [len(road) for road in roads],
+        "length": [
+            max(len(road) - 1, 0) * step for road, step in zip(roads, values["step"], strict=True)
+        ],
+        "max_curvature": [np.abs(road).max() if len(road) else None for road in roads],
+        "curvatures": [np.array(road) for road in roads],
+        "parents": [np.array(parents, np.int64) for parents in values["parents"]],
+        "outcome": [str(outcome) for outcome in values["outcome"]],
+        **{n: [to_builtins(value) or None for value in values[n]] for n in _DICTIONARIES},
+    }
+    dtypes = {column.name: _DTYPES.get(column.name, _DTYPES[column.kind]) for column in columns}
+    for name, known in _CATEGORIES.items():
+        dtypes[name] = pd.CategoricalDtype(known or sorted({*values[name]} - {None}))
+    return pd.DataFrame({n: pd.Series(values[n], dtype=dtype) for n, dtype in dtypes.items()})
+
+
+def _trajectories(tests: Iterable[Test]) -> pd.DataFrame:
+    import pandas as pd  # an extra
+
+    driven = [(test.id, test.trajectory) for test in tests if test.trajectory is not None]
+    records = [len(trajectory) for _, trajectory in driven]
+    ids = np.array([number for number, _ in driven], np.int64)
+    columns = {
+        name: np.concatenate([np.empty(0), *(getattr(path, name) for _, path in driven)])
+        for name in Trajectory.names()
+    }
+    return pd.DataFrame({"id": np.repeat(ids, np.array(records, np.int64)), **columns})
+
+
+# From frames to files
+
+
+def _write_json(
+    path: Path,
+    batches: Iterable[tuple[list[Test], pd.DataFrame]],
+    driven: Collection[Outcome] | None,
+) -> None:
+    with path.open("wb") as file:
+        for tests, frame in batches:
+            columns = [_plain(frame[name]) for name in frame]
+            for test, *row in zip(tests, *columns, strict=True):
+                line = dict(zip(frame, row, strict=True)) | {"road_points": _road_points(test)}
+                if driven is not None:
+                    line["trajectory"] = _trajectory(test) if test.outcome in driven else None
+                file.write(encode(line) + b"\n")
+
+
+def _road_points(test: Test) -> list[list[float]] | None:
+    """Points of the road in its place, in m; None if it is no road."""
+    try:
+        points: list[list[float]] = test.road.road_points.round(_DIGITS).tolist()
+    except RoadError:
+        return None
+    return points
+
+
+def _trajectory(test: Test) -> dict[str, list[float]] | None:
+    if test.trajectory is None:
+        return None
+    return {name: getattr(test.trajectory, name).tolist() for name in Trajectory.names()}
+
+
+def _write_frames(
+    folder: Path,
+    format: Literal["csv", "parquet"],  # noqa: A002
+    batches: Iterable[tuple[list[Test], pd.DataFrame]],
+    driven: Collection[Outcome] | None,
+) -> None:
+    from pyarrow.csv import CSVWriter  # an extra
+    from pyarrow.parquet import ParquetWriter  # an extra
+
+    with ExitStack() as files:
+        writers: dict[str, Any] = {}
+        for tests, frame in batches:
+            frames = {"tests": frame}
+            if driven is not None:
+                frames["trajectories"] = _trajectories(t for t in tests if t.outcome in driven)
+            for table, rows in frames.items():
+                found = _texts(rows) if format == "csv" else _columns(rows, TABLES[table])
+                if table not in writers:
+                    make = (
+                        CSVWriter if format == "csv" else partial(ParquetWriter, compression="zstd")
+                    )
+                    path = folder / f"{table}.{format}"
+                    writers[table] = files.enter_context(make(path, found.schema))
+                writers[table].write_table(found)
+
+
+def _texts(frame: pd.DataFrame) -> Any:
+    """A frame for CSV: what is no number as text."""
+    import pandas as pd  # an extra
+    import pyarrow as pa  # an extra
+
+    others = [name for name in frame if not pd.api.types.is_numeric_dtype(frame[name])]
+    return pa.Table.from_pandas(_with_texts(frame, others), preserve_index=False)
+
+
+def _columns(frame: pd.DataFrame, columns: Iterable[Column]) -> Any:
+    """A frame for Parquet, its fields with descriptions and units."""
+    import pyarrow as pa  # an extra
+
+    frame = _with_texts(frame, [name for name in _DICTIONARIES if name in frame])
+    found = pa.Schema.from_pandas(frame, preserve_index=False)
+    lists = {"curvatures": pa.list_(pa.float64()), "parents": pa.list_(pa.int64())}
+    own = lists | dict.fromkeys(_CATEGORIES, pa.dictionary(pa.int32(), pa.string()))
+    fields = [
+        pa.field(
+            column.name,
+            own.get(column.name, found.field(column.name).type),
+            metadata={"description": column.about, "unit": column.unit},
+        )
+        for column in columns
+    ]
+    return pa.Table.from_pandas(frame, pa.schema(fields), preserve_index=False)
+
+
+def _with_texts(frame: pd.DataFrame, names: Iterable[str]) -> pd.DataFrame:
+    """A frame with some columns as texts for a cell, lists and dictionaries as JSON."""
+    import pandas as pd  # an extra
+
+    texts = {name: [_cell(value) for value in _plain(frame[name])] for name in names}
+    return frame.assign(**{n: pd.array(cells, dtype="string") for n, cells in texts.items()})
+
+
+def _cell(value: Any) -> str | None:
+    if value is None:
+        return None
+    return text_cell(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _plain(values: pd.Series[Any]) -> list[Any]:
+    """The values of a column as JSON knows them; None for missing ones."""
+    return [_plain_value(value) for value in values.to_numpy(object, na_value=None)]
+
+
+def _plain_value(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return value.isoformat(timespec="milliseconds") if isinstance(value, datetime) else value
