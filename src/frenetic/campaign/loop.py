@@ -392,6 +392,7 @@ class Dispatcher:
         now = time.monotonic()
         if now >= self._next_line:
             self._next_line = now + PROGRESS_INTERVAL
+            self._store.require_there()
             progress = self._tally.progress(time.perf_counter() - self._start)
             self._log.progress(progress, workers=self._workers.states(), running=len(self._running))
 

@@ -130,6 +130,7 @@ class CampaignStore(Shown):
         self._path = folder / DATABASE
         self._connection = connection
         self._lock = lock
+        self._opened = self._path.stat()
         self._held: dict[int, tuple[object, ...]] = {}  # rows for the next transaction
         self._findings: list[tuple[object, ...]] = []  # likewise
         with translated(self._path):
@@ -301,7 +302,9 @@ class CampaignStore(Shown):
 
         Raises:
             ValueError: a fact is not JSON or cannot be changed.
+            CampaignError: it cannot be written, or the database was removed.
         """
+        self.require_there()
         self._add_facts({"finished_at": present_moment()} | facts)
 
     def reopen(self, **facts: JSONValue) -> None:
@@ -621,6 +624,22 @@ class CampaignStore(Shown):
         self.write()
         with translated(self._path):
             yield from self._connection.execute(select, tuple(parameters))
+
+    def require_there(self) -> None:
+        """Checks that the database is still the file that was opened.
+
+        Raises:
+            CampaignError: it was removed or replaced.
+        """
+        try:
+            is_there = os.path.samestat(self._path.stat(), self._opened)
+        except OSError:
+            is_there = False
+        if not is_there:
+            raise CampaignError(
+                f"{self._path} was removed or replaced while it was written: what was stored is"
+                " gone with it; run the campaign again"
+            )
 
     def require_sound(self) -> None:
         """Checks that SQLite finds the file whole, before anything is added.

@@ -20,6 +20,7 @@ from msgspec import to_builtins
 from msgspec.json import encode
 
 from frenetic._support.words import text_cell
+from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import FINISHED, Column, Test, value_at
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import FreneticError, RoadError
@@ -98,7 +99,7 @@ _DIGITS: Final = 6  # decimals of road points: micrometres
 
 
 def data_frame(
-    campaign: CampaignStore | Path | str,
+    campaign: Campaign | CampaignStore | Path | str,
     table: Table = "tests",
     *,
     outcomes: Collection[Outcome | str] = (),
@@ -111,7 +112,7 @@ def data_frame(
     notes and fault are dictionaries; ``finished_at`` is a time with its zone, UTC.
 
     Args:
-        campaign: its folder, or the opened campaign.
+        campaign: its folder, or the campaign, opened or not.
         table: ``tests``, one row per candidate that was told, or ``trajectories``, one row per
             record of a drive: 96 bytes each, 25 kB for an ordinary test.
         outcomes: only tests of these, such as ``["FAIL"]``; of all without any.
@@ -191,8 +192,12 @@ def _require_extra(what: str) -> None:
 # From a campaign to frames
 
 
-def opened(campaign: CampaignStore | Path | str) -> AbstractContextManager[CampaignStore]:
+def opened(
+    campaign: Campaign | CampaignStore | Path | str,
+) -> AbstractContextManager[CampaignStore]:
     """A campaign, opened unless it is."""
+    if isinstance(campaign, Campaign):
+        campaign = campaign.folder
     if isinstance(campaign, CampaignStore):
         return nullcontext(campaign)
     return CampaignStore.open(campaign)
