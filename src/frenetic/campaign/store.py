@@ -160,7 +160,8 @@ class CampaignStore(Shown):
             ValueError: the configuration or a fact is not JSON (NaN and infinity are not).
         """
         folder = Path(folder)
-        rows = {"config": dict(config), "created_at": present_moment(), **facts}
+        named = {"config": dict(config), "created_at": present_moment(), **facts}
+        rows = [_fact_row(*fact) for fact in named.items()]
         with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
         path = folder / DATABASE
@@ -173,7 +174,7 @@ class CampaignStore(Shown):
             with translated(path):
                 for leftover in ("", "-wal", "-shm", "-journal"):
                     unfinished.with_name(unfinished.name + leftover).unlink(missing_ok=True)
-                _make_database(unfinished, [_fact_row(*fact) for fact in rows.items()])
+                _make_database(unfinished, rows)
                 unfinished.replace(path)
             return cls._open_locked(folder, lock)
         except BaseException:
@@ -428,7 +429,7 @@ class CampaignStore(Shown):
             after: only of tests told later than the first so many.
 
         Raises:
-            ValueError: an unknown outcome or order, or a limit that is no whole number from 0.
+            ValueError: an unknown outcome or order, or a number that is no whole one from 0.
             CampaignError: a test is damaged or missing.
         """
         if order_by not in ("told", "moobd"):
@@ -439,7 +440,11 @@ class CampaignStore(Shown):
         self.write()
         # A stored test never changes, so the ids are a snapshot, and no transaction stays open
         # between two tests.
-        rows = [row for row in self._index(after) if only is None or row[2] == only]
+        rows = [
+            row
+            for row in self._index(require_count("after", after, 0))
+            if only is None or row[2] == only
+        ]
         if order_by == "moobd":
             rows.sort(key=lambda row: (row[3] is None, row[3] or 0.0))
         ids = [row[1] for row in rows[:limit]]
@@ -529,9 +534,10 @@ class CampaignStore(Shown):
         Raises:
             CampaignError: it is damaged.
         """
+        number = _whole(id)
         self.write()
-        rows = self._select("SELECT records FROM test WHERE id = ?", (_whole(id),))
-        packed = self._packed(id, rows[0][0]) if rows else None
+        rows = self._select("SELECT records FROM test WHERE id = ?", (number,))
+        packed = self._packed(number, rows[0][0]) if rows else None
         if packed is None:
             return None
         with self._reading(f"the trajectory of test {id}"):
