@@ -128,6 +128,8 @@ def _findings(
         yield from (f"the configuration: {fault}" for fault in config.faults)
         yield from (f"the campaign cannot be resumed: {fault}" for fault in config.command_faults)
         _ = store.facts, store.fact("earlier")  # each with its checksum
+        for (number,) in store.rows("SELECT test FROM finding EXCEPT SELECT id FROM test"):
+            yield f"there are findings of test {number}, which is missing"
         numbers = list(store.rows("SELECT id, told FROM test ORDER BY told IS NULL, told, id"))
     except CampaignError as error:
         yield str(error)

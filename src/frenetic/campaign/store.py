@@ -91,12 +91,12 @@ CREATE TABLE finding (
 """
 """`asked_after` is the number of results told before a road was asked for. A checksum is the CRC-32
 of the other values of a row, in the order of the columns, without the trajectory, which has its
-own, and with the findings of the test."""
+own, and with the findings of the test from their number on."""
 _INSERT: Final = f"INSERT OR REPLACE INTO test VALUES ({', '.join('?' * (len(FINISHED) + 3))})"  # noqa: S608
 _INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({', '.join('?' * (len(FINDING) + 2))})"  # noqa: S608
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?, ?)"
 _SELECT: Final = f"SELECT {_VALUES}, asked_after, checksum FROM test WHERE id IN "  # noqa: S608
-_SELECT_FINDINGS: Final = f"SELECT test, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
+_SELECT_FINDINGS: Final = f"SELECT test, number, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
 _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended")
 _FIXED: Final = ("config", "created_at", "earlier")
 
@@ -350,11 +350,12 @@ class CampaignStore(Shown):
             )
         packed = test.attempt.pack(keep=True)
         row = (*row_of(replace(test, attempt=packed)), self._outstanding[test.id])
-        findings = [row_of_finding(finding) for finding in test.result.findings]
+        numbered = enumerate(test.result.findings, start=1)
+        findings = [(number, *row_of_finding(finding)) for number, finding in numbered]
         total = checksum([*row, *(value for finding in findings for value in finding)])
         del self._outstanding[test.id]
         self._held[test.id] = (*row, total, packed.packed)
-        self._findings += [(test.id, number, *one) for number, one in enumerate(findings, start=1)]
+        self._findings += [(test.id, *finding) for finding in findings]
         self._told += 1
 
     def write(self) -> None:
@@ -512,7 +513,7 @@ class CampaignStore(Shown):
             own = findings.get(number, [])
             if checksum([*row, *(value for finding in own for value in finding)]) != stored:
                 raise self._damaged(f"test {number} does not match its checksum")
-            yield tuple(row[:-1]), own
+            yield tuple(row[:-1]), [finding[1:] for finding in own]
 
     def _packed(self, number: int, records: int | None) -> bytes | None:
         """The encoded trajectory of a test with so many records, None if it has none.
