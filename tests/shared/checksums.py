@@ -20,7 +20,7 @@ def renew_checksums(connection: sqlite3.Connection) -> None:
             change = "UPDATE fact SET checksum = ? WHERE name = ?"
             connection.execute(change, (checksum(fact), fact[0]))
         for test in connection.execute(f"SELECT {TEST}, asked_after FROM test").fetchall():
-            select = f"SELECT {OF_FINDING} FROM finding WHERE test = ? ORDER BY number"
+            select = f"SELECT number, {OF_FINDING} FROM finding WHERE test = ? ORDER BY number"
             findings = connection.execute(select, test[:1])
             total = checksum([*test, *(value for finding in findings for value in finding)])
             connection.execute("UPDATE test SET checksum = ? WHERE id = ?", (total, test[0]))
