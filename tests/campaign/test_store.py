@@ -615,6 +615,15 @@ def test_a_changed_row_does_not_match_its_checksum(finished: Path, change: str) 
                 look(store)
 
 
+def test_a_row_that_is_deleted_while_it_is_read_is_missed(finished: Path) -> None:
+    with CampaignStore.open(finished) as store:
+        tests, candidates = store.tests(), store.candidates()
+        execute(finished, "DELETE FROM test WHERE id = 7", renew=False)
+        for read in (tests, candidates):
+            with pytest.raises(CampaignError, match="candidate 7 is missing"):
+                list(read)
+
+
 @pytest.mark.parametrize("value", ["[", "[]", "null", "[" * 100_000, None])
 def test_a_config_that_is_damaged_or_missing_is_named(finished: Path, value: str | None) -> None:
     if value is None:
