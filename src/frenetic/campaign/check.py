@@ -123,7 +123,7 @@ def _findings(
     try:
         for (line,) in store.rows("PRAGMA integrity_check"):
             if line != "ok":
-                yield f"SQLite says: {line}"
+                yield f"SQLite says: {' '.join(line.split())}"
         config = decode_config(store.config)
         yield from (f"the configuration: {fault}" for fault in config.faults)
         yield from (f"the campaign cannot be resumed: {fault}" for fault in config.command_faults)
