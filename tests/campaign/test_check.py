@@ -9,6 +9,7 @@ import sqlite3
 import struct
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -303,6 +304,19 @@ def test_a_changed_row_is_found_and_is_one_line_for_every_reader(
         main(["show", str(folder), str(number)])
     assert stop.value.code == 2
     assert text in capsys.readouterr().err
+
+
+def test_damage_that_no_reader_meets(folder: Path) -> None:
+    with CampaignStore.open(folder, readonly=False) as store:
+        last = store.counts().asked + 1
+        store.asked(replace(store.candidate(1), id=last))
+    assert check_campaign(folder, quick=True).outstanding == 1
+    execute(folder, "UPDATE test SET step = step + 1e-12 WHERE id = ?", last, renew=False)
+    expect(folder, f"test {last} does not match its checksum")
+    data = bytearray((folder / DATABASE).read_bytes())
+    data[39] ^= 1  # number of free pages
+    restore(folder, bytes(data))
+    expect(folder, "SQLite says: ")
 
 
 def test_findings_of_a_test_that_is_not_there(folder: Path) -> None:
