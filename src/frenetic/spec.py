@@ -19,6 +19,7 @@ import numbers
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cache
@@ -48,6 +49,7 @@ from frenetic.versions import (
     innermost,
     other_version,
     over_each_other,
+    sources_named,
     version_of,
 )
 
@@ -432,6 +434,15 @@ class Spec:
         parts = {kind: getattr(self, kind) for kind in _PARTS}
         recorded = {kind: (part.name, part.options) for kind, part in parts.items() if part.name}
         trust.require({**recorded, "objective": (self.objective, {})}, source, named, **remedy)
+
+    def edited(self, sources: object) -> list[str]:
+        """Names of users' own files that are not as a campaign keeps them; nothing is imported."""
+        known = sources if isinstance(sources, Mapping) else {}
+        found: dict[str, str] = {}
+        for name in (*(getattr(self, kind).name for kind in _PARTS), self.objective):
+            with suppress(OSError, ValueError, SyntaxError, RuntimeError):
+                found |= sources_named(name or "")
+        return [name for name, text in sorted(found.items()) if known.get(name, text) != text]
 
     def make_strategy(self) -> Strategy:
         """The strategy, with seed and map size if its class takes them.
