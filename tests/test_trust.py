@@ -150,8 +150,7 @@ def is_trusted(kind: str, name: str, **options: object) -> bool:
     spec = Spec(**{kind: Part(name, options)})  # type: ignore[arg-type]
     try:
         spec.require_trusted("c")
-    except FreneticError as error:
-        assert "\n" not in str(error)
+    except FreneticError:
         return False
     return True
 
