@@ -22,7 +22,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
-from functools import cache
 from pathlib import Path, PurePath
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
@@ -859,7 +858,6 @@ def _driving() -> list[tuple[str, Any, Any]]:
     return [*parts, *layers]
 
 
-@cache
 def _command_type(*needed: str) -> Any:
     """The type of a record's ``command``, with the parts that it has to name."""
     names: list[Any] = [(kind, str) if kind in needed else (kind, str, "") for kind in _PARTS]
@@ -867,7 +865,6 @@ def _command_type(*needed: str) -> Any:
     return defstruct("Command", [*names, *limits, *_driving()], kw_only=True)
 
 
-@cache
 def _driven_type() -> Any:
     """The type of a `drive_record`."""
     named = [("driver", str), ("simulator", str), ("map_size", Positive)]
@@ -875,7 +872,6 @@ def _driven_type() -> Any:
     return defstruct("Driven", [*named, *limits, *_driving()], kw_only=True)
 
 
-@cache
 def _record_type() -> Any:
     """The type of a campaign's record, which may have other entries, too."""
     from frenetic.simulators.drive import CarBody, Rules  # numba takes its time
