@@ -238,9 +238,8 @@ def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
     before = contents(folder)
 
     def refusal(**options: object) -> str:
-        with with_parts(folder, 10, **options) as edited:
-            with pytest.raises(CampaignError) as refused:
-                edited.resume()
+        with pytest.raises(CampaignError) as refused, with_parts(folder, 10, **options) as edited:
+            edited.resume()
         assert contents(folder) == before
         assert "\n" not in str(refused.value)
         return str(refused.value)
