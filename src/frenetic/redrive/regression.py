@@ -13,15 +13,12 @@ from frenetic._support.files import write_file
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.drives import (
     RedriveOptions,
     RedriveProgress,
     campaign_tester,
     drive_again,
-    latest,
-    read_runs,
 )
 from frenetic.redrive.record import (
     Change,
@@ -88,12 +85,12 @@ def replay(
     """Drives the failing roads of a campaign again, each where it lay on the map.
 
     Args:
-        folder: of the campaign, which is only read.
+        folder: of the campaign.
         simulator: any, not yet entered.
         driver: any.
         everything: all driven roads, not only failing ones.
         on_progress: called after every drive.
-        how: see `frenetic.redrive.loop.RedriveOptions`.
+        how: see `frenetic.redrive.drives.RedriveOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, or no worker can be started.
@@ -124,21 +121,6 @@ def _of_run(folder: Path, run: Run) -> Replay:
         tests=run.drives,
         missing=run.planned - len(run.drives),
     )
-
-
-def read_replays(folder: Path | str) -> tuple[Replay, ...]:
-    """The stored replays of a campaign, oldest first.
-
-    Of those with the same driver, simulator and rules, the last counts.
-
-    Raises:
-        CampaignError: it cannot be read, is damaged, or was written by a newer version.
-    """
-    runs = latest(
-        read_runs(folder, Purpose.REGRESSION),
-        lambda run: (comparison_key(run.driver, run.simulator), run.rules),
-    )
-    return tuple(_of_run(Path(folder), run) for run in runs)
 
 
 def replay_document(replay: Replay) -> dict[str, JSONValue]:
