@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout
@@ -50,6 +51,28 @@ DRAWINGS = (
 """What draws pictures into files."""
 
 
+STOPPING = """
+import os
+import signal
+from pathlib import Path
+
+from frenetic import Planner
+
+
+class Stopping(Planner):
+    drives = 0
+
+    def reset(self, setup):
+        Stopping.drives += 1
+        if Path({file!r}).read_text() == str(Stopping.drives):
+            os.kill({pid}, signal.SIGINT)  # its own process does not hear Ctrl-C
+        super().reset(setup)
+
+    def act(self, observation):
+        return super().act(observation)
+"""
+
+
 @contextmanager
 def empty_pictures() -> Iterator[None]:
     """Lets pictures be empty files: drawing them takes most of the time of a short command."""
@@ -88,6 +111,20 @@ def frenetic(
         return Answer(stop.value.code, captured.out, captured.err)
 
     return call
+
+
+@pytest.fixture
+def stopping_driver(tmp_path: Path) -> Callable[[int], str]:
+    """Name of a driver that presses Ctrl-C in the given drive of a command; in none for 0."""
+    file = tmp_path / "stop"
+    code = STOPPING.format(file=str(file), pid=os.getpid())
+
+    def driver(stop: int) -> str:
+        file.write_text(str(stop))
+        Path("stopping.py").write_text(code)
+        return "stopping.py:Stopping"
+
+    return driver
 
 
 @pytest.fixture(scope="session")
