@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final, Unpack
@@ -21,7 +21,7 @@ from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.fingerprint import SHORT, comparison_key
 from frenetic.outcome import Outcome
-from frenetic.redrive.drives import RedriveOptions, campaign_tester, drive_again, read_runs
+from frenetic.redrive.drives import RedriveOptions, campaign_tester, drive_again, merged, read_runs
 from frenetic.redrive.record import (
     Agreement,
     Purpose,
@@ -182,18 +182,8 @@ def read_confirmations(folder: Path | str) -> tuple[Confirmation, ...]:
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.
     """
-    merged: dict[str, Confirmation] = {}
-    for run in read_runs(folder, Purpose.CONFIRMATION):
-        one = _of_run(run)
-        before = merged[one.key].tests if one.key in merged else ()
-        tests = {test.test_id: test for test in before}
-        tests |= {
-            test.test_id: test
-            for test in one.tests
-            if test.outcome.is_driven or test.test_id not in tests
-        }
-        merged[one.key] = replace(one, tests=tuple(tests.values()))
-    return tuple(one for one in merged.values() if one.tests)
+    runs = merged(read_runs(folder, Purpose.CONFIRMATION))
+    return tuple(_of_run(run) for run in runs if run.drives)
 
 
 def names_of(store: CampaignStore, confirmation: Confirmation) -> Names:

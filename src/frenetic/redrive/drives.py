@@ -23,7 +23,7 @@ from frenetic.campaign.store import DATABASE, CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.fingerprint import SHORT
+from frenetic.fingerprint import SHORT, comparison_key
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
 from frenetic.redrive.record import Purpose, Redrive, Run
@@ -263,6 +263,21 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
             run = read_run(place.parent, folder)
             found.append((len(run.drives) == run.planned, made_at, run))
     return [run for *_, run in sorted(found, key=lambda one: one[:2])]
+
+
+def merged(runs: Iterable[Run]) -> list[Run]:
+    """Runs with the same parts and rules as one: of each test, the last judged drives count."""
+    found: dict[object, Run] = {}
+    for run in runs:
+        key = comparison_key(run.driver, run.simulator), run.rules
+        drives = dict(by_test(found[key].drives)) if key in found else {}
+        for test_id, own in by_test(run.drives).items():
+            if test_id not in drives or any(drive.outcome.is_driven for drive in own):
+                drives[test_id] = own
+        planned = max(run.planned, sum(map(len, drives.values())))
+        every = tuple(drive for own in drives.values() for drive in own)
+        found[key] = replace(run, planned=planned, drives=every)
+    return list(found.values())
 
 
 def latest(items: Iterable[T], key: Callable[[T], Hashable]) -> tuple[T, ...]:
