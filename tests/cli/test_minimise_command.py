@@ -74,7 +74,8 @@ def test_most_severe_failure_of_a_campaign(frenetic: Frenetic, campaign: None) -
     with CampaignStore.open(Path("c")) as store:
         (worst,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1)
     assert item["test"] == worst.candidate.id
-    assert item["reason"] == f"left the lane to the {worst.departure_side}"
+    assert worst.departure is not None
+    assert item["reason"] == f"left the lane to the {worst.departure.side}"
     assert frenetic("minimise", "c", str(item["test"]), "--json").json == [item]
     assert Path(item["road"]) == Path("c", "minimised", f"test-{item['test']:05d}.json")
     assert item["length"] < item["length_before"]

@@ -42,7 +42,6 @@ from frenetic.drivers.neural import Convention, Dave2, Network
 from frenetic.drivers.neural.model import check_loading
 from frenetic.drivers.neural.network import DAVE2, pursuit
 from frenetic.errors import DriverError, FreneticError
-from frenetic.registry import DRIVERS
 from frenetic.testing import DriverContract
 
 if TYPE_CHECKING:
@@ -258,16 +257,6 @@ def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
     copy = pickle.loads(data)
     assert controls_of(copy) == controls_of(network)  # type: ignore[arg-type]
     assert copy.options == {"model": str(file), "max_speed": 20.0}
-
-
-def test_a_model_in_a_road_file_is_loaded_unasked_from_here_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert DRIVERS.is_harmless("m.onnx", {"max_speed": 20.0})
-    for spec in ("../m.onnx", "/m.onnx", "\0.onnx"):
-        assert not DRIVERS.is_harmless(spec, {})
-    assert not DRIVERS.is_harmless("m.onnx", {"preset": "dave2"})
 
 
 # What is refused, in a line
