@@ -20,7 +20,6 @@ from onnx_models import (
     echoing,
     endless,
     endless_to_load,
-    weighing,
     with_weights_in,
     write,
 )
@@ -194,37 +193,6 @@ def test_waypoints_are_pursued_from_the_rear_axle(tmp_path: Path) -> None:
     assert pursuit(at * (1.0, -1.0), 1.4, 6.0) == pytest.approx(-1.0 / 20.0, rel=1e-3)
     file = answering(tmp_path / "m.onnx", 4.0, 0.0, 8.0, 0.0, outputs="waypoints")
     assert controls_of(Network(str(file))).steering == 0.0
-
-
-# Where it looked
-
-
-def test_saliency_shows_what_the_answer_depends_on(tmp_path: Path) -> None:
-    weights = np.zeros((24, 40, 3), dtype=np.float32)
-    weights[12:16, 20:24] = 0.01
-    file = weighing(tmp_path / "m.onnx", weights, 0.0, shape=(1, 24, 40, 3))
-    image = picture(shape=(24, 40, 3))
-    image[12:16, 20:24] = 255
-    network = Network(str(file))
-    network.reset(setup())
-    seen = network.saliency(seeing(image))
-    assert (seen.shape, seen.dtype.name, seen.max()) == ((24, 40), "float32", 1.0)
-    assert seen[12:16, 20:24].min() > 0.5
-    assert seen[:, :8].max() == seen[:4].max() == 0.0
-    assert np.array_equal(seen, network.saliency(seeing(image)))
-    blind = Network(str(answering(tmp_path / "blind.onnx", 0.1)))
-    assert not blind.saliency(seeing(picture())).any()
-
-
-def test_where_it_looks_is_found_out_in_limited_time(tmp_path: Path) -> None:
-    network = Network(str(endless(tmp_path / "m.onnx", darkest=0.9)))
-    network.reset(setup())
-    dark, bright = (np.full((4, 6, 3), value, dtype=np.uint8) for value in (0, 255))
-    assert not network.saliency(seeing(dark), 1000.0).any()
-    with pytest.raises(DriverError, match=r"m\.onnx: it takes more than 0\.\d+ s for an image"):
-        network.saliency(seeing(bright), 0.1)
-    with pytest.raises(DriverError, match=r"m\.onnx: where it looked takes more than 0 s"):
-        network.saliency(seeing(dark), 0.0)
 
 
 # As a driver of the command line
