@@ -97,7 +97,7 @@ def test_printed_line_repeats_the_failure(frenetic: Frenetic, campaign: None) ->
     assert again["outcome"] == "FAIL"
     assert again["reason"] == stored["description"]
     assert again["moobd"] == stored["moobd"]
-    assert again["departure"] == stored["departure"]
+    assert again["findings"] == [stored["departure"]]
 
 
 def test_road_file_says_what_it_is(frenetic: Frenetic, campaign: None) -> None:

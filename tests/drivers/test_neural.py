@@ -208,13 +208,11 @@ def test_a_model_file_names_a_driver(
     assert answer.code == 0, answer.err
     shown = frenetic("show", "c", "--json").json["config"]
     assert shown["command"]["driver"] == "m.onnx"
-    digest = hashlib.sha256((tmp_path / "m.onnx").read_bytes()).hexdigest()
-    assert shown["driver"]["fingerprint"]["files"] == {"model (m.onnx)": digest}
-    assert "onnxruntime" in shown["driver"]["fingerprint"]["version"]
+    assert "onnxruntime" in shown["driver"]["version"]
     assert frenetic("resume", "c", "--simulations", "4", "--json").code == 0
     answering(tmp_path / "m.onnx", 0.1, max_speed=30.0)
     answer = frenetic("resume", "c", "--simulations", "5")
-    assert answer.refuses("model (m.onnx) was changed")
+    assert answer.refuses("the driver 'm.onnx'", "have not run as it is", "run --from c")
 
 
 def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
