@@ -5,18 +5,15 @@ import hashlib
 import json
 import re
 import shlex
-import sqlite3
-from contextlib import closing
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
-from redrives import redriven, store_run
 
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
@@ -32,7 +29,7 @@ from frenetic.oracle import assess
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
 from frenetic.redrive.confirm import confirm
-from frenetic.redrive.record import Purpose, Run
+from frenetic.redrive.robustness import rerun
 from frenetic.report.confirmation import write_confirmation
 from frenetic.report.html import (
     Chart,
@@ -56,7 +53,6 @@ from frenetic.road import Road
 from frenetic.search import Origin, RandomSearch, variation
 from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.simulators.worlds import USUAL
 
 
 @pytest.fixture(scope="session")
@@ -421,52 +417,35 @@ def test_table_keeps_what_it_was_made_of() -> None:
 
 
 def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
-    folder = make_hostile(tmp_path, searched)
+    folder = tmp_path / "c"
+    shutil.copytree(searched, folder, ignore=shutil.ignore_patterns("again", "report.html"))
     with CampaignStore.open(folder) as store:
-        test = store.test(1)
-        driver, simulator = store.config["driver"], store.config["simulator"]
-    assert isinstance(driver, dict)
-    assert isinstance(simulator, dict)
-    failed = redriven(USUAL, Outcome.FAIL, -1.0, test=test)
-    passed = redriven(USUAL, Outcome.PASS, 1.0, test=test)
-    again = (failed, *[passed] * 19)
-    varied = (Variation("friction", 0.8, 0.8),)
-    other: dict[str, JSONValue] = {"class": "another"}
-    for there, variations, redrives in (
-        (simulator, varied, again),
-        (other, varied, (passed,) * 20),
-        (simulator, (), (failed,) * 20),
-    ):
-        run = Run(Purpose.ROBUSTNESS, driver, there, seed=0, variations=variations, drives=redrives)
-        store_run(folder, run)
+        first, second, *_ = (test.id for test in store.tests(Outcome.FAIL, "moobd"))
+    varied = [Variation("friction", 0.9, 1.0)]
+    (own,) = rerun(
+        folder, EmbeddedSimulator(), Planner(), test_ids=[first], times=4, variations=varied
+    )
+    rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=[first], times=2)
+    rerun(folder, EmbeddedSimulator(), Planner(), test_ids=[first], times=2)
     (folder / "minimised").mkdir()
-    (folder / "minimised" / "test-00001.json").write_text('{"curvatures": [0, 0.05, 0]}')
-    (folder / "minimised" / "test-00002.json").write_text("no road")
+    (folder / "minimised" / f"test-{first:05d}.json").write_text('{"curvatures": [0, 0.05, 0]}')
+    (folder / "minimised" / f"test-{second:05d}.json").write_text("no road")
     (folder / "failures").mkdir()
-    (folder / "failures" / "test-00002.json").write_text("{}")
+    (folder / "failures" / f"test-{second:05d}.json").write_text("{}")
     data = page_of(write_report(folder)).data
     (repeats,) = block_of(data, "gallery")["repeats"]
-    assert repeats["test"] == 1
-    assert repeats["stability"] == "fragile"
-    assert repeats["share"] == pytest.approx(0.05)
-    assert "friction 0.8" in repeats["text"]
+    assert (repeats["test"], repeats["stability"]) == (first, own.stability)
+    assert repeats["share"] == own.share
+    assert "friction 0.9 to 1" in repeats["text"]
     drives = {drive["id"]: drive for drive in data["drives"]}
-    assert drives[1]["minimised"]["road"]["curvatures"] == [0.0, 0.05, 0.0]
-    assert drives[1]["minimised"]["file"] == "minimised/test-00001.json"
-    assert drives[2]["minimised"] is None
-    assert drives[1]["road_file"] is None
-    assert drives[2]["road_file"] == "failures/test-00002.json"
-
-
-def test_damaged_reruns_are_mentioned_and_do_no_harm(searched: Path, tmp_path: Path) -> None:
-    folder = make_hostile(tmp_path, searched)
-    with CampaignStore.open(folder) as store:
-        drives = (redriven(USUAL, Outcome.PASS, 1.0, test=store.test(1)),)
-    store_run(folder, Run(Purpose.ROBUSTNESS, {}, {}, seed=0, drives=drives))
-    with closing(sqlite3.connect(folder / DATABASE)) as database, database:
-        database.execute("UPDATE redrive SET outcome = 'MAYBE'")
-    warning = block_of(page_of(write_report(folder)).data, "headline")["warning"]
-    assert "is damaged: drive 1 of run 1" in warning
+    assert drives[first]["minimised"]["road"]["curvatures"] == [0.0, 0.05, 0.0]
+    assert drives[first]["minimised"]["file"] == f"minimised/test-{first:05d}.json"
+    assert drives[first]["road_file"] is None
+    assert drives[second]["minimised"] is None
+    assert drives[second]["road_file"] == f"failures/test-{second:05d}.json"
+    (database,) = list((folder / "again").glob(f"*/{DATABASE}"))[:1]
+    database.write_bytes(b"damaged")
+    assert str(database) in block_of(page_of(write_report(folder)).data, "headline")["warning"]
 
 
 def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
@@ -490,13 +469,13 @@ def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
     )
     for test, shown in zip(there.tests, pictures["drives"], strict=True):
         assert (shown["test"], shown["agreement"]) == (test.test_id, test.verdict)
-        assert test.trajectory is not None
+        assert test.test.trajectory is not None
         x = 0.01 * np.cumsum(np.cumsum(shown["columns"][1]))
-        assert x[0] == pytest.approx(test.trajectory.x[0], abs=0.006)
+        assert x[0] == pytest.approx(test.test.trajectory.x[0], abs=0.006)
     data = page_of(folder / "report.html").data
     assert set(failures) <= {drive["id"] for drive in data["drives"]}
-    with closing(sqlite3.connect(folder / DATABASE)) as database, database:
-        database.execute("UPDATE redrive SET outcome = 'MAYBE'")
+    (database,) = (folder / "again").glob(f"*/{DATABASE}")
+    database.write_bytes(b"damaged")
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     assert "damaged" in section["blocks"][0]["text"]
 
@@ -711,10 +690,3 @@ def test_a_search_loses_nothing_when_its_report_cannot_be_written(tmp_path: Path
     assert f"Results:     {folder}" in done.output
     with CampaignStore.open(folder) as store:
         assert store.counts().simulations == 30
-
-
-def test_report_command_has_help() -> None:
-    done = CliRunner().invoke(cli, ["report", "--help"])
-    assert done.exit_code == 0
-    assert isinstance(cli, click.Group)
-    assert "without a network" in " ".join(done.output.split())
