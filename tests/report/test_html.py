@@ -12,7 +12,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -704,10 +703,3 @@ def test_a_search_loses_nothing_when_its_report_cannot_be_written(tmp_path: Path
     assert f"Results:     {folder}" in done.output
     with CampaignStore.open(folder) as store:
         assert store.counts().simulations == 30
-
-
-def test_report_command_has_help() -> None:
-    done = CliRunner().invoke(cli, ["report", "--help"])
-    assert done.exit_code == 0
-    assert isinstance(cli, click.Group)
-    assert "without a network" in " ".join(done.output.split())
