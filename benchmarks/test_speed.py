@@ -63,7 +63,7 @@ class Timed:
         self.seconds = 0.0
         """Of all calls so far."""
 
-    def ask(self) -> Candidate:
+    def ask(self) -> Candidate | None:
         """The strategy's next road."""
         start = time.process_time()
         candidate = self._strategy.ask()

@@ -338,7 +338,7 @@ class Spec:
             CampaignError: the record is damaged; the message names the place in it.
         """
         try:
-            record = _convert(dict(config), _record_type())
+            record = _read_record(config)
         except ValueError as error:
             raise CampaignError(
                 f"{source} is damaged: it does not say with what it was driven: {error}; restore it"
@@ -912,10 +912,23 @@ def _convert(value: Any, kind: Any) -> Any:
         raise ValueError(str(error)) from None
 
 
+def _read_record(config: Mapping[str, Any]) -> Any:
+    """A campaign's record, whose rules and car have to be whole.
+
+    Raises:
+        ValueError: it is none; the message names the place.
+    """
+    record = _convert(dict(config), _record_type())
+    for name in ("rules", "car"):
+        if other := config[name].keys() ^ asdict(getattr(record, name)).keys():
+            raise ValueError(f"Missing or unknown {', '.join(sorted(other))} - at `$.{name}`")
+    return record
+
+
 def fault_of(config: Mapping[str, Any]) -> str:
     """What keeps a campaign's record from being read, in a line; empty if nothing does."""
     try:
-        _convert(dict(config), _record_type())
+        _read_record(config)
     except ValueError as error:
         return str(error)
     return ""

@@ -75,7 +75,8 @@ class Records(Struct, forbid_unknown_fields=True):
         """
         n = len(self.time)
         values = {name: getattr(self, name) for name in self.__struct_fields__}
-        lengths = {name: len(value) for name, value in values.items() if value}
+        needed = ("time", "x", "y", "speed")
+        lengths = {k: len(value) for k, value in values.items() if value or k in needed}
         if not n or set(lengths.values()) != {n}:
             raise ValueError(f"records need lists of one length, at least 1, not {lengths}")
         if not self.heading:
