@@ -6,6 +6,8 @@ import json
 import re
 import shlex
 import shutil
+import sqlite3
+from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -30,7 +32,6 @@ from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
 from frenetic.redrive.confirm import confirm
 from frenetic.redrive.robustness import rerun
-from frenetic.report.confirmation import write_confirmation
 from frenetic.report.html import (
     Chart,
     Fact,
@@ -416,46 +417,59 @@ def test_table_keeps_what_it_was_made_of() -> None:
     assert table.parents == ((), (), (1,))
 
 
-def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "c"
-    shutil.copytree(searched, folder, ignore=shutil.ignore_patterns("again", "report.html"))
+def copied(searched: Path, folder: Path) -> tuple[Path, list[int]]:
+    """A copy of a campaign, and three of its failures."""
+    shutil.copytree(searched, folder)
     with CampaignStore.open(folder) as store:
-        first, second, *_ = (test.id for test in store.tests(Outcome.FAIL, "moobd"))
-    varied = [Variation("friction", 0.9, 1.0)]
-    (own,) = rerun(
-        folder, EmbeddedSimulator(), Planner(), test_ids=[first], times=4, variations=varied
-    )
-    rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=[first], times=2)
-    rerun(folder, EmbeddedSimulator(), Planner(), test_ids=[first], times=2)
-    (folder / "minimised").mkdir()
-    (folder / "minimised" / f"test-{first:05d}.json").write_text('{"curvatures": [0, 0.05, 0]}')
-    (folder / "minimised" / f"test-{second:05d}.json").write_text("no road")
-    (folder / "failures").mkdir()
-    (folder / "failures" / f"test-{second:05d}.json").write_text("{}")
-    data = page_of(write_report(folder)).data
-    (repeats,) = block_of(data, "gallery")["repeats"]
-    assert (repeats["test"], repeats["stability"]) == (first, own.stability)
-    assert repeats["share"] == own.share
-    assert "friction 0.9 to 1" in repeats["text"]
-    drives = {drive["id"]: drive for drive in data["drives"]}
+        return folder, [test.id for test in store.tests(Outcome.FAIL, limit=3)]
+
+
+def test_the_telling_rerun_of_a_failure_is_shown(searched: Path, tmp_path: Path) -> None:
+    folder, (first, *_) = copied(searched, tmp_path / "c")
+    slow, grip = [Variation("speed", 30.0, 30.0)], [Variation("friction", 1.0, 1.0)]
+    for aggression, variations in ((1.0, slow), (0.9, grip), (1.0, ())):
+        driver = Planner(aggression=aggression)
+        rerun(folder, EmbeddedSimulator(), driver, test_ids=[first], times=5, variations=variations)
+    (repeats,) = block_of(page_of(write_report(folder)).data, "gallery")["repeats"]
+    assert (repeats["test"], repeats["stability"], repeats["share"]) == (first, "fragile", 0.0)
+    assert "speed 30 km/h" in repeats["text"]
+
+
+def test_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
+    folder, (first, second, _) = copied(searched, tmp_path / "c")
+    for name in ("minimised", "failures"):
+        (folder / name).mkdir()
+    small, broken = (f"minimised/test-{number:05d}.json" for number in (first, second))
+    (folder / small).write_text('{"curvatures": [0, 0.05, 0]}')
+    (folder / broken).write_text("no road")
+    road = f"failures/test-{second:05d}.json"
+    (folder / road).write_text("{}")
+    drives = {one["id"]: one for one in page_of(write_report(folder)).data["drives"]}
     assert drives[first]["minimised"]["road"]["curvatures"] == [0.0, 0.05, 0.0]
-    assert drives[first]["minimised"]["file"] == f"minimised/test-{first:05d}.json"
-    assert drives[first]["road_file"] is None
+    assert drives[first]["minimised"]["file"] == small
     assert drives[second]["minimised"] is None
-    assert drives[second]["road_file"] == f"failures/test-{second:05d}.json"
-    (database,) = list((folder / "again").glob(f"*/{DATABASE}"))[:1]
-    database.write_bytes(b"damaged")
-    assert str(database) in block_of(page_of(write_report(folder)).data, "headline")["warning"]
+    assert (drives[first]["road_file"], drives[second]["road_file"]) == (None, road)
 
 
-def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
-    folder = make_searched(tmp_path / "searched")
+def test_damaged_reruns_are_mentioned_and_do_no_harm(searched: Path, tmp_path: Path) -> None:
+    folder, failures = copied(searched, tmp_path / "c")
+    rerun(folder, EmbeddedSimulator(), Planner(), test_ids=failures, times=1)
+    spoil(folder)
+    warning = block_of(page_of(write_report(folder)).data, "headline")["warning"]
+    assert "is damaged" in warning
+
+
+def spoil(folder: Path) -> None:
+    """Damages what drove a campaign's roads again."""
+    (again,) = folder.glob(f"again/*/{DATABASE}")
+    with closing(sqlite3.connect(again)) as database, database:
+        database.execute("UPDATE test SET outcome = 'MAYBE'")
+
+
+def test_failures_in_other_simulators_are_shown(searched: Path, tmp_path: Path) -> None:
+    folder, failures = copied(searched, tmp_path / "c")
     assert "confirmed" not in [section["id"] for section in sections_of(folder)]
-    with CampaignStore.open(folder) as store:
-        failures = [test.candidate.id for test in store.tests(Outcome.FAIL, limit=3)]
     there = confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
-    with CampaignStore.open(folder) as store:
-        write_confirmation(store, there)
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     text, table, pictures = section["blocks"]
     told = "Planner in EmbeddedSimulator, friction 0.8: 3 failing otherwise (3 elsewhere)."
@@ -467,15 +481,14 @@ def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
         "EmbeddedSimulator",
         "EmbeddedSimulator, friction 0.8",
     )
-    for test, shown in zip(there.tests, pictures["drives"], strict=True):
-        assert (shown["test"], shown["agreement"]) == (test.test_id, test.verdict)
-        assert test.test.trajectory is not None
+    for one, shown in zip(there.tests, pictures["drives"], strict=True):
+        assert (shown["test"], shown["agreement"]) == (one.test_id, one.verdict)
+        assert one.test.trajectory is not None
         x = 0.01 * np.cumsum(np.cumsum(shown["columns"][1]))
-        assert x[0] == pytest.approx(test.test.trajectory.x[0], abs=0.006)
+        assert x[0] == pytest.approx(one.test.trajectory.x[0], abs=0.006)
     data = page_of(folder / "report.html").data
     assert set(failures) <= {drive["id"] for drive in data["drives"]}
-    (database,) = (folder / "again").glob(f"*/{DATABASE}")
-    database.write_bytes(b"damaged")
+    spoil(folder)
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     assert "damaged" in section["blocks"][0]["text"]
 
