@@ -439,7 +439,7 @@ class Spec:
         known = sources if isinstance(sources, Mapping) else {}
         found: dict[str, str] = {}
         for name in (*(getattr(self, kind).name for kind in _PARTS), self.objective):
-            with suppress(OSError, ValueError, SyntaxError, RuntimeError):
+            with suppress(OSError, ValueError, RuntimeError):
                 found |= sources_named(name or "")
         return [name for name, text in sorted(found.items()) if known.get(name, text) != text]
 
