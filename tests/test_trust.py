@@ -191,8 +191,8 @@ def test_any_other_part_is_asked_for_until_it_was_run(
         (tmp_path / folder).mkdir()
     for file in ("own.py", "sub/own.py", "net.onnx", "sub/__init__.py", "folder/own.py"):
         (tmp_path / file).write_text("import near\nimport folder.own\n")
-    for folder in (tmp_path, tmp_path / "sub"):
-        (folder / "near.py").touch()
+    for file in ("near.py", "sub/near.py"):
+        (tmp_path / file).touch()
     assert not is_trusted(kind, name)
     trust.remember(kind, name, {})
     assert is_trusted(kind, name)
