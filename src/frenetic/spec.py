@@ -439,7 +439,7 @@ class Spec:
         known = sources if isinstance(sources, Mapping) else {}
         found: dict[str, str] = {}
         for name in (*(getattr(self, kind).name for kind in _PARTS), self.objective):
-            with suppress(OSError, ValueError, SyntaxError, RuntimeError):
+            with suppress(OSError, ValueError, RuntimeError):
                 found |= sources_named(name or "")
         return [name for name, text in sorted(found.items()) if known.get(name, text) != text]
 
@@ -860,7 +860,8 @@ def _driving() -> list[tuple[str, Any, Any]]:
 
 def _command_type(*needed: str) -> Any:
     """The type of a record's ``command``, with the parts that it has to name."""
-    names: list[Any] = [(kind, str) if kind in needed else (kind, str, "") for kind in _PARTS]
+    optional = str | None
+    names: list[Any] = [(k, str) if k in needed else (k, optional, None) for k in _PARTS]
     limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
     return defstruct("Command", [*names, *limits, *_driving()], kw_only=True)
 

@@ -166,45 +166,6 @@ def test_campaign_that_only_proposes_refused_roads_gives_up(
         campaign(tmp_path, Scripted(LOOP), Budget(simulations=1)).run()
 
 
-def test_interrupt_keeps_every_finished_test(tmp_path: Path) -> None:
-    class Interrupted(DummySimulator):
-        drives = 0
-
-        def drive(self, road, driver):  # type: ignore[no-untyped-def]
-            self.drives += 1
-            if self.drives == 4:
-                raise KeyboardInterrupt
-            return super().drive(road, driver)
-
-    summary = campaign(
-        tmp_path, Scripted(STRAIGHT), Budget(simulations=9), simulator=Interrupted()
-    ).run()
-    assert summary.interrupted
-    assert summary.simulations == 3
-    with CampaignStore.open(tmp_path) as store:
-        assert store.counts().told == 3
-        assert store.facts["interrupted"] is True
-
-
-def test_simulator_is_entered_and_left(tmp_path: Path) -> None:
-    calls: list[str] = []
-
-    class Watched(DummySimulator):
-        def __enter__(self):  # type: ignore[no-untyped-def]
-            calls.append("enter")
-            return self
-
-        def __exit__(self, *exc):  # type: ignore[no-untyped-def]
-            calls.append("exit")
-
-        def drive(self, road, driver):  # type: ignore[no-untyped-def]
-            calls.append("drive")
-            return super().drive(road, driver)
-
-    campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=1), simulator=Watched()).run()
-    assert calls == ["enter", "drive", "exit"]
-
-
 def test_existing_campaign_is_never_touched(tmp_path: Path) -> None:
     campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=2)).run()
     before = (tmp_path / "campaign.sqlite").read_bytes()

@@ -143,7 +143,11 @@ FATAL: dict[str, str | tuple[str, ...]] = {
     "hang": f"{LOST}its drive took more than 1 s",
     "hang_in_c": f"{LOST}its drive took more than 1 s",
     "swallow_everything": f"{LOST}its drive took more than 1 s",
-    "close_everything": f"{LOST}its connection was closed: does the driver close file descriptors",
+    # Who notices it first says so.
+    "close_everything": (
+        f"{LOST}its connection was closed: does the driver close file descriptors",
+        f"{LOST}its connection broke",
+    ),
     # Whatever asks for memory first finds none: the drive, or what its answer passes.
     "limit_memory": (LOST, "the simulator raised MemoryError"),
     "write_nonsense": f"{LOST}its connection broke",
