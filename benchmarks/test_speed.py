@@ -55,7 +55,7 @@ SIMULATIONS: Final = 1000
 CAMPAIGNS: Final = 5
 
 
-class Timed:
+class Timed(Strategy):
     """A strategy whose processor time is counted."""
 
     def __init__(self, strategy: Strategy) -> None:

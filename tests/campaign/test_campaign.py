@@ -24,11 +24,12 @@ from frenetic.redrive.conditions import Variation
 from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic, Frenetic2021, Origin, RandomSearch, SearchEnded
+from frenetic.search.strategy import Strategy
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import DummyDriver, DummySimulator
 
 
-class Scripted:
+class Scripted(Strategy):
     """Asks for the given roads, over and over."""
 
     def __init__(self, *roads: list[float]) -> None:

@@ -132,7 +132,7 @@ def campaign(
     return made
 
 
-class Noted:
+class Noted(Strategy):
     """A strategy that notes what it is asked and told: ("ask", id) or (outcome, id)."""
 
     def __init__(self, strategy: Strategy) -> None:
@@ -142,6 +142,7 @@ class Noted:
 
     def ask(self) -> Candidate:
         candidate = self.strategy.ask()
+        assert candidate is not None
         self.notes.append(("ask", candidate.id))
         return candidate
 
@@ -159,7 +160,7 @@ class Noted:
 
 class Selective(Noted):
     def is_wanted(self, candidate: Candidate) -> bool:
-        return self.strategy.is_wanted(candidate)  # type: ignore[attr-defined,no-any-return]
+        return self.strategy.is_wanted(candidate)
 
 
 def frenetic() -> Selective:
@@ -169,7 +170,7 @@ def frenetic() -> Selective:
     )
 
 
-class Litters:
+class Litters(Strategy):
     """A selective strategy: straight roads in litters; of each, one fails and ends the litter.
 
     Args:

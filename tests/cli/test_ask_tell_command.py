@@ -20,7 +20,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.outcome import Outcome
 from frenetic.report.html import write_report
 from frenetic.search import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger
+from frenetic.search.strategy import Ledger, Strategy
 from frenetic.spec import Budget
 
 PAGE = Path(__file__).parents[2] / "docs" / "ask-tell.md"
@@ -171,7 +171,7 @@ def test_a_result_without_moobd_is_kept_and_teaches_nothing(tmp_path: Path) -> N
     assert write_report(folder).is_file()
 
 
-class OneByOne:
+class OneByOne(Strategy):
     """Wants to be told each result before it proposes the next road, and ends after three."""
 
     def __init__(self) -> None:

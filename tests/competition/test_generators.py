@@ -28,6 +28,7 @@ from frenetic import search
 from frenetic.competition import Frenetic2021, Generator, RandomSearch
 from frenetic.errors import FreneticError
 from frenetic.road import check_validity
+from frenetic.search.strategy import Strategy
 
 
 @pytest.fixture(autouse=True)
@@ -371,7 +372,7 @@ def test_outside_the_pipeline_one_line_says_so(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_strategy_of_ones_own() -> None:
-    class Gentle:
+    class Gentle(Strategy):
         """Takes neither a seed nor a map size."""
 
         def __init__(self, curvature: float = 0.01) -> None:
