@@ -16,6 +16,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
 from frenetic.campaign import campaign as campaign_module
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.loop import ObservingStrategy
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, StrategyError
@@ -212,7 +213,7 @@ class Bad(Scripted):
             if self.defect == "ask":
                 raise KeyError("pool")
             if self.defect == "type":
-                return None  # type: ignore[return-value]
+                return "a road"  # type: ignore[return-value]
             if self.defect == "nan":
                 return Candidate(4, np.array([0.0, np.nan]), 10.0, Origin("bad"))
         return super().ask()
@@ -227,7 +228,7 @@ class Bad(Scripted):
     ("defect", "complaint", "kept"),
     [
         ("ask", "the strategy raised KeyError: 'pool'", 3),
-        ("type", "the strategy proposed NoneType instead of frenetic.Candidate", 3),
+        ("type", "the strategy proposed str instead of frenetic.Candidate", 3),
         ("nan", "the strategy proposed candidate 4 with values that are not finite", 3),
         ("tell", "the strategy raised RuntimeError: out of ideas", 4),
     ],
@@ -271,7 +272,7 @@ def test_a_malformed_proposal_is_named(
     assert "\n" not in str(refused.value)
 
 
-class Observing(Scripted):
+class Observing(Scripted, ObservingStrategy):
     """Keeps where the cars ended."""
 
     def __init__(self, *roads: list[float]) -> None:
