@@ -106,6 +106,8 @@ class Told(Struct, forbid_unknown_fields=True):
     """Simulated time, in s."""
     records: Records | None = None
     """The drive, from which the search learns more, and which reports show."""
+    budget_spent: Share | None = None
+    """Spent share of the budget, in place of the campaign's count until the next is told."""
 
     def attempt(self, road: Road, seconds: float) -> Attempt:
         """The attempt on a road, which took so many s.
@@ -129,7 +131,15 @@ class Told(Struct, forbid_unknown_fields=True):
             self.duration if self.duration is not None or path is None else float(path.time[-1]),
             tuple(findings),
         )
-        return Attempt(self.id, result, road.pose, path, worker=WORKER, seconds=seconds)
+        return Attempt(
+            self.id,
+            result,
+            road.pose,
+            path,
+            worker=WORKER,
+            seconds=seconds,
+            budget_spent=self.budget_spent,
+        )
 
 
 @dataclass(frozen=True)

@@ -112,6 +112,7 @@ class Dispatcher:
         self._unreported = unreported  # written
         self._waits_for_result = False  # the strategy, before it proposes another road
         self._broken = self._refused = 0  # in a row
+        self._share: float | None = None  # of the budget, as whoever drives told it last
         self._start = 0.0
         self._next_line = 0.0  # of progress
 
@@ -311,7 +312,10 @@ class Dispatcher:
         tally, result = self._tally, attempt.result
         tally.count(candidate, result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
-        tally.budget_spent = self._budget.spent(tally.simulations, elapsed, tally.failures)
+        if attempt.budget_spent is not None:
+            self._share = attempt.budget_spent
+        counted = self._budget.spent(tally.simulations, elapsed, tally.failures)
+        tally.budget_spent = counted if self._share is None else self._share
         test = Test(
             candidate=candidate,
             attempt=attempt,
@@ -353,7 +357,7 @@ class Dispatcher:
             self._broken, self._refused = self._broken + 1, 0
         elif test.outcome.is_driven:
             self._broken = self._refused = 0
-        if self._broken >= MAX_ERRORS_IN_A_ROW:
+        if self._broken >= MAX_ERRORS_IN_A_ROW and self._share is None:  # else they decide
             raise CampaignError(
                 f"the last {self._broken} drives broke, so the campaign gives up: {test.reason}"
             )

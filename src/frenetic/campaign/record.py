@@ -51,6 +51,8 @@ class Attempt:
     """Wall time that it took, in s."""
     traceback: str = ""
     """Traceback of the simulator's or driver's error, if known."""
+    budget_spent: Share | None = None
+    """Spent share of the budget, as whoever drives tells it; None if the campaign counts."""
 
     @classmethod
     def undriven(
