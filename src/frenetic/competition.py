@@ -41,7 +41,6 @@ MOST_EXCEPTIONS: Final = 100
 """Consecutive exceptions of the executor after which the search ends."""
 
 _TIME_BUDGET: Final = "time-budget"
-_NO_LIMIT: Final = 10**9  # simulations
 _PATIENCE: Final = 60.0  # s for the search's process to end
 
 
@@ -89,9 +88,9 @@ class Generator:
         folder = Path("campaigns").absolute() / f"{datetime.now():%Y%m%d-%H%M%S-%f}"
         words = ["--strategy", self.strategy, "--seed", seed, "--out", str(folder)]
         words += ["--map-size", str(self._map_size), "--name", type(self._executor).__name__]
-        # For the record: the spent share that it is told replaces the search's own count.
         total = math.ceil(sum(self._budget.totals.values()))
-        words += ["--time", str(total)] if total > 0 else ["--simulations", str(_NO_LIMIT)]
+        if total > 0:  # for the record: the spent share that is told replaces the search's count
+            words += ["--time", str(total)]
         try:
             settings = shlex.split(os.environ.get(OPTIONS, ""))
         except ValueError as error:
@@ -213,6 +212,7 @@ class _Search:
                 encoding="utf-8",
             )
         except OSError as error:
+            self._log.close()
             raise RuntimeError(
                 f"{command[0]} cannot be started ({error}): set {COMMAND} to the command frenetic"
             ) from None

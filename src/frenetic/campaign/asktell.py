@@ -344,7 +344,8 @@ class ToldCampaign(Campaign):
         exists = (self.folder / DATABASE).is_file()
         search = self.resume if exists else self.run
         summary = search(on_test=self._say_told)
-        reason = summary.ended or "the budget is spent"
+        is_stopped = summary.interrupted and not self._client.has_ended
+        reason = summary.ended or ("it was stopped" if is_stopped else "the budget is spent")
         for _ in range(self._client.free):
             self._answer({"end": reason})
         while not self._client.has_ended and (line := next(self._requests, None)) is not None:

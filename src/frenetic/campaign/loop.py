@@ -112,7 +112,6 @@ class Dispatcher:
         self._unreported = unreported  # written
         self._waits_for_result = False  # the strategy, before it proposes another road
         self._broken = self._refused = 0  # in a row
-        self._share: float | None = None  # of the budget, as whoever drives told it last
         self._start = 0.0
         self._next_line = 0.0  # of progress
 
@@ -200,7 +199,7 @@ class Dispatcher:
     def _may_ask(self) -> bool:
         if self._is_spent or self._tally.ended or self._waits_for_result:
             return False
-        if self._would_exceed(self._budget.simulations):
+        if self._tally.told_share is None and self._would_exceed(self._budget.simulations):
             return False
         if self._lookahead:
             # Also after an interrupt or within a limit: asking must not depend on its moment.
@@ -312,10 +311,7 @@ class Dispatcher:
         tally, result = self._tally, attempt.result
         tally.count(candidate, result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
-        if attempt.budget_spent is not None:
-            self._share = attempt.budget_spent
-        counted = self._budget.spent(tally.simulations, elapsed, tally.failures)
-        tally.budget_spent = counted if self._share is None else self._share
+        tally.spend(self._budget, elapsed, attempt.budget_spent)
         test = Test(
             candidate=candidate,
             attempt=attempt,
@@ -357,7 +353,7 @@ class Dispatcher:
             self._broken, self._refused = self._broken + 1, 0
         elif test.outcome.is_driven:
             self._broken = self._refused = 0
-        if self._broken >= MAX_ERRORS_IN_A_ROW and self._share is None:  # else they decide
+        if self._broken >= MAX_ERRORS_IN_A_ROW and self._tally.told_share is None:
             raise CampaignError(
                 f"the last {self._broken} drives broke, so the campaign gives up: {test.reason}"
             )
@@ -602,8 +598,8 @@ def replay(
         tally.count(candidate, test.outcome, test.moobd)
         tally.measure(objective, evaluation)
         tally.seconds = test.elapsed
+        tally.spend(budget, tally.seconds, test.attempt.budget_spent)
     ask_until(tally.told)
-    tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
     return tally, outstanding
 
 
