@@ -237,3 +237,26 @@ def test_the_clients_of_the_page_run(language: str, tmp_path: Path) -> None:
     folder = tmp_path / ("told" if language == "python" else "told-js")
     with CampaignStore.open(folder) as store:
         assert store.counts().simulations == 40
+
+
+def test_a_told_share_replaces_the_count_also_after_a_crash(tmp_path: Path) -> None:
+    folder = tmp_path / "told"
+    options = ("--simulations", "2", "--seed", "3")
+    client = Client(folder, *options)
+    for number in range(12):  # more drives than counted, and more that broke than are borne
+        road = client.road()
+        answer = client.tell(road, outcome="ERROR", budget_spent=0.05 * number)
+        assert answer["budget_spent"] == pytest.approx(0.05 * number)
+    client.kill()
+
+    client = Client(folder, *options)
+    assert client.road()["id"] == 13
+    assert "`float` <= 1.0" in client.tell({"id": 13}, outcome="PASS", budget_spent=1.5)["error"]
+    assert client.tell({"id": 13}, outcome="PASS", moobd=1.0)["budget_spent"] == pytest.approx(0.55)
+    client.tell(client.road(), outcome="PASS", moobd=1.0, budget_spent=1.0)
+    assert client.call(ask={}) == {"end": "the budget is spent"}
+    summary = client.end()
+    assert (summary["simulations"], summary["interrupted"]) == (14, False)
+    with CampaignStore.open(folder) as store:
+        assert [test.budget_spent for test in store.tests()][-3:] == pytest.approx([0.55, 0.55, 1])
+    assert check_campaign(folder).is_sound

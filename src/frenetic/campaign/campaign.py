@@ -414,9 +414,7 @@ class Campaign(Shown):
                     " a fresh strategy"
                 )
             self._enter_twin(stack)
-            tally.budget_spent = self._required_budget.spent(
-                tally.simulations, tally.seconds, tally.failures
-            )
+            tally.spend(self._required_budget, tally.seconds)
             store.reopen(budget=asdict(self._required_budget))
             log = stack.enter_context(CampaignLog(self.folder))
             _log_start(log, Event.RESUMED, tally, self.configuration())

@@ -197,7 +197,7 @@ class Dispatcher:
     def _may_ask(self) -> bool:
         if self._is_spent or self._tally.ended or self._waits_for_result:
             return False
-        if self._would_exceed(self._budget.simulations):
+        if self._tally.told_share is None and self._would_exceed(self._budget.simulations):
             return False
         if self._lookahead:
             # Also after an interrupt or within a limit: asking must not depend on its moment.
@@ -309,7 +309,7 @@ class Dispatcher:
         tally, result = self._tally, attempt.result
         tally.count(candidate, result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
-        tally.budget_spent = self._budget.spent(tally.simulations, elapsed, tally.failures)
+        tally.spend(self._budget, elapsed, attempt.budget_spent)
         test = Test(
             candidate=candidate,
             attempt=attempt,
@@ -356,7 +356,7 @@ class Dispatcher:
             self._broken, self._refused = self._broken + 1, 0
         elif test.outcome.is_driven:
             self._broken = self._refused = 0
-        if self._broken >= MAX_ERRORS_IN_A_ROW:
+        if self._broken >= MAX_ERRORS_IN_A_ROW and self._tally.told_share is None:
             raise CampaignError(
                 f"the last {self._broken} drives broke, so the campaign gives up: {test.reason}"
             )
@@ -601,8 +601,8 @@ def replay(
         tally.count(candidate, test.outcome, test.moobd)
         tally.measure(objective, evaluation)
         tally.seconds = test.elapsed
+        tally.spend(budget, tally.seconds, test.attempt.budget_spent)
     ask_until(tally.told)
-    tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
     return tally, outstanding
 
 
