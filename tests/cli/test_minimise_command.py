@@ -16,6 +16,7 @@ import pytest
 from frenetic.analysis.failures import representative_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.outcome import Outcome
+from frenetic.redrive.minimise import Minimised, minimise_test
 from frenetic.road import Road, check_validity
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -23,7 +24,6 @@ from frenetic.testing import DummyDriver, DummySimulator
 if TYPE_CHECKING:
     from command_line import Answer, Frenetic
 
-    from frenetic.redrive.minimise import Minimised, minimise_test
 
 pytest_plugins = ["command_line"]
 
