@@ -171,6 +171,18 @@ def test_a_result_without_moobd_is_kept_and_teaches_nothing(tmp_path: Path) -> N
     assert write_report(folder).is_file()
 
 
+def test_what_a_strategy_prints_is_no_answer(tmp_path: Path) -> None:
+    loud = tmp_path / "loud.py"
+    loud.write_text(
+        "from frenetic import RandomSearch\nprint('imported')\nclass Loud(RandomSearch):\n"
+        "    def ask(self):\n        print('asked')\n        return super().ask()\n",
+        encoding="utf-8",
+    )
+    client = Client(tmp_path / "told", "--strategy", f"{loud}:Loud")
+    client.tell(client.road())
+    assert client.end()["simulations"] == 1
+
+
 class OneByOne(Strategy):
     """Wants to be told each result before it proposes the next road, and ends after three."""
 
