@@ -119,8 +119,8 @@ def file_of(nodeid: str) -> str:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _whoever_calls() -> Iterator[None]:
-    """Neither the caller's variables nor the signals that it ignores reach a test.
+def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Neither the caller's own files and variables nor the signals it ignores reach a test.
 
     `nohup` ignores SIGHUP and a script's background job SIGINT, and processes inherit that.
     """
@@ -134,6 +134,7 @@ def _whoever_calls() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name in CALLERS:
             patch.delenv(name, raising=False)
+        patch.setenv("FRENETIC_HOME", str(tmp_path_factory.mktemp("home")))
         for number in ignored:
             # The tests go on under nohup; what they start begins with the default.
             is_ctrl_c = number == signal.SIGINT

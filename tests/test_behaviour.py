@@ -23,7 +23,6 @@ from frenetic.drivers import Observation, Planner, appearance
 from frenetic.drivers.appearance import scene_of
 from frenetic.drivers.loading import LAYERS
 from frenetic.drivers.marking_follower import MarkingFollower
-from frenetic.fingerprint import fingerprint_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
@@ -33,6 +32,7 @@ from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.simulator import Simulator
 from frenetic.testing import DummyDriver, DummySimulator, converse
+from frenetic.versions import version_of
 
 RECORDED: Final = Path(__file__).with_name("behaviour.json")
 NOT_RECORDED: Final = {"simulator beamng"}
@@ -151,7 +151,7 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
 
 
 def version(part: object) -> str:
-    return fingerprint_of(part).version
+    return version_of(part).text
 
 
 def drives(simulator: str, driver: Any) -> Callable[[], list[float]]:

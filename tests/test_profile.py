@@ -103,7 +103,7 @@ def test_given_options_lie_over_those_of_the_profile() -> None:
 
 def test_a_profile_loads_nobodys_code_unasked(tmp_path: Path) -> None:
     theirs = Profile.read(changed(tmp_path / "twin.json", driver="elsewhere.py:Bold"))
-    with pytest.raises(FreneticError, match=r"if you trust it, add --driver elsewhere.py:Bold"):
+    with pytest.raises(FreneticError, match=r"if you trust it, name it yourself: --driver els"):
         theirs.spec()
     assert theirs.over(Spec(), {"driver": "elsewhere.py:Bold"}).driver.options == {
         "aggression": 1.2

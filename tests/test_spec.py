@@ -24,7 +24,7 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
-from frenetic.spec import NUMBERS, Budget, Part, Spec, decode_config, describe, usual_wall_limit
+from frenetic.spec import NUMBERS, Budget, Part, Spec, describe, fault_of, usual_wall_limit
 
 SOURCE = "c/campaign.sqlite"
 
@@ -93,7 +93,7 @@ def test_a_record_gives_the_spec_that_was_recorded(spec: Spec, is_named: bool) -
     spec = spec if is_named else unnamed(spec)
     config = json.loads(json.dumps(spec.to_json()))
     assert ("command" in config) is is_named
-    assert decode_config(config).faults == ()
+    assert fault_of(config) == ""
     assert Spec.from_json(config, source=SOURCE) == spec
 
 
@@ -245,41 +245,52 @@ def recorded() -> dict[str, Any]:
     return config
 
 
-def test_every_fault_is_told() -> None:
-    config = recorded() | {"map_size": "large", "lookahead": 0}
-    config["rules"]["speed_limit"] = -1.0
-    config["command"]["driver"] = 3
-    del config["car"]
+MISSING = object()
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "fault"),
+    [
+        ("map_size", "large", "Expected `float`, got `str` - at `$.map_size`"),
+        ("map_size", 1e999, "Expected `float` <= "),
+        ("margin", -2.0, "Expected `float` >= 0.0 - at `$.margin`"),
+        ("lookahead", 0, "Expected `int` >= 1 - at `$.lookahead`"),
+        ("workers", 1.5, "Expected `int`, got `float` - at `$.workers`"),
+        ("car", MISSING, "missing required field `car`"),
+        ("car.length", -1.0, "length is -1.0: a positive number is needed - at `$.car`"),
+        ("rules.speed_limit", -1.0, "speed_limit is -1.0: a positive number is needed"),
+        ("rules.oob_tolerance", 2.0, "a share above 0 and up to 1 is needed - at `$.rules`"),
+        ("command.driver", 3, "Expected `str`, got `int` - at `$.command.driver`"),
+        ("command.simulator", MISSING, "missing required field `simulator` - at `$.command`"),
+        ("command.delay", "long", "got `str` - at `$.command.delay`"),
+        ("command.wall_limit", -1.0, "Expected `float` > 0.0 - at `$.command.wall_limit`"),
+        ("driver.class", MISSING, "missing required field `class` - at `$.driver`"),
+        ("strategy", [], "Expected `object`, got `array` - at `$.strategy`"),
+        ("start_from", [{}], "missing required field `folder` - at `$.start_from[0]`"),
+        ("budget", {}, "the budget limits nothing: "),
+        ("budget.simulations", -1, "simulations is -1: a whole number of at least 1 is needed"),
+        ("versions.numpy", 2, "Expected `str`, got `int` - at `$.versions[...]`"),
+    ],
+)
+def test_a_wrong_value_in_a_record_is_one_line_with_its_place(
+    place: str, value: Any, fault: str
+) -> None:
+    config = recorded()
+    *path, name = place.split(".")
+    inner = config
+    for step in path:
+        inner = inner[step]
+    inner[name] = value
+    if value is MISSING:
+        del inner[name]
     with pytest.raises(CampaignError) as caught:
         Spec.from_json(config, source=SOURCE)
     message = str(caught.value)
-    assert message.startswith(f"{SOURCE} is damaged: it does not say with what it was driven (")
-    for fault in (
-        "the map_size is 'large': a number above 0 is needed",
-        "the lookahead is 0: a whole number of at least 1 or null is needed",
-        "speed_limit is -1.0: a positive number is needed",
-        "the car is missing",
-        "the command: driver is 3: a text is needed",
-    ):
-        assert fault in message
+    assert message.startswith(f"{SOURCE} is damaged: it does not say with what it was driven: ")
+    assert message.endswith("; restore it from a copy")
+    assert fault in message
+    assert fault in fault_of(config)
     assert "\n" not in message
-
-
-def test_whoever_needs_no_names_minds_no_damaged_command() -> None:
-    config = recorded()
-    del config["command"]["simulator"]
-    spec = Spec.from_json(config, source=SOURCE, needs_names=False)
-    assert spec.driver == Part(made={"class": "a:D"})
-    with pytest.raises(CampaignError, match="the command: simulator is missing"):
-        Spec.from_json(config, source=SOURCE)
-
-
-def test_records_of_older_versions_lack_what_was_not_there_yet() -> None:
-    config = recorded()
-    for name in ("workers", "cluster", "lookahead"):
-        del config[name]
-    spec = Spec.from_json(config, source=SOURCE)
-    assert (spec.workers, spec.cluster, spec.lookahead) == (1, None, None)
 
 
 @given(st.dictionaries(st.sampled_from([*recorded(), "command"]), values))

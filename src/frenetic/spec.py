@@ -19,9 +19,9 @@ import numbers
 import re
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
-from functools import cache
 from pathlib import Path, PurePath
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
@@ -48,6 +48,7 @@ from frenetic.versions import (
     innermost,
     other_version,
     over_each_other,
+    sources_named,
     version_of,
 )
 
@@ -432,6 +433,15 @@ class Spec:
         parts = {kind: getattr(self, kind) for kind in _PARTS}
         recorded = {kind: (part.name, part.options) for kind, part in parts.items() if part.name}
         trust.require({**recorded, "objective": (self.objective, {})}, source, named, **remedy)
+
+    def edited(self, sources: object) -> list[str]:
+        """Names of users' own files that are not as a campaign keeps them; nothing is imported."""
+        known = sources if isinstance(sources, Mapping) else {}
+        found: dict[str, str] = {}
+        for name in (*(getattr(self, kind).name for kind in _PARTS), self.objective):
+            with suppress(OSError, ValueError, SyntaxError, RuntimeError):
+                found |= sources_named(name or "")
+        return [name for name, text in sorted(found.items()) if known.get(name, text) != text]
 
     def make_strategy(self) -> Strategy:
         """The strategy, with seed and map size if its class takes them.
@@ -848,7 +858,6 @@ def _driving() -> list[tuple[str, Any, Any]]:
     return [*parts, *layers]
 
 
-@cache
 def _command_type(*needed: str) -> Any:
     """The type of a record's ``command``, with the parts that it has to name."""
     names: list[Any] = [(kind, str) if kind in needed else (kind, str, "") for kind in _PARTS]
@@ -856,7 +865,6 @@ def _command_type(*needed: str) -> Any:
     return defstruct("Command", [*names, *limits, *_driving()], kw_only=True)
 
 
-@cache
 def _driven_type() -> Any:
     """The type of a `drive_record`."""
     named = [("driver", str), ("simulator", str), ("map_size", Positive)]
@@ -864,7 +872,6 @@ def _driven_type() -> Any:
     return defstruct("Driven", [*named, *limits, *_driving()], kw_only=True)
 
 
-@cache
 def _record_type() -> Any:
     """The type of a campaign's record, which may have other entries, too."""
     from frenetic.simulators.drive import CarBody, Rules  # numba takes its time

@@ -20,13 +20,15 @@ from typing import Any, Final
 
 from frenetic.errors import FreneticError
 from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
-from frenetic.versions import digest_of_file, local_file, sources_of_file
+from frenetic.versions import digest_of_file, sources_named
 
 VARIABLE: Final = "FRENETIC_HOME"
 """Environment variable with another folder for what belongs to the user."""
 REGISTRIES: Final[Mapping[str, Registry]] = {
     one.kind: one for one in (STRATEGIES, DRIVERS, SIMULATORS, OBJECTIVES)
 }
+NOT_DRIVING: Final = ("strategy", "objective")
+"""Kinds of parts that driving a campaign's roads again does not make."""
 _STARTING: Final = ("home", "user")
 """Options of a built-in simulator that name a program to start."""
 
@@ -45,7 +47,7 @@ def folder() -> Path:
 def remember(kind: str, name: str, options: Mapping[str, Any]) -> None:
     """Notes that the user has made a part; where that cannot be written, it will be asked again."""
     key = _key(kind, name, options)
-    if key is None or key in _known():
+    if not key or key in _known():
         return
     with suppress(OSError):
         path = folder() / "trusted"
@@ -88,7 +90,10 @@ def require(
 
 
 def _key(kind: str, name: str, options: Mapping[str, Any]) -> str | None:
-    """Digest of the code that making a part runs; None for what is made unasked."""
+    """Digest of the code that making a part runs; None for what is made unasked.
+
+    Empty for code that cannot be read, which is never remembered.
+    """
     registry = REGISTRIES[kind]
     if name in {entry.name for entry in registry.entries()}:
         started = {k: str(v) for k, v in options.items() if k in _STARTING and kind == "simulator"}
@@ -97,11 +102,10 @@ def _key(kind: str, name: str, options: Mapping[str, Any]) -> str | None:
     try:
         if Path(place).suffix.lower() in registry.files:
             return digest_of_file(Path(place))
-        file = Path(place) if place.endswith(".py") else local_file(place)
-        if file is not None and file.is_file():
-            return _digest(sources_of_file(file))
+        if sources := sources_named(name):
+            return _digest(sources)
     except (OSError, ValueError, SyntaxError, RuntimeError):
-        return _digest(None)  # which nobody has run
+        return ""
     return _digest(place)
 
 

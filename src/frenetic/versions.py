@@ -96,36 +96,65 @@ def sources_of_module(name: str) -> dict[str, str]:
     Empty if it has no file.
     """
     file = _file(name)
-    return {} if file is None else dict(_sources(file, name, Path(file).stat().st_mtime_ns))
+    return {} if file is None else _sources(Path(file), name)
 
 
-def sources_of_file(path: Path) -> dict[str, str]:
-    """The same of a file that is not loaded."""
-    file = path.expanduser().resolve()
-    return dict(_sources(str(file), f"{USER_MODULE}{file.stem}", file.stat().st_mtime_ns))
+def sources_named(name: str) -> dict[str, str]:
+    """The same of ``file.py:Class`` or ``package.module:Class``; nothing is imported.
+
+    Raises:
+        OSError: a file cannot be read.
+        SyntaxError: a file is no Python.
+    """
+    module = name.rpartition(":")[0]
+    if not module.endswith(".py"):
+        found = _local_file(module) if module else None
+        return {} if found is None else _sources(found, module)
+    file = Path(module).expanduser().resolve()
+    return _sources(file, f"{USER_MODULE}{file.stem}") if file.is_file() else {}
 
 
-def local_file(module: str) -> Path | None:
-    """The file of a local module that is not loaded, None if there is none; nothing is imported."""
-    parts = Path(*module.split("."))
-    for place in [Path.cwd(), *map(Path, sys.path)]:
+def _local_file(module: str) -> Path | None:
+    """The file of a local module as an import of a user's own finds it; None if there is none."""
+    parts, here = Path(*module.split(".")), str(Path.cwd())
+    for place in map(Path, sys.path if here in sys.path else [here, *sys.path]):
         for file in (place / parts.with_suffix(".py"), place / parts / "__init__.py"):
             if file.is_file():
                 return file if is_local(file) else None
     return None
 
 
-@lru_cache(maxsize=64)
-def _sources(file: str, name: str, changed: int) -> tuple[tuple[str, str], ...]:  # noqa: ARG001
-    """The sources of a file that was changed last at this time; nothing is imported."""
+_READ: Final[dict[tuple[Path, str], tuple[dict[Path, object], dict[str, str]]]] = {}
+"""File and module -> states of the files that it takes, and its sources."""
+
+
+def _sources(path: Path, name: str) -> dict[str, str]:
+    """The sources of a module, read again if a file was changed; nothing is imported."""
+    states, sources = _READ.get((path, name), ({}, {}))
+    if not states or any(_state(one) != state for one, state in states.items()):
+        sources, files = _read(path, name)
+        _READ[path, name] = {one: _state(one) for one in files}, sources
+    return dict(sources)
+
+
+def _state(file: Path) -> object:
+    """What an edit of a file changes; None if it is gone."""
+    try:
+        state = file.stat()
+    except OSError:
+        return None
+    return state.st_size, state.st_mtime_ns
+
+
+def _read(path: Path, name: str) -> tuple[dict[str, str], set[Path]]:
+    """The sources of a module, and their files."""
     is_alone = name == "__main__" or name.startswith(USER_MODULE)
-    path = Path(file)
     packages = 0 if is_alone else name.count(".") + (path.name == "__init__.py")
     root = path.parents[packages]
     places = [str(root), *(place for place in sys.path if place and is_local(Path(place) / "x"))]
     finder = ModuleFinder(path=places, excludes=[_OURS])
     if is_alone:
-        finder.run_script(file)
+        finder.run_script(str(path))
     else:
         finder.import_hook(name)
     modules: Any = finder.modules.values()
@@ -135,7 +164,7 @@ def _sources(file: str, name: str, changed: int) -> tuple[tuple[str, str], ...]:
         base = next((Path(place) for place in places if one.is_relative_to(place)), one.parent)
         text = one.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
         found[one.relative_to(base).as_posix()] = text
-    return tuple(sorted(found.items()))
+    return found, files
 
 
 def _file(module: str) -> str | None:

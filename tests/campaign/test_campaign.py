@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import pickle
-import sqlite3
 import threading
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from contents import contents
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
@@ -83,11 +83,11 @@ def test_tests_are_stored_told_and_counted_in_order(tmp_path: Path) -> None:
     assert not summary.interrupted
     assert [p.tests for p in seen] == [1, 2, 3, 4, 5, 6]
     with CampaignStore.open(tmp_path / "c") as store:
-        records = list(store.tests(with_trajectory=True))
-    assert [r.outcome for r in records] == outcomes
-    assert [r.told for r in records] == [1, 2, 3, 4, 5, 6]
-    assert [r.trajectory is not None for r in records] == [True, False, True, True, False, True]
-    assert summary.min_moobd == min(r.moobd for r in records if r.moobd is not None)
+        tests = list(store.tests(with_trajectory=True))
+    assert [test.outcome for test in tests] == outcomes
+    assert [test.told for test in tests] == [1, 2, 3, 4, 5, 6]
+    assert [test.drive is not None for test in tests] == [True, False, True, True, False, True]
+    assert summary.min_moobd == min(test.moobd for test in tests if test.moobd is not None)
 
 
 def test_budget_of_failures_ends_with_the_last_one_wanted(tmp_path: Path) -> None:
@@ -213,26 +213,6 @@ def test_existing_campaign_is_never_touched(tmp_path: Path) -> None:
     assert (tmp_path / "campaign.sqlite").read_bytes() == before
 
 
-def contents(folder: Path) -> dict[str, list[tuple[object, ...]]]:
-    """Every row of a campaign's database, but for times."""
-    queries = {
-        "candidate": "SELECT * FROM candidate ORDER BY id",
-        "test": """
-            SELECT candidate_id, told, outcome, reason, budget_spent, x, y, heading, moobd,
-                max_oob_share, duration, moobd_distance, departure_time, departure_distance,
-                departure_x, departure_y, departure_side
-            FROM test ORDER BY candidate_id
-        """,
-        "trajectory": "SELECT * FROM trajectory ORDER BY candidate_id",
-        "campaign": "SELECT key, value FROM campaign WHERE key = 'config'",
-    }
-    connection = sqlite3.connect(folder / "campaign.sqlite")
-    try:
-        return {name: connection.execute(query).fetchall() for name, query in queries.items()}
-    finally:
-        connection.close()
-
-
 @pytest.mark.parametrize("strategy", [Frenetic, RandomSearch])
 def test_same_seed_gives_the_same_database_but_for_times(
     tmp_path: Path, strategy: Callable[..., Frenetic]
@@ -249,7 +229,7 @@ def test_same_seed_gives_the_same_database_but_for_times(
     first, second, other = (contents(folder) for folder in folders)
     assert len(first["test"]) >= 60
     assert first == second
-    assert first["candidate"] != other["candidate"]
+    assert first["test"] != other["test"]
 
 
 def test_new_folder_is_new(tmp_path: Path) -> None:
@@ -408,18 +388,15 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
     assert contents(tmp_path / "numpy") == contents(tmp_path / "python")
     with CampaignStore.open(tmp_path / "numpy") as store:
         assert store.counts().simulations == 2
-        limits = (np.float32(0.9), np.float32(1.1))
-        shares = [Variation("friction", *limits)]  # type: ignore[arg-type]
-        driven = store.tests(Outcome.PASS)
-        ids = [np.int64(record.id) for record in driven][:1]
+        driven = [np.int64(test.id) for test in store.tests(Outcome.PASS)][:1]
     (one,) = rerun(
         tmp_path / "numpy",
         numpy.tester.simulator,
         numpy.tester.driver,
-        test_ids=ids,  # type: ignore[arg-type]
+        test_ids=driven,  # type: ignore[arg-type]
         times=np.int64(2),  # type: ignore[arg-type]
         seed=np.int64(3),  # type: ignore[arg-type]
-        variations=shares,
+        variations=[Variation("friction", np.float32(0.9), np.float32(1.1))],  # type: ignore[arg-type]
     )
     assert [kept.test_id for kept in read_reruns(tmp_path / "numpy")] == [one.test_id]
     assert json.loads(json.dumps(rerun_document(one)))["seed"] == 3

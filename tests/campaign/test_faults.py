@@ -23,22 +23,16 @@ from contents import contents
 from faulty import (
     Deed,
     Fault,
-    FaultyDriver,
     FaultySimulator,
     Forking,
     Marks,
     Straight,
     bend,
-    fork,
     hang,
     kill,
     leave,
-    print_megabytes,
     raise_error,
     refuse_connection,
-    start_process,
-    start_thread,
-    sys_exit,
 )
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 from small_disk import Bounded
@@ -51,7 +45,6 @@ from frenetic.campaign.workers.local import PREFETCH
 from frenetic.cli import main
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
-from frenetic.outcome import Outcome
 from frenetic.search import Frenetic2021, Strategy
 from frenetic.simulators import Simulator
 from frenetic.testing import DummyDriver, DummySimulator
@@ -120,24 +113,6 @@ def test_a_fault_that_strikes_once_costs_nothing(tmp_path: Path, marks: Marks, d
     until_gone(marks.pids())
 
 
-def test_a_road_on_which_workers_hang_is_an_error(tmp_path: Path, marks: Marks) -> None:
-    simulator = FaultySimulator(marks.folder, drive=Fault(hang, marks.folder, samples=9))
-    summary = campaign(
-        tmp_path / "c",
-        strategy=Straight(8, 8, 9, 8, 8, 8),
-        simulator=simulator,
-        simulations=6,
-        workers=2,
-        drive_limit=1.0,
-    ).run()
-    assert (summary.passed, summary.errors) == (5, 1)
-    with CampaignStore.open(tmp_path / "c") as store:
-        record = store.test(3)
-    assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
-    assert "was lost: its drive took more than " in record.reason
-    until_gone(marks.pids())
-
-
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_simulator_that_does_not_start_ends_the_campaign(
     tmp_path: Path, marks: Marks, workers: int
@@ -153,93 +128,15 @@ def test_a_simulator_that_does_not_start_ends_the_campaign(
     assert campaign(tmp_path / "c", simulator=FaultySimulator(marks.folder)).resume().tests > 0
 
 
-class StartsTwice(FaultySimulator):
-    """Breaks now and then, and starts no third time."""
-
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder, drive=Fault(raise_error, folder, samples=9))
-
-    def __enter__(self):  # type: ignore[no-untyped-def]
-        super().__enter__()
-        if len(self.marks.numbers("start")) > 3:
-            refuse_connection(self.marks)
-        return self
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_a_simulator_that_does_not_start_again_ends_the_campaign(
-    tmp_path: Path, marks: Marks, workers: int
-) -> None:
-    seen: list[int] = []
-    with pytest.raises(CampaignError, match="nobody listens") as caught:
-        campaign(
-            tmp_path / "c",
-            strategy=Straight(8, 8, 9, 8),
-            simulator=StartsTwice(marks.folder),
-            workers=workers,
-        ).run(lambda progress: seen.append(progress.tests))
-    one_line(caught)
-    with CampaignStore.open(tmp_path / "c") as store:
-        assert store.counts().tests == seen[-1] >= 2
-    assert check_campaign(tmp_path / "c").findings == ()
-    until_gone(set(marks.pids()) - {os.getpid()})
-
-
-@pytest.mark.parametrize(
-    ("deed", "workers"),
-    [
-        (print_megabytes, 1),
-        (print_megabytes, 2),
-        (sys_exit, 1),
-        (sys_exit, 2),
-        # Here it would stay, as it would without a campaign.
-        (start_thread, 2),
-        (start_process, 2),
-    ],
-)
-def test_drivers_with_bad_manners(
-    tmp_path: Path, marks: Marks, workers: int, deed: Deed, capfd: pytest.CaptureFixture[str]
-) -> None:
-    summary = campaign(
-        tmp_path / "c",
-        strategy=Straight(8, 9),
-        driver=FaultyDriver(Fault(deed, marks.folder, times=1)),
-        simulations=10,
-        workers=workers,
-    ).run()
-    assert (summary.passed, summary.errors) == (10, 0)
-    if workers == 2:
-        until_gone(marks.pids())
-
-
-def test_a_driver_that_cannot_be_copied_is_one_line(tmp_path: Path) -> None:
-    driver = DummyDriver()
-    driver.reset = lambda setup: None  # type: ignore[method-assign]
-    with pytest.raises(CampaignError, match="driver or simulator cannot be copied") as caught:
-        campaign(tmp_path, driver=driver, workers=2).run()
-    one_line(caught)
-
-
 @posix_only
 @pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("who", ["driver", "strategy"])
-def test_forks_of_drivers_and_strategies_leave_no_trace(
-    tmp_path: Path, marks: Marks, who: str, workers: int
-) -> None:
-    """In the campaign's own process they would go on with it, and share its database."""
-    forking = campaign(
-        tmp_path / "c",
-        driver=FaultyDriver(Fault(fork, marks.folder)) if who == "driver" else None,
-        strategy=Forking(marks.folder, 8, 9) if who == "strategy" else Straight(8, 9),
-        simulations=10,
-        workers=workers,
-    )
-    assert forking.run().passed == 10
+def test_forks_of_strategies_leave_no_trace(tmp_path: Path, marks: Marks, workers: int) -> None:
+    """They would go on with the campaign, and share its database."""
+    strategy = Forking(marks.folder, 8, 9)
+    search = campaign(tmp_path / "c", strategy=strategy, simulations=10, workers=workers)
+    assert search.run().passed == 10
     assert len(marks.pids()) >= 10
     until_gone(marks.pids())
-    campaign(tmp_path / "whole", strategy=Straight(8, 9), simulations=10).run()
-    here, whole = contents(tmp_path / "c"), contents(tmp_path / "whole")
-    assert sorted(map(repr, here["trajectory"])) == sorted(map(repr, whole["trajectory"]))
     assert check_campaign(tmp_path / "c").findings == ()
 
 
@@ -326,7 +223,7 @@ def unchanged(folder: Path) -> Iterator[None]:
     assert (folder / DATABASE).read_bytes() == before
 
 
-@pytest.mark.parametrize("seed", range(24))
+@pytest.mark.parametrize("seed", range(12))
 def test_a_damaged_database_is_refused_and_left_as_it_is(
     tmp_path: Path, finished: Path, seed: int
 ) -> None:
@@ -375,7 +272,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("part", ["header", "end", "log of the candidates"])
+@pytest.mark.parametrize("part", ["header", "end", "log of the tests"])
 def test_what_a_campaign_cannot_do_without_is_refused(
     tmp_path: Path, finished: Path, part: str
 ) -> None:
@@ -387,7 +284,7 @@ def test_what_a_campaign_cannot_do_without_is_refused(
     else:
         connection = sqlite3.connect(finished / DATABASE)
         (page,) = connection.execute(
-            "SELECT rootpage FROM sqlite_schema WHERE name = 'candidate'"
+            "SELECT rootpage FROM sqlite_schema WHERE name = 'test'"
         ).fetchone()
         (size,) = connection.execute("PRAGMA page_size").fetchone()
         connection.close()
@@ -674,40 +571,25 @@ def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process kills itself by a POSIX signal")
 @pytest.mark.parametrize(
-    ("place", "state"),
-    [
-        (
-            "frenetic.campaign.store.CampaignStore.finish",
-            "unfinished though its budget is spent; what is missing: frenetic resume c",
-        ),
-        (
-            "frenetic.report.html.write_report",
-            "finished, but there is no report: frenetic report c",
-        ),
-    ],
+    "place", ["frenetic.campaign.store.CampaignStore.finish", "frenetic.report.html.write_report"]
 )
 def test_what_a_kill_after_the_last_result_leaves_is_finished(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     place: str,
-    state: str,
 ) -> None:
     run = (*RUN, "--out", "c")
     assert killing.exit_code_of(killing.run_until, place, tmp_path, run) == -signal.SIGKILL
     monkeypatch.chdir(tmp_path)
     left = contents(Path("c"))
-    assert command("check", "c") == 0
-    assert f"state      {state}\n" in capsys.readouterr().out
     assert command("report", "c") == 0
     page = Path("c/report.html").read_text(encoding="utf-8")
-    assert ("Killed after its last result" in page) is ("unfinished" in state)
+    assert ("Killed after its last result" in page) is ("finish" in place)
     Path("c/report.html").unlink()
     assert command("resume", "c", "--workers", "1") == 0
     assert contents(Path("c")) == left
     assert Path("c/report.html").is_file()
-    capsys.readouterr()
     assert command("check", "c") == 0
-    assert "state      finished\n" in capsys.readouterr().out
     assert command("resume", "c") == 2
     assert "the budget of c is spent" in capsys.readouterr().err

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from frenetic.campaign import RoadTester
+from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin
-from frenetic.simulators import Trajectory
+from frenetic.simulators import EmbeddedSimulator, Trajectory
 from frenetic.testing import DummyDriver, DummySimulator
 
 
@@ -42,15 +43,26 @@ def test_passing_road_is_driven_where_it_fits_the_map() -> None:
 
 @pytest.mark.parametrize(("drift", "side"), [(4.0, "left"), (-4.0, "right")])
 def test_failing_road_says_where_and_on_which_side(drift: float, side: str) -> None:
-    tested = make_tester(drift)[0].test(candidate([0.0] * 15))
-    record = replace(tested, seconds=0.5).record(candidate([0.0] * 15), told=3, budget_spent=0.25)
-    assert record.outcome is Outcome.FAIL
-    assert record.departure_side == side
-    assert record.departure_distance is not None
-    assert 0.0 < record.departure_distance < 70.0
-    assert record.moobd is not None
-    assert record.moobd < 0.0
-    assert (record.told, record.budget_spent, record.seconds) == (3, 0.25, 0.5)
+    result = make_tester(drift)[0].test(candidate([0.0] * 15)).result
+    assert result.outcome is Outcome.FAIL
+    assert result.departure is not None
+    assert result.departure.side == side
+    assert 0.0 < result.departure.distance < 70.0
+    assert result.moobd is not None
+    assert result.moobd < 0.0
+
+
+def test_a_candidate_is_driven_in_its_conditions_and_only_it() -> None:
+    tester = RoadTester(EmbeddedSimulator(), Planner())
+    bent = candidate([0.0, 0.02, 0.04, 0.04, 0.02, 0.0, 0.0, 0.0])
+    usual, slow, again = (
+        tester.test(replace(bent, conditions=conditions))
+        for conditions in ({}, {"speed": 30.0, "noise": 0.2}, {})
+    )
+    assert usual.result == again.result != slow.result
+    assert usual.trajectory is not None
+    assert slow.trajectory is not None
+    assert slow.trajectory.speed.max() < 9.0 < usual.trajectory.speed.max()
 
 
 @pytest.mark.parametrize(
@@ -71,9 +83,8 @@ def test_refused_roads_cost_no_simulation(values: list[float], why: str, placed:
     assert why in tested.result.reason
     assert (tested.pose is not None) == placed
     assert simulator.drives == 0
-    record = tested.record(candidate([0.0, 0.0]), told=1, budget_spent=0.0)
-    assert record.trajectory is None
-    assert record.duration is None
+    assert tested.trajectory is None
+    assert tested.result.duration is None
 
 
 def test_road_that_is_too_long_is_turned_to_fit() -> None:

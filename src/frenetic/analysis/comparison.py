@@ -407,8 +407,6 @@ def _notes(
         mixed = differing_parts(configurations)
         if mixed:
             notes.append(f"the campaigns of {name} are no repeats: they differ in {mixed}")
-        for campaign, one in zip(measured[name], configurations, strict=True):
-            notes += [f"{campaign.folder.name} changed {text}" for text in one["changes"] or ()]
         seeds = [str(campaign.seed) for campaign in measured[name] if campaign.seed is not None]
         if len(set(seeds)) < len(seeds) and not mixed:
             notes.append(f"campaigns of {name} have the same seed: they are no repeats")

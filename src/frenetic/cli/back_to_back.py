@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -100,11 +101,11 @@ def back_to_back(
         )
     with as_usage_error():
         plan = plan_roads(old, new, fresh=fresh, seed=seed, repeats=repeats, top=top)
-    old_spec = _spec(old, old_driver, old_driver_options)
+    is_recorded = old_driver is None and not old_driver_options
+    old_spec = _spec(old, old_driver, old_driver_options, checked=not is_recorded)
     new_spec = _spec(new or old, driver, driver_options)
-    with ExitStack() as stack:
-        spec = stack.enter_context(as_recorded(old, old_spec)) if old_spec.driver.made else old_spec
-        result = _driven(plan, spec, new_spec, workers, drive_limit)
+    old_version = partial(as_recorded, old) if is_recorded else nullcontext
+    result = _driven(plan, lambda: old_version(old_spec), new_spec, workers, drive_limit)
     if as_json:
         click.echo(json.dumps(back_to_back_document(result)))
     else:
@@ -112,11 +113,14 @@ def back_to_back(
     raise click.exceptions.Exit(_EXIT_CODES[result.verdict])
 
 
-def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]) -> Spec:
-    """The spec of a version.
+def _spec(
+    folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...], *, checked: bool = True
+) -> Spec:
+    """The spec of a version, whose parts have to be trusted if that is ``checked``.
 
     Raises:
         CampaignError: the campaign was started from Python, or its record is damaged.
+        FreneticError: it names code that this user has not run.
     """
     from frenetic.campaign import CampaignStore
 
@@ -126,7 +130,8 @@ def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]
                 f"{folder} was started from Python, so its parts have no names: compare the"
                 " versions there, with frenetic.redrive.back_to_back"
             )
-        spec = recorded_spec(store, {"driver": driver, "driver_options": options}, checked=False)
+        given = {"driver": driver, "driver_options": options}
+        spec = recorded_spec(store, given, checked=checked)
         recorded: Any = store.config["driver"]
     simulator = spec.simulator
     return replace(
@@ -137,7 +142,11 @@ def _spec(folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...]
 
 
 def _driven(
-    plan: Plan, old_spec: Spec, new_spec: Spec, workers: int, drive_limit: float | None
+    plan: Plan,
+    old_version: Callable[[], AbstractContextManager[Spec]],
+    new_spec: Spec,
+    workers: int,
+    drive_limit: float | None,
 ) -> BackToBack:
     from frenetic.redrive.back_to_back import (
         Driving,
@@ -152,13 +161,13 @@ def _driven(
     from frenetic.versions import other_version
 
     log = Log()
-    simulator = old_spec.make_simulator()
     # One version after the other, since both may call their modules alike. First both are made, so
     # that a mistake in the new one shows before the old one has driven.
     made = []
-    for spec in (old_spec, new_spec):
-        with own_modules():
+    for version in (old_version, lambda: nullcontext(new_spec)):
+        with own_modules(), version() as spec:
             made.append(describe(spec.make_driver()))
+    simulator = new_spec.make_simulator()
     check_differ(*made)
     if plan.new is not None and (note := other_version("driver", new_spec.driver.made, made[1])):
         log.print(f"Note: {plan.new}: {note}", markup=False)
@@ -168,8 +177,12 @@ def _driven(
         place = isolated(simulator, driver, drive_limit) if workers == 1 else simulator
         return Driving(place, driver, workers, drive_limit, **hooks)
 
-    with own_modules(), shown_driving(log, "Driving the old version") as hooks:
-        old = drive_old(plan, driving(old_spec, hooks), old_spec)
+    with (
+        own_modules(),
+        old_version() as spec,
+        shown_driving(log, "Driving the old version") as hooks,
+    ):
+        old = drive_old(plan, driving(spec, hooks), spec)
     to_go = "{} to go; the same command goes on"
     if old.missing:
         raise interrupted(log, to_go.format(counted(old.missing + plan.drives, "drive")))

@@ -28,6 +28,7 @@ from frenetic.cli.parts import (
 )
 from frenetic.errors import CampaignError
 from frenetic.spec import DRIVEN, Spec, drive_options
+from frenetic.trust import NOT_DRIVING
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -92,8 +93,8 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
 
 
 def named_parts(given: Mapping[str, Any]) -> list[str]:
-    """Kinds of parts that the command line names itself."""
-    return ["strategy", *(kind for kind in ("driver", "simulator") if given.get(kind))]
+    """Kinds of parts that the command line names itself, or does not make."""
+    return [*NOT_DRIVING, *(kind for kind in ("driver", "simulator") if given.get(kind))]
 
 
 def file_spec(context: click.Context, file: RoadFile) -> Spec:

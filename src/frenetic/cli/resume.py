@@ -57,11 +57,12 @@ def resume(
     BeamNG.tech has moved, give its new place, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
+    from frenetic.campaign.campaign import SOURCES
     from frenetic.campaign.store import DATABASE
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()
-        spent = store.elapsed()
+        spent, sources = store.elapsed(), store.fact(SOURCES)
     if "entrant" in config:
         raise click.UsageError(
             f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
@@ -87,11 +88,10 @@ def resume(
         else:
             recorded = {k: v for k, v in facts.items() if k == "budget"}
         spec = Spec.from_json({**config, **recorded}, source=campaign / DATABASE)
-        spec.require_trusted(
-            campaign,
-            remedy="restore it, or start a new campaign from this one: frenetic run --from"
-            f" {shell(campaign)}",
-        )
+        edited = " and ".join(spec.edited(sources))
+        what = f"{edited} was edited: restore it, or" if edited else "if you trust it,"
+        remedy = f"{what} start a new campaign from this one: frenetic run --from {shell(campaign)}"
+        spec.require_trusted(campaign, remedy=remedy)
         assert spec.budget is not None
         budget = spec.budget
         is_spent = budget.spent(done["simulations"], spent, done["failures"]) >= 1.0

@@ -37,7 +37,8 @@ from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import USUAL, Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
-from frenetic.versions import SHORT, comparison_key, differences, local_file, sources_of_file
+from frenetic.trust import NOT_DRIVING
+from frenetic.versions import SHORT, comparison_key, differences, sources_named
 
 FRESH: Final = 200
 """Default number of fresh roads."""
@@ -152,11 +153,10 @@ def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
     with CampaignStore.open(folder) as store:
         sources: Any = store.fact(SOURCES) or {}
     place, _, name = (spec.driver.name or "").rpartition(":")
-    file = Path(place) if place.endswith(".py") else local_file(place) if place else None
-    present = sources_of_file(file) if file is not None and file.is_file() else {}
+    present = sources_named(spec.driver.name or "")
     is_edited = not sources.items() >= present.items() or bool(sources and not present)
     if not is_edited:
-        spec.require_trusted(folder, ["strategy"])
+        spec.require_trusted(folder, NOT_DRIVING)
         yield spec
         return
     if not sources:
@@ -176,10 +176,10 @@ def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
             if place.endswith(".py"):
                 place = str(Path(temporary) / Path(place).name)
             else:
-                sys.path.insert(0, temporary)
+                sys.path[:0] = [temporary, str(Path.cwd())]
             driver = replace(spec.driver, name=f"{place}:{name}")
             restored = replace(spec, driver=driver)
-            restored.require_trusted(folder, ["strategy"])
+            restored.require_trusted(folder, NOT_DRIVING)
             yield restored
         finally:
             sys.path[:] = path

@@ -236,7 +236,7 @@ def rerun(
         FreneticError: the simulator cannot vary one of the quantities.
         ValueError: an option is out of range.
     """
-    folder = Path(folder)
+    folder, seed = Path(folder), int(seed)  # which may be numpy's
     conditions = draw_conditions(variations, times, seed)
     check_can_vary(simulator, [variation.quantity for variation in variations])
     # All have the same layers over the driver.

@@ -29,6 +29,9 @@ class CarBody:
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
+        for name, value in (("length", self.length), ("width", self.width)):
+            if not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"the car's {name} is {value}: a positive number is needed")
 
     def to_array(self) -> FloatArray:
         """Length, width and centre_ahead, (3,), as the kernels take them."""

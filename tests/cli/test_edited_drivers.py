@@ -1,0 +1,182 @@
+"""Two versions of a user's driver are told apart by every command, and the old one drives on."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from frenetic.campaign import CampaignStore, RoadTester
+from frenetic.redrive.back_to_back import as_recorded
+from frenetic.registry import own_modules
+from frenetic.spec import Spec
+from frenetic.versions import short_version
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line", "user_modules"]
+
+DRIVER = """
+from frenetic.drivers.driver import Controls
+from {}gains import HEADING
+
+class Mpc:
+    def __init__(self, comfort=2.0):
+        self._comfort = comfort
+    def reset(self, setup):
+        pass
+    def act(self, o):
+        steering = 3.5 * o.curvature_ahead[3] - 0.1 * o.lateral_offset - HEADING * o.heading_error
+        return Controls(steering, 0.3 if o.speed < 17 else 0.0, 0.0)
+"""
+RUN = ("run", "--simulations", "12", "--workers", "1", "--seed")
+CAMPAIGNS = {"old": "mpc.py:Mpc", "module": "laws.mpc:Mpc", "new": "mpc.py:Mpc"}
+"""Campaign -> its driver; the last one was run after an edit."""
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
+    """Campaigns of two versions of a driver, in a file and in a package; the second is there."""
+    folder = tmp_path_factory.mktemp("versions")
+    (folder / "laws").mkdir()
+    (folder / "laws" / "__init__.py").touch()
+    (folder / "mpc.py").write_text(DRIVER.format(""), encoding="utf-8")
+    (folder / "laws" / "mpc.py").write_text(DRIVER.format("."), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        for name, driver in CAMPAIGNS.items():
+            write_gains("0.9" if name == "new" else "0.8")
+            with own_modules():
+                prepare(*RUN, "3", "--driver", driver, "--out", name)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def versions(made: Path, tmp_path: Path, anew: Frenetic) -> None:
+    """A copy of these in the folder of the command line."""
+    shutil.copytree(made, tmp_path, dirs_exist_ok=True)
+
+
+def write_gains(heading: str) -> None:
+    for file in ("gains.py", "laws/gains.py"):
+        Path(file).write_text(f"HEADING = {heading}  # rad/rad\n", encoding="utf-8")
+
+
+def version(folder: str) -> str:
+    with CampaignStore.open(folder) as store:
+        return short_version(store.config["driver"])
+
+
+def test_show_report_and_export_say_which(anew: Frenetic) -> None:
+    assert version("old") != version("new")
+    for folder in ("old", "new"):
+        assert f"Mpc(comfort=2.0) [{version(folder)}]" in anew("show", folder).out
+        shown = anew("show", folder, "--json").json["config"]["driver"]
+        assert (shown["version"], shown["options"]) == (version(folder), {"comfort": 2.0})
+        page = Path(folder, "report.html").read_text(encoding="utf-8")
+        assert f"mpc.py:Mpc, {version(folder)}" in page
+
+
+def test_a_campaign_keeps_its_sources() -> None:
+    for folder, files in (
+        ("old", {"mpc.py", "gains.py"}),
+        ("module", {"laws/__init__.py", "laws/mpc.py", "laws/gains.py"}),
+    ):
+        with CampaignStore.open(folder) as store:
+            sources: Any = store.fact("sources")
+        assert sources.keys() == files
+        assert {"HEADING = 0.8  # rad/rad\n"} <= set(sources.values())
+
+
+def test_compare_never_takes_them_for_repeats(anew: Frenetic) -> None:
+    names = [f"Mpc [{version(one)}]" for one in ("new", "old")]
+    assert sorted(anew("compare", "old", "new", "--json").json["groups"]) == sorted(names)
+    assert anew("compare", "old", "--json").code == 2
+
+
+@pytest.mark.parametrize("folder", ["old", "module"])
+@pytest.mark.parametrize("heading", ["0.9", "1.1"])
+def test_resume_refuses_an_edited_driver_and_names_what_to_do(
+    anew: Frenetic, folder: str, heading: str
+) -> None:
+    """Whether the user has run the edited one meanwhile, as the first, or not."""
+    more = ("resume", folder, "--simulations", "2")
+    write_gains(heading)
+    gains = "gains.py" if folder == "old" else "laws/gains.py"
+    refused = anew(*more)
+    assert refused.refuses(f"{gains} was edited")
+    (command,) = re.findall("start a new campaign from this one: (frenetic .*)", refused.err)
+    words = shlex.split(command)
+    assert words == ["frenetic", "run", "--from", folder, "--driver", CAMPAIGNS[folder]]
+    assert anew(*words[1:], *RUN[1:], "4", "--out", "next").code == 0
+    write_gains("0.8  ")
+    assert anew(*more).refuses(f"{gains} was edited")
+    write_gains("0.8")
+    assert anew(*more).code == 0
+
+
+@pytest.mark.parametrize("folder", ["old", "module"])
+def test_the_old_version_of_an_edited_driver_drives_as_it_did(folder: str) -> None:
+    with CampaignStore.open(folder) as store:
+        spec = Spec.from_json(store.config, source=folder)
+        tests = [test for test in store.tests() if test.outcome.is_driven]
+    assert len(tests) == 12
+
+    def same(spec: Spec) -> list[bool]:
+        with own_modules():
+            tester = RoadTester(spec.make_simulator(), spec.make_driver())
+        return [tester.test(test.candidate).result == test.result for test in tests]
+
+    assert not all(same(spec))
+    with own_modules(), as_recorded(folder, spec) as old:
+        assert all(same(old))
+    shutil.rmtree("laws")
+    Path("mpc.py").unlink()
+    with own_modules(), as_recorded(folder, spec) as old:
+        assert all(same(old))
+
+
+@pytest.mark.parametrize("folder", ["old", "module"])
+def test_an_edited_driver_is_compared_with_its_old_self(anew: Frenetic, folder: str) -> None:
+    fresh = ("--fresh", "3", "--top", "2", "--json")
+    compared = anew("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh).json
+    assert compared["old"]["version"] == version(folder)
+    assert compared["new"]["version"] not in (version(folder), "")
+    write_gains("0.8")
+    same = anew("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh)
+    assert same.refuses("both versions are the same")
+
+
+@pytest.mark.parametrize(
+    "again",
+    [
+        ("robustness", "--times", "2", "--top", "1"),
+        ("regression",),
+        ("confirm", "--simulator-option", "friction=0.9", "--top", "1"),
+        ("minimise", "--max-drives", "5"),
+    ],
+)
+def test_driving_again_says_that_it_is_another(
+    anew: Frenetic, again: tuple[str, ...], caplog: pytest.LogCaptureFixture
+) -> None:
+    command, *options = again
+    assert anew(command, "new", *options).code in (0, 1)
+    assert "another version" not in caplog.text
+    assert anew(command, "old", *options).code in (0, 1)
+    text = "driver Mpc is another version than the campaign's: it is {}, it was {}"
+    said = [record.getMessage() for record in caplog.records]
+    assert said.count(text.format(version("new"), version("old"))) == 1
+
+
+def test_a_bench_goes_on_with_the_same_version_only(anew: Frenetic) -> None:
+    bench = ("bench", "--simulations", "3", "--repeats", "1", "--workers", "1", "--out", "b")
+    assert anew(*bench, "--strategy", "random", "--driver", "mpc.py:Mpc").code == 0
+    assert anew("bench", "--resume", "--out", "b").code == 0
+    write_gains("0.8")
+    assert anew("bench", "--resume", "--out", "b").refuses("another driver: driver Mpc: it is")
