@@ -70,7 +70,8 @@ def a_failure() -> str:
     return str(min(Path("c/failures").glob("test-*.json")))
 
 
-DRIVING = {
+FRESH = ("back-to-back", "--fresh", "2", "--top", "0")
+DRIVING: dict[str, Callable[[], tuple[str, ...]]] = {
     "drive": lambda: ("drive", a_failure()),
     "robustness": lambda: ("robustness", "c", "--times", "2", "--top", "1"),
     "regression": lambda: ("regression", "c"),
@@ -78,7 +79,7 @@ DRIVING = {
     "minimise": lambda: ("minimise", "c", "--max-drives", "3"),
 }
 """Commands that drive, and take another driver."""
-OTHERS = {
+OTHERS: dict[str, Callable[[], tuple[str, ...]]] = {
     "resume": lambda: ("resume", "c", "--simulations", "1"),
     "back-to-back, as the old one": lambda: (*FRESH, "c", "--driver", "planner"),
     "back-to-back, with an option": lambda: (
@@ -86,7 +87,6 @@ OTHERS = {
     ),
     "back-to-back, as the new one": lambda: (*FRESH, "own", "c"),
 }
-FRESH = ("back-to-back", "--fresh", "2", "--top", "0")
 
 
 @pytest.mark.parametrize("command", [*DRIVING, *OTHERS])

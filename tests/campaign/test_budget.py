@@ -1,8 +1,12 @@
 from __future__ import annotations
 
+import re
+from typing import Any
+
 import pytest
 
 from frenetic.campaign import Budget
+from frenetic.spec import decode_budget
 
 
 def test_nearest_limit_counts() -> None:
@@ -16,21 +20,33 @@ def test_share_never_exceeds_one() -> None:
     assert Budget(time=1.0).spent(0, 7.0, 0) == 1.0
 
 
+WHOLE = "a whole number of at least 1 is needed"
+SECONDS = "a positive number of seconds is needed"
+
+
 @pytest.mark.parametrize(
-    "limits",
+    ("limits", "fault"),
     [
-        {},
-        {"simulations": 0},
-        {"simulations": -3},
-        {"simulations": 2.5},
-        {"simulations": True},
-        {"failures": 0},
-        {"time": 0.0},
-        {"time": -1.0},
-        {"time": float("nan")},
-        {"time": float("inf")},
+        ({}, "the budget limits nothing: simulations, time or failures has to be given"),
+        ({"simulations": 0}, f"simulations is 0: {WHOLE}"),
+        ({"simulations": -1}, f"simulations is -1: {WHOLE}"),
+        ({"failures": 0}, f"failures is 0: {WHOLE}"),
+        ({"time": -1.0}, f"time is -1.0: {SECONDS}"),
+        ({"time": float("inf")}, f"time is inf: {SECONDS}"),
     ],
 )
-def test_budget_that_is_none_is_refused(limits: dict[str, float]) -> None:
-    with pytest.raises(ValueError, match=r"needed|has to be given"):
-        Budget(**limits)  # type: ignore[arg-type]
+def test_what_is_none_is_refused_alike_from_python_and_from_a_record(
+    limits: dict[str, Any], fault: str
+) -> None:
+    for make in (lambda: Budget(**limits), lambda: decode_budget(limits)):
+        with pytest.raises(ValueError, match=f"^{re.escape(fault)}"):
+            make()
+
+
+@pytest.mark.parametrize(
+    "limits", [{"simulations": 2.5}, {"simulations": "5"}, {"failures": True}, {"time": "10s"}]
+)
+def test_what_is_no_number_is_refused(limits: dict[str, Any]) -> None:
+    for make in (lambda: Budget(**limits), lambda: decode_budget(limits)):
+        with pytest.raises(ValueError, match=r"is needed|^Expected .* - at `\$\.\w+`$"):
+            make()

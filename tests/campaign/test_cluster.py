@@ -173,7 +173,7 @@ def test_an_ordered_campaign_is_the_one_of_a_single_process(
     campaign(tmp_path / "there", cluster.address, Uneven(), ordered=True).run()
     assert contents(tmp_path / "there") == contents(tmp_path / "here")
     with CampaignStore.open(tmp_path / "there") as store:
-        workers = {str(record.worker) for record in store.tests() if record.worker}
+        workers = {str(test.attempt.worker) for test in store.tests() if test.attempt.worker}
     assert 1 <= len(workers) <= 2  # one may be quicker than the other, again and again
     assert all(name.startswith("127.0.0.1:") for name in workers)
 

@@ -21,7 +21,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary
 from frenetic.campaign.log import CampaignLog, WorkerState
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.tester import Placement, RoadTester
+from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import Workers
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -68,7 +68,7 @@ class FakeWorkers:
     def states(self) -> Mapping[str, WorkerState]:
         return {}
 
-    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
+    def submit(self, candidate: Candidate) -> None:
         assert self.free
         assert candidate.id not in self.running
         self.running[candidate.id] = candidate
@@ -228,7 +228,7 @@ def test_results_are_told_as_they_come(tmp_path: Path) -> None:
     ]
     with CampaignStore.open(tmp_path) as store:
         assert [record.candidate.id for record in store.tests()] == [3, 1, 2, 4, 7, 6, 5]
-        places = {asked.id: place for asked, place in store.candidates_with_place()}
+        places = {asked.id: place for asked, place in store.candidates()}
     assert places == {1: 0, 2: 0, 3: 0, 4: 2, 5: 2, 6: 3, 7: 4}
 
 
@@ -255,7 +255,7 @@ def test_as_results_come_each_promise_is_kept(tmp_path: Path, seed: int) -> None
             if record.outcome is Outcome.DROPPED:
                 # Driven it was not, though an attempt may have been lost.
                 assert tries[number] == 0 or lost
-                assert (record.attempts, record.worker) == (0, None)
+                assert (record.attempts, record.attempt.worker) == (0, None)
             else:
                 assert record.attempts == tries[number] <= 2
                 assert (record.outcome is Outcome.ERROR) == (losses.get(number, 0) >= 2)
@@ -348,7 +348,7 @@ def one_by_one(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     for folder, budget in zip(folders, BUDGETS, strict=True):
         strategy, _, _ = ordered_run(folder, budget)
         assert strategy.of("DROPPED")
-        assert {"F1", "C1", "P1"} <= {str(row[1]) for row in contents(folder)["candidate"]}
+        assert {"F1", "C1", "P1"} <= {str(row[1]) for row in contents(folder)["test"]}
     return folders
 
 
@@ -426,7 +426,7 @@ def test_in_order_siblings_are_driven_last(tmp_path: Path) -> None:
     assert submitted[True][:3] == [1, 4, 7]
     assert len(submitted[False]) == 39  # almost two of each litter
     assert len(submitted[True]) == 20 + 2  # the last ones, when nothing else is left
-    told = [contents(tmp_path / str(known))["test"] for known in (False, True)]
+    told = [contents(tmp_path / str(known), without=("parents",)) for known in (False, True)]
     assert told[0] == told[1]
 
 
@@ -518,7 +518,7 @@ def test_real_workers_as_results_come_meet_the_budget(tmp_path: Path) -> None:
     assert summary.simulations == 80
     assert sorted(strategy.told) == strategy.of("ask")
     with CampaignStore.open(tmp_path) as store:
-        by = Counter(r.worker for r in store.tests() if r.outcome is not Outcome.DROPPED)
+        by = Counter(r.attempt.worker for r in store.tests() if r.outcome is not Outcome.DROPPED)
     assert set(by) == {"worker 1", "worker 2", "worker 3"}
 
 
@@ -553,7 +553,7 @@ def test_a_road_lost_twice_is_an_error_with_its_reason(tmp_path: Path) -> None:
         record = store.test(2)
     assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
     assert record.reason == "fake was lost: it fell asleep"
-    assert (record.pose, record.trajectory) == (None, None)
+    assert (record.attempt.pose, record.drive) == (None, None)
 
 
 def test_nothing_but_lost_attempts_ends_the_campaign(tmp_path: Path) -> None:

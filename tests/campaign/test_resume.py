@@ -5,32 +5,29 @@ from __future__ import annotations
 import os
 import random
 import signal
-import sqlite3
 import sys
 from collections.abc import Iterator
-from contextlib import closing
-from dataclasses import replace
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import killing
 import numpy as np
 import pytest
-from checksums import forget_checksums
 from contents import contents
 from faulty import Marks
 from pids import until_gone
+from test_campaign import Scripted
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import CampaignError
-from frenetic.registry import USER_MODULE
+from frenetic.registry import own_modules
 from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
-from frenetic.simulators import EmbeddedSimulator
+from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import DummyDriver, DummySimulator
 
 SIMULATIONS = 160
@@ -165,17 +162,6 @@ def test_other_parts_are_refused_and_nothing_is_changed(tmp_path: Path) -> None:
     assert contents(tmp_path) == before
 
 
-def test_a_campaign_of_a_version_with_fewer_options_goes_on(tmp_path: Path) -> None:
-    campaign(tmp_path, simulator=Stopping(20)).run()
-    with closing(sqlite3.connect(tmp_path / DATABASE)) as connection:
-        forget = "UPDATE campaign SET value = json_remove(value, ?) WHERE key = 'config'"
-        connection.execute(forget, ("$.strategy.options.skip_repeats",))
-        forget_checksums(connection)
-        connection.commit()
-    summary = campaign(tmp_path, simulator=Stopping(999)).resume()
-    assert not summary.interrupted
-
-
 def test_strategy_that_replays_differently_is_noticed(tmp_path: Path) -> None:
     class Changed(Frenetic2021):
         def ask(self) -> Candidate:
@@ -215,150 +201,92 @@ def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(tmp_path
 # Parts that were changed
 
 
-DRIVER = """
+PARTS = """
 from frenetic.testing import DummyDriver
 
 class Mpc(DummyDriver):
     def __init__(self, comfort=2.0):
         super().__init__()
         self.comfort = comfort
+
+def worst(road, drive):
+    return -float(drive.trajectory.speed.max())
 """
 
 
-@pytest.fixture
-def driver_file(tmp_path: Path) -> Iterator[Path]:
-    """A user's driver, loaded anew by `with_driver`."""
-    path = tmp_path / "mpc.py"
-    path.write_text(DRIVER, encoding="utf-8")
-    search_path = list(sys.path)
-    yield path
-    forget_user_files()
-    sys.path[:] = search_path
+@contextmanager
+def with_parts(folder: Path, simulations: int, **options: object) -> Iterator[Campaign]:
+    """A campaign with a driver and an objective of a file beside it, loaded anew."""
+    with own_modules():
+        yield Campaign(
+            strategy=RandomSearch(seed=4),
+            simulator=DummySimulator(drift),
+            driver=load_driver(f"{folder.parent}/parts.py:Mpc", options),
+            budget=Budget(simulations=simulations),
+            folder=folder,
+            objective=f"{folder.parent}/parts.py:worst",
+        )
 
 
-def forget_user_files() -> None:
-    for name in [name for name in sys.modules if name.startswith(USER_MODULE)]:
-        del sys.modules[name]
-
-
-def with_driver(folder: Path, file: Path, simulations: int, **options: object) -> Campaign:
-    forget_user_files()
-    return Campaign(
-        strategy=Frenetic2021(seed=4, cross_freq=10, cross_num=6, max_redraws=10),
-        simulator=DummySimulator(drift),
-        driver=load_driver(f"{file}:Mpc", options),
-        budget=Budget(simulations=simulations),
-        folder=folder,
-    )
-
-
-def test_a_changed_driver_is_refused_unless_it_is_accepted_and_then_marked(
-    tmp_path: Path, driver_file: Path
-) -> None:
-    folder = tmp_path / "c"
-    with_driver(folder, driver_file, 20).run()
-    before = contents(folder)
-    driver_file.write_text(DRIVER + "\n", encoding="utf-8")
-    with pytest.raises(CampaignError, match=r"another driver: driver Mpc: mpc\.py was changed;"):
-        with_driver(folder, driver_file, 40).resume()
-    with pytest.raises(CampaignError, match=r"driver Mpc: comfort is 1\.0, it was 2\.0"):
-        with_driver(folder, driver_file, 40, comfort=1.0).resume()
-    assert contents(folder) == before
-    with CampaignStore.open(folder) as store:
-        told, first = store.counts().told, store.parts["driver"]
-        assert store.changes == ()
-    changed = with_driver(folder, driver_file, 40)
-    assert changed.resume(accept_changed=True).simulations == 40
-    assert changed.notes == (f"changed from result {told + 1} on: driver Mpc: mpc.py was changed",)
-    with CampaignStore.open(folder) as store:
-        (mark,) = store.changes
-        assert (mark.first, mark.what) == (told + 1, ("driver Mpc: mpc.py was changed",))
-        assert store.config["driver"] == first != store.parts["driver"]
-    # It is the campaign's driver now, and the first one is another.
-    unchanged = with_driver(folder, driver_file, 50)
-    unchanged.resume()
-    assert unchanged.notes == ()
-    driver_file.write_text(DRIVER, encoding="utf-8")
-    with pytest.raises(CampaignError, match="another driver"):
-        with_driver(folder, driver_file, 60).resume()
-    with_driver(folder, driver_file, 60).resume(accept_changed=True)
-    with CampaignStore.open(folder) as store:
-        assert [change.parts["driver"] == first for change in store.changes] == [False, True]
-
-
-def test_a_change_without_a_result_since_is_replaced(tmp_path: Path, driver_file: Path) -> None:
-    folder = tmp_path / "c"
-    stopped = with_driver(folder, driver_file, 40)
-    stopped.tester = replace(stopped.tester, simulator=Stopping(20))
-    stopped.run()
-    for more, marks in (("\n# one", 1), ("\n# two", 1), ("", 0)):
-        driver_file.write_text(DRIVER + more, encoding="utf-8")
-        interrupted = with_driver(folder, driver_file, 40)
-        interrupted.tester = replace(interrupted.tester, simulator=Stopping(0))
-        interrupted.resume(accept_changed=True)
-        with CampaignStore.open(folder) as store:
-            assert len(store.changes) == marks
-
-
-def test_built_in_rules_that_changed_are_refused_too(
+def test_a_campaign_goes_on_with_the_parts_that_it_was_made_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    campaign(tmp_path, simulations=20).run()
-    monkeypatch.setattr("frenetic.oracle.BEHAVIOUR", 2)
-    with pytest.raises(CampaignError, match="rules: it is version 2, it was version 1"):
-        campaign(tmp_path, simulations=30).resume()
-    campaign(tmp_path, simulations=30).resume(accept_changed=True)
+    file, folder = tmp_path / "parts.py", tmp_path / "c"
+    file.write_text(PARTS, encoding="utf-8")
+    with with_parts(folder, 5) as search:
+        search.run()
+    before = contents(folder)
+
+    def refusal(**options: object) -> str:
+        with pytest.raises(CampaignError) as refused, with_parts(folder, 10, **options) as edited:
+            edited.resume()
+        assert contents(folder) == before
+        assert "\n" not in str(refused.value)
+        return str(refused.value)
+
+    message = refusal(comfort=1.0)
+    assert "made with another driver: driver Mpc: comfort is 1.0, it was 2.0; restore" in message
+    assert message.endswith(f"start a new campaign from this one: frenetic run --from {folder}")
+    file.write_text(PARTS.replace("max()", "min()"), encoding="utf-8")
+    message = refusal()
+    assert "was made with another driver and version: parts.py was edited; driver Mpc: " in message
+    assert "; objective: it is source " in message
+    file.write_text(PARTS, encoding="utf-8")
+    with monkeypatch.context() as patch:
+        patch.setattr("frenetic.oracle.BEHAVIOUR", 99)
+        assert "rules: it is version 99, it was version" in refusal()
+    with with_parts(folder, 10) as search:
+        assert search.resume().simulations == 10
 
 
-def test_a_campaign_without_fingerprints_is_resumed_with_a_note_and_has_them_then(
-    tmp_path: Path, driver_file: Path
-) -> None:
-    folder = tmp_path / "c"
-    with_driver(folder, driver_file, 20).run()
-    with closing(sqlite3.connect(folder / DATABASE)) as connection:
-        for path in (
-            "strategy.fingerprint",
-            "simulator.fingerprint",
-            "driver.fingerprint",
-            "driver.options",
-            "fingerprints",
-        ):
-            forget = "UPDATE campaign SET value = json_remove(value, ?) WHERE key = 'config'"
-            connection.execute(forget, (f"$.{path}",))
-        forget_checksums(connection)
-        connection.commit()
-    driver_file.write_text(DRIVER + "\n", encoding="utf-8")
-    old = with_driver(folder, driver_file, 30)
-    old.resume()
-    (note,) = old.notes
-    assert note.startswith(
-        "whether these are as before is unknown: strategy Frenetic2021: the campaign"
-    )
-    again = with_driver(folder, driver_file, 40)
-    again.resume()
-    assert again.notes == ()
-    driver_file.write_text(DRIVER, encoding="utf-8")
-    with pytest.raises(CampaignError, match=r"mpc\.py was changed"):
-        with_driver(folder, driver_file, 50).resume()
-    with CampaignStore.open(folder) as store:
-        (mark,) = store.changes
-        assert mark.what == ()
-    assert check_campaign(folder).is_sound
+@pytest.mark.parametrize(
+    ("term", "changed"),
+    [
+        ("map size", {"map_size": 150.0}),
+        ("margin", {"margin": 5.0}),
+        ("lane width", {"lane_width": 3.5}),
+        ("lookahead", {"ordered": True}),
+        ("objective", {"objective": "oob-share"}),
+        ("rules", {"simulator": DummySimulator(drift, rules=Rules(speed_limit=50.0))}),
+    ],
+)
+def test_other_terms_are_refused(tmp_path: Path, term: str, changed: dict[str, Any]) -> None:
+    def search(simulations: int, **options: Any) -> Campaign:
+        parts: dict[str, Any] = {"simulator": DummySimulator(drift), "driver": DummyDriver()}
+        return Campaign(
+            strategy=Scripted([0.0] * 8),
+            budget=Budget(simulations=simulations),
+            folder=tmp_path,
+            **(parts | options),
+        )
+
+    search(3).run()
+    with pytest.raises(CampaignError, match=f"was made with another {term}: "):
+        search(6, **changed).resume()
+    assert search(6).resume().simulations == 6
 
 
-@pytest.mark.parametrize("damage", ["7", '[{"first": 0}]', "[7]", '"text"'])
-def test_a_damaged_mark_is_one_line(tmp_path: Path, damage: str) -> None:
-    campaign(tmp_path, simulations=20).run()
-    with closing(sqlite3.connect(tmp_path / DATABASE)) as connection:
-        connection.execute("INSERT INTO campaign (key, value) VALUES ('changes', ?)", (damage,))
-        connection.commit()
-    with pytest.raises(CampaignError, match="is damaged: the fact changes: a list of changes"):
-        campaign(tmp_path, simulations=30).resume()
-    (finding,) = check_campaign(tmp_path).findings
-    assert "the fact changes is" in finding.message
-
-
-class _Watching(Frenetic):
+class Watching(Frenetic):
     """Notes what it is told of drives."""
 
     def __init__(self, **options: Any) -> None:
@@ -374,8 +302,8 @@ class _Watching(Frenetic):
 
 
 def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -> None:
-    def watched(simulations: int) -> tuple[_Watching, Campaign]:
-        strategy = _Watching(seed=4)
+    def watched(simulations: int) -> tuple[Watching, Campaign]:
+        strategy = Watching(seed=4)
         return strategy, Campaign(
             strategy=strategy,
             simulator=EmbeddedSimulator(),
@@ -392,45 +320,3 @@ def test_a_resumed_strategy_is_told_of_drives_what_it_was_told(tmp_path: Path) -
     assert {told[1] for told in strategy.told} == {"left", "right", None}
     assert resumed.told[: len(strategy.told)] == strategy.told
     assert len(resumed.told) > len(strategy.told)
-
-
-def test_a_changed_objective_of_ones_own_is_refused(tmp_path: Path, driver_file: Path) -> None:
-    def searching(simulations: int) -> Campaign:
-        forget_user_files()
-        return Campaign(
-            strategy=RandomSearch(seed=4),
-            simulator=DummySimulator(drift),
-            driver=DummyDriver(),
-            budget=Budget(simulations=simulations),
-            folder=tmp_path / "c",
-            objective=f"{file}:worst",
-        )
-
-    file = driver_file.with_name("objective.py")
-    source = "def worst(road, drive):\n    return -float(drive.trajectory.speed.max())\n"
-    file.write_text(source, encoding="utf-8")
-    searching(5).run()
-    file.write_text(source.replace("max", "min"), encoding="utf-8")
-    with pytest.raises(CampaignError, match=r"objective: objective\.py was changed"):
-        searching(10).resume()
-    assert searching(10).resume(accept_changed=True).simulations == 10
-
-
-def test_a_search_goes_on_from_what_another_version_of_it_began(tmp_path: Path) -> None:
-    def searching(name: str, simulations: int, seed: int) -> Campaign:
-        search = Frenetic(seed=seed, random_roads=5, random_budget=1.0)
-        return campaign(tmp_path / name, search, simulations=simulations)
-
-    for name in ("in steps", "at once"):
-        searching(name, 20, seed=1).run()
-    with pytest.raises(CampaignError, match="made with another strategy"):
-        searching("in steps", 30, seed=2).resume()
-    for simulations in (30, 40):
-        searching("in steps", simulations, seed=2).resume(accept_changed=True)
-    searching("at once", 40, seed=2).resume(accept_changed=True)
-    found = []
-    for name in ("in steps", "at once"):
-        with CampaignStore.open(tmp_path / name) as store:
-            found.append([record.candidate.curvatures.tobytes() for record in store.tests()])
-    assert len(set(found[0])) == 40
-    assert found[0] == found[1]

@@ -14,8 +14,8 @@ from test_campaign import BENT, LOOP, STRAIGHT, Scripted, fails_when_bent
 import frenetic.campaign.campaign as campaign_module
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary, Test
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.tester import Placement
 from frenetic.campaign.workers.workers import InProcessWorker
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -169,13 +169,13 @@ class TwoAtOnce(InProcessWorker):
     def free(self) -> int:
         return 2 - len(self.__dict__.setdefault("candidates", []))
 
-    def submit(self, candidate: Candidate, placement: Placement | None = None) -> None:
-        self.__dict__["candidates"].append((candidate, placement))
+    def submit(self, candidate: Candidate) -> None:
+        self.__dict__["candidates"].append(candidate)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         attempts: list[Attempt] = []
         for candidate in self.__dict__.pop("candidates"):
-            super().submit(*candidate)
+            super().submit(candidate)
             attempts += super().wait(timeout)
         return attempts
 
@@ -212,7 +212,7 @@ def test_the_best_test_is_the_worst_for_the_driver(tmp_path: Path) -> None:
     other = campaign(tmp_path / "b", objective="oob-share")
     end: Summary = other.run(4)
     with CampaignStore.open(tmp_path / "b") as store:
-        values = store.objectives()
+        values = objectives(store)
     assert other.best_test is not None
     assert values[other.best_test.id] == end.best == max(values.values())
 

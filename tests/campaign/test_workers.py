@@ -11,11 +11,10 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from multiprocessing import forkserver
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 from faulty import (
     STALLED,
@@ -52,30 +51,17 @@ from faulty import (
 from pids import LIMIT, is_running, until, until_gone
 
 from frenetic._support import child_processes
-from frenetic._support.child_processes import Failed, Logged
 from frenetic.campaign import RoadTester
 from frenetic.campaign.log import LOG, CampaignLog
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.tester import Placement
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
 from frenetic.campaign.workers import local as processes
-from frenetic.campaign.workers.local import (
-    Answer,
-    Ready,
-    decode_message,
-    decode_task,
-    encode_message,
-    encode_task,
-)
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
-from frenetic.road import Pose
-from frenetic.search import Candidate, Origin
 from frenetic.simulators import Simulator, isolated
-from frenetic.simulators.worlds import Conditions
 from frenetic.testing import DummyDriver, DummySimulator
 
 pytest_plugins = ["marked"]
@@ -479,7 +465,7 @@ def test_a_process_that_cannot_be_made_is_a_worker_less(
         def refuse(*_: object, **__: object) -> None:
             raise BlockingIOError(11, "Resource temporarily unavailable")
 
-        monkeypatch.setattr(type(workers._context), "Pipe", refuse)
+        monkeypatch.setattr(processes, "start_process", refuse)
         (victim,) = marks.pids()
         os.kill(victim, 9)
         with pytest.raises(CampaignError, match="Resource temporarily unavailable"):
@@ -535,45 +521,6 @@ def test_a_worker_whose_child_holds_its_connection_is_missed(marks: Marks, tmp_p
         assert time.monotonic() - start < 0.5 * LIMIT
         assert attempts[0].failure == "worker 1 was lost: it was killed by SIGKILL"
         assert drive_all(workers, [8])[1].failure is None
-
-
-def test_without_sentinels_a_lost_connection_says_it(
-    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As on Windows, which waits for few objects at once."""
-    simulator = FaultySimulator(marks.folder, drive=Fault(leave, marks.folder, times=1))
-    monkeypatch.setattr(processes, "_selector", lambda: None)
-    with local(simulator, folder=tmp_path, count=2) as workers:
-        await_free(workers, 2)
-        workers.submit(straight(1))
-        while not (attempts := workers.wait(0.5)):
-            pass
-        assert attempts[0].failure == "worker 1 was lost: it ended with exit code 7"
-        assert len(drive_all(workers, [8, 9, 10, 11])) == 4
-
-
-@pytest.mark.parametrize(
-    ("seconds", "most"), [(0.0001, 8), (0.0015, 8), (0.005, 5), (0.019, 2), (0.021, 1), (3.0, 1)]
-)
-def test_the_quicker_the_tests_the_more_wait_in_a_worker(seconds: float, most: int) -> None:
-    worker = processes._Worker("worker 1")
-    assert worker.room == 0  # it is not there yet
-    worker.turn("idle")
-    assert worker.room == 1  # who knows how long it takes
-    worker.queue.append(processes.Task(1, straight(1), None))
-    worker.finish(seconds)
-    assert worker.room == most
-    worker.queue.append(processes.Task(1, straight(2), None))
-    assert worker.room == most - 1
-
-
-def test_one_slow_test_stops_the_prefetching_of_a_quick_worker() -> None:
-    worker = processes._Worker("worker 1")
-    worker.turn("idle")
-    for seconds in [0.001] * 5 + [2.0]:
-        worker.queue.append(processes.Task(1, straight(1), None))
-        worker.finish(seconds)
-    assert worker.room == 1
 
 
 # How they end
@@ -657,17 +604,17 @@ def test_a_simulator_that_does_not_end_is_killed(
 def test_an_interrupted_beginning_leaves_nobody(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, started: int
 ) -> None:
-    original = processes.LocalWorkers._start
+    original = child_processes.start_process
     calls = 0
 
-    def start(self: LocalWorkers, worker: object) -> None:
+    def start(*arguments: Any, **options: Any) -> object:
         nonlocal calls
         calls += 1
         if calls > started:
             raise KeyboardInterrupt
-        original(self, worker)  # type: ignore[arg-type]
+        return original(*arguments, **options)
 
-    monkeypatch.setattr(processes.LocalWorkers, "_start", start)
+    monkeypatch.setattr(processes, "start_process", start)
     simulator = FaultySimulator(marks.folder, start=Fault(await_go, marks.folder))
     with pytest.raises(KeyboardInterrupt), local(simulator, folder=tmp_path, count=2):
         pass
@@ -690,10 +637,10 @@ def test_an_interrupted_replacement_leaves_nobody(
     ):
         await_free(workers, 2)
 
-        def interrupted(self: LocalWorkers, worker: object) -> None:
+        def interrupted(*_: object, **__: object) -> None:
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(processes.LocalWorkers, "_start", interrupted)
+        monkeypatch.setattr(processes, "start_process", interrupted)
         os.kill(marks.pids()[0], 9)
         while True:
             workers.wait(0.5)
@@ -825,64 +772,3 @@ def test_a_missing_extra_is_told_in_its_own_words(workers_of) -> None:  # type: 
 class Lacking(DummySimulator):
     def __enter__(self):  # type: ignore[no-untyped-def]
         raise FreneticError('BeamNG is missing: pip install "frenetic-roads[beamng]"')
-
-
-@dataclass(frozen=True, eq=False)
-class Named(Candidate):
-    """A candidate with more to it."""
-
-    name: str = ""
-
-    def __reduce__(self):  # type: ignore[no-untyped-def]
-        return Named, (self.id, self.curvatures, self.step, self.origin, self.points, self.name)
-
-
-ORIGIN = Origin("C2", (3, 7), 4)
-POINTS = np.array([[10.0, 20.0], [0.1 + 0.2, 30.0]])
-
-
-@pytest.mark.parametrize(
-    "candidate",
-    [
-        Candidate(12, np.array([0.1 + 0.2, -0.07, 5e-324]), 10.0, ORIGIN),
-        Candidate(13, np.empty(0), 2.5, Origin("random"), POINTS),
-        Named(14, np.zeros(3), 10.0, ORIGIN, name="Fido"),
-    ],
-)
-def test_candidates_travel(candidate: Candidate) -> None:
-    placement = Placement(Pose(1.0, 2.0, 0.1 + 0.2), Conditions(friction=0.5))
-    number, there, again = decode_task(encode_task(7, candidate, placement))
-    assert (number, again) == (7, placement)
-    assert there is not None
-    assert decode_task(encode_task(7, candidate))[2] is None
-    assert type(there) is type(candidate)
-    assert (there.id, there.step, there.origin) == (candidate.id, candidate.step, candidate.origin)
-    assert there.curvatures.tolist() == candidate.curvatures.tolist()
-    assert not there.curvatures.flags.writeable
-    assert (there.points is None) == (candidate.points is None)
-    assert there.points is None or there.points.tolist() == POINTS.tolist()
-    assert getattr(there, "name", "") == getattr(candidate, "name", "")
-    assert decode_task(encode_task(0, None)) == (0, None, None)
-
-
-def test_messages_travel() -> None:
-    tester = RoadTester(DummySimulator(lambda road: 0.5 * len(road.curvatures)), DummyDriver())
-    outcomes = set()
-    for candidate in roads([2, 8, 12, 40]):
-        attempt = tester.test(candidate).pack()
-        outcomes.add(attempt.result.outcome)
-        for one in (
-            replace(attempt, seconds=0.1 + 0.2, traceback="trace"),
-            replace(attempt, seconds=1.0, simulator_broke=True, worker="one"),
-            Attempt.lost(candidate.id, "one", 0.5, "gone"),
-        ):
-            message = Answer(candidate.id + 5, one)
-            assert decode_message(encode_message(message)) == message
-    assert {Outcome.FAIL, Outcome.INVALID} <= outcomes
-    for other in (
-        Ready(),
-        Failed("no port", "trace"),
-        Logged(20, "frenetic.x", "so it goes"),
-    ):
-        assert decode_message(encode_message(other)) == other
-        assert type(decode_message(encode_message(other))) is type(other)
