@@ -45,7 +45,7 @@ from frenetic.drivers import Driver, Stanley
 from frenetic.drivers.loading import load_driver
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.road import Pose, Road
+from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
@@ -85,12 +85,7 @@ def failing_roads(count: int, seed: int, driver: Driver) -> list[Road]:
             folder=folder,
         ).run()
         with CampaignStore.open(folder) as store:
-            found = [t for t in store.tests() if t.outcome is Outcome.FAIL and t.pose is not None]
-    return [
-        Road(t.candidate.curvatures, t.candidate.step, Pose(*t.pose))
-        for t in found[:count]
-        if t.pose is not None
-    ]
+            return [test.road for test in store.tests(Outcome.FAIL, limit=count)]
 
 
 def drive_all(simulator: Simulator, driver: Driver, roads: Sequence[Road]) -> Driven:

@@ -29,7 +29,7 @@ import numpy.typing as npt
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, TestRecord
+from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Planner
 from frenetic.oracle import Result, judge
@@ -185,10 +185,10 @@ def test_store(benchmark: BenchmarkFixture, tmp_path: Path) -> None:
         per_road(benchmark, keep, road_set())
 
 
-def record(driven: Driven, candidate: Candidate, number: int) -> TestRecord:
+def record(driven: Driven, candidate: Candidate, number: int) -> Test:
     trajectory = driven.drive.trajectory
     attempt = Attempt(number, driven.result, driven.road.pose, trajectory, seconds=0.001)
-    return attempt.record(candidate, told=number, budget_spent=0.5)
+    return Test(candidate=candidate, attempt=attempt, told=number, budget_spent=0.5)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".svg"])

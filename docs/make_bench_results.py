@@ -26,11 +26,10 @@ from frenetic.analysis.comparison import MeasureComparison, PairComparison, comp
 from frenetic.analysis.conclusions import p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
 from frenetic.bench import Entrant
-from frenetic.campaign.changes import changed_parts
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.workers import available_cores
 from frenetic.report.comparison import draw_comparison
-from frenetic.spec import Spec
+from frenetic.spec import Spec, changed_parts
 
 DOCS: Final = Path(__file__).resolve().parent
 PAGE: Final = DOCS / "bench-results.md"
@@ -204,8 +203,7 @@ def is_complete(campaign: Campaign) -> bool:
         return False
     with CampaignStore.open(campaign.folder) as store:
         config, facts = store.config, store.facts
-    changed = changed_parts(config, campaign.configuration())
-    return "finished_at" in facts and not any(one.changed for one in changed.values())
+    return "finished_at" in facts and not changed_parts(config, campaign.configuration())
 
 
 def complete_groups(published: Published, folder: Path) -> dict[str, list[Path]]:

@@ -120,7 +120,7 @@ def file_of(nodeid: str) -> str:
 
 @pytest.fixture(scope="session", autouse=True)
 def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Neither the caller's own files and variables nor the signals it ignores reach a test.
+    """Neither the caller's variables and files nor the signals that it ignores reach a test.
 
     `nohup` ignores SIGHUP and a script's background job SIGINT, and processes inherit that.
     """

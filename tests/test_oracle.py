@@ -285,6 +285,7 @@ def test_records_after_the_end_do_not_count() -> None:
     path = trajectory(STRAIGHT, distances, 0.01 * distances)
     passed = judge(STRAIGHT, Drive(path))
     assert passed.outcome is Outcome.PASS
+    assert passed.duration is not None
     i = round(passed.duration / 0.05)
     wild = path.to_rows().copy()
     wild[i + 1 :, 1] += 50.0
@@ -294,7 +295,7 @@ def test_records_after_the_end_do_not_count() -> None:
     failed = judged(STRAIGHT, distances, 0.1 * distances)
     assert failed.departure is not None
     # It comes back at once, but the drive is over.
-    i = round(failed.duration / 0.05)
+    i = round(failed.departure.time / 0.05)
     back = np.where(np.arange(len(distances)) > i, 0.0, 0.1 * distances)
     assert judged(STRAIGHT, distances, back) == failed
 
@@ -312,7 +313,7 @@ def test_a_drive_that_stops_before_a_rule_ended_it_is_an_error(records: int) -> 
     result = judged(STRAIGHT, steady(STRAIGHT)[:records])
     seconds = 0.05 * (records - 1)
     reason = f"The simulator stopped after {seconds:.1f} s, before the drive had ended"
-    assert result == Result(Outcome.ERROR, reason, None, None, None, seconds, None)
+    assert result == Result(Outcome.ERROR, reason, duration=seconds)
 
 
 @pytest.mark.parametrize("column", ["time", "x", "y", "heading"])

@@ -8,8 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
+from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.drivers import Driver, Planner
+from frenetic.oracle import Result
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin, Strategy
 from frenetic.simulators import EmbeddedSimulator, Simulator
@@ -35,7 +37,7 @@ def search(
 
 
 def store_of(
-    folder: Path, outcomes: Sequence[Outcome], elapsed: float | None = None, **facts: JSONValue
+    folder: Path, outcomes: Sequence[Outcome], elapsed: float = 0.0, **facts: JSONValue
 ) -> Path:
     """A campaign with these outcomes, one after the other, without trajectories."""
     config: dict[str, JSONValue] = {"seed": 1, "lane_width": 4.0, "rules": {}, "car": {}}
@@ -46,14 +48,11 @@ def store_of(
             store.told(
                 Test(
                     candidate=candidate,
+                    attempt=Attempt(told, Result(outcome, ""), seconds=2.0),
                     told=told,
-                    outcome=outcome,
-                    reason="",
                     budget_spent=0.0,
-                    seconds=2.0,
-                    elapsed=None if elapsed is None else told * elapsed,
-                ),
-                hold=True,
+                    elapsed=told * elapsed,
+                )
             )
         if facts:
             store.finish(**facts)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from frenetic.analysis import Segment, segment_of
-from frenetic.oracle import Departure, Side
+from frenetic.oracle import Finding, Side
 from frenetic.road import Road
 from frenetic.simulators import Drive, Trajectory
 
@@ -69,4 +69,9 @@ def departing(
     made = drive(road, places.tolist(), offsets.tolist(), speed, period=0.05)
     time = float(made.trajectory.time[-1])
     x, y = float(made.trajectory.x[-1]), float(made.trajectory.y[-1])
-    return segment_of(road, made, Departure(time, place, x, y, side))
+    return segment_of(road, made, departure(time, place, x, y, side))
+
+
+def departure(time: float, distance: float, x: float, y: float, side: Side = "left") -> Finding:
+    """The finding of a car that leaves its lane."""
+    return Finding("lane", 0.6, 0.5, side, time, distance, x, y)

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from made_drives import departing, drive
+from made_drives import departing, departure, drive
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis import (
@@ -15,7 +15,6 @@ from frenetic.analysis import (
     segment_of,
 )
 from frenetic.analysis.competition import direction_coverage, first_record
-from frenetic.oracle import Departure
 from frenetic.road import Road
 from frenetic.road.validity import min_radius
 
@@ -135,8 +134,8 @@ def test_features_of_a_departure_worked_out_by_hand() -> None:
         [9.0, 10.0, 12.0, 14.0, 9.0],
         [9.0, 0.1, 0.2, 0.3, 9.0],
     )
-    departure = Departure(4.0, 50.7, 2.0, 50.7, "left")
-    found = competition_features(segment_of(road, made, departure), NORTH)
+    leaving = departure(4.0, 50.7, 2.0, 50.7)
+    found = competition_features(segment_of(road, made, leaving), NORTH)
     assert found is not None
     # The segment begins at the node 21 m. The record at 20.6 m is the first near it, and the one
     # at the departure does not count: three records.

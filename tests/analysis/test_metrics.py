@@ -66,7 +66,7 @@ def test_measures_are_what_the_database_says(searched: Path) -> None:
     assert measured.seconds_to_failure == ask(f"SELECT elapsed FROM test WHERE told = {first}")
     assert measured.tests == ask("SELECT count(*) FROM test WHERE outcome <> 'DROPPED'")
     assert measured.generator_seconds == ask(
-        "SELECT value FROM campaign WHERE key = 'strategy_seconds'"
+        "SELECT value FROM fact WHERE name = 'strategy_seconds'"
     )
     database.close()
     with CampaignStore.open(searched) as store:
@@ -89,11 +89,6 @@ def test_refused_and_dropped_roads_are_no_simulations(tmp_path: Path) -> None:
     assert measured.simulations_to_failure == 3
     assert measured.seconds_to_failure == 3.0
     assert not measured.is_finished
-
-
-def test_a_log_of_an_old_version_knows_only_what_each_test_took(tmp_path: Path) -> None:
-    measured = measure_campaign(store_of(tmp_path / "c", (Outcome.PASS, Outcome.FAIL)))
-    assert measured.seconds_to_failure == 4.0
 
 
 def test_a_campaign_without_failures_never_came_to_the_first(tmp_path: Path) -> None:

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_drives import departing, drive
+from made_drives import departing, departure, drive
 
 from frenetic.analysis import segment_of, segment_profile, segments_of
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.oracle import Departure
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import RandomSearch
@@ -21,7 +20,7 @@ STRAIGHT = Road(np.zeros(11))  # 100 m, northwards from the origin
 def test_segment_is_30_m_before_to_30_m_after_the_departure() -> None:
     places = np.arange(0.0, 71.0, 10.0).tolist()
     made = drive(STRAIGHT, places, [0.0] * 5 + [0.2, 1.0, 4.0])
-    segment = segment_of(STRAIGHT, made, Departure(7.0, 70.0, 2.0, 70.0, "left"))
+    segment = segment_of(STRAIGHT, made, departure(7.0, 70.0, 2.0, 70.0))
     assert (segment.start, segment.place, segment.end) == (40.0, 70.0, 100.0)
     assert segment.side == "left"
     assert segment.lateral_offset == pytest.approx([0.0, 0.2, 1.0, 4.0])
@@ -39,7 +38,7 @@ def test_a_car_that_never_left_is_looked_at_where_it_was_furthest_off() -> None:
 
 def test_segment_ends_with_the_road() -> None:
     made = drive(STRAIGHT, [0.0, 5.0, 10.0], [0.0, 1.0, 4.0])
-    segment = segment_of(STRAIGHT, made, Departure(2.0, 10.0, 2.0, 10.0, "left"))
+    segment = segment_of(STRAIGHT, made, departure(2.0, 10.0, 2.0, 10.0))
     assert (segment.start, segment.end, segment.length) == (0.0, 40.0, 40.0)
     late = segment_of(STRAIGHT, drive(STRAIGHT, [85.0, 88.0, 91.0], [0.0, 0.0, 3.5]), None)
     assert (late.start, late.end) == (61.0, 100.0)
@@ -99,6 +98,7 @@ def test_segments_of_a_campaign_are_those_of_its_driven_tests(tmp_path: Path) ->
     assert len(both) == 30
     assert 0 < len(failed) < 30
     for record, segment in failed:
-        assert segment.place == record.departure_distance
-        assert segment.side == record.departure_side == "left"
+        assert record.departure is not None
+        assert segment.place == record.departure.distance
+        assert segment.side == record.departure.side == "left"
         assert segment.oob_distance[-1] < 0.0

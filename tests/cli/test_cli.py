@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import click
 import pytest
-from checksums import forget_checksums
+from checksums import execute
 from pids import LIMIT, until
 
 from frenetic.campaign import CampaignStore
@@ -66,27 +65,6 @@ def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) 
     assert not list(Path("mine/failures").glob("*.part"))
 
 
-def test_run_as_json_prints_one_object(frenetic: Frenetic) -> None:
-    answer = frenetic("run", "--simulations", "60", "--seed", "3", "--out", "c", "--json")
-    assert answer.code == 0
-    summary = answer.json
-    wanted = {
-        "simulations",
-        "invalid",
-        "passed",
-        "failed",
-        "errors",
-        "min_moobd",
-        "seconds",
-        "tests_per_second",
-        "seed",
-        "folder",
-    }
-    assert wanted <= set(summary)
-    assert summary["simulations"] == 60 == summary["passed"] + summary["failed"]
-    assert (summary["seed"], summary["folder"]) == (3, "c")
-
-
 def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic) -> None:
     run = ("run", "--seed", "3", "--workers", "1", "--json")
     until = ("--failures", "1", "--delay", "0.05", "--out", "c")
@@ -119,7 +97,7 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         again = frenetic("drive", str(path), "--json").json
         assert again["outcome"] == "FAIL"
         assert again["moobd"] == stored["moobd"]
-        assert again["departure"] == stored["departure"]
+        assert again["findings"] == [stored["departure"]]
 
 
 @pytest.mark.parametrize(
@@ -179,7 +157,7 @@ def test_an_infinite_view_is_no_layer(frenetic: Frenetic) -> None:
     assert driven["class"].endswith(":Planner")
     assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c", *view).code == 0
     with CampaignStore.open(Path("c")) as store:
-        assert store.parts["driver"] == driven
+        assert store.config["driver"] == driven
 
 
 def test_run_never_touches_an_existing_campaign(frenetic: Frenetic) -> None:
@@ -211,26 +189,6 @@ def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     elsewhere = frenetic(*options, "--cluster", "nowhere")
     refused(elsewhere, "nowhere")
     assert "metadrive" not in elsewhere.err, "it is needed where it drives"
-
-
-def test_run_on_a_full_disk_says_so_and_keeps_what_it_has(
-    frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = Path.cwd()
-    write = CampaignStore.write
-
-    def fill_up(self: CampaignStore) -> None:
-        write(self)
-        if self.counts().told >= 9:
-            (pages,) = self._connection.execute("PRAGMA page_count").fetchone()
-            self._connection.execute(f"PRAGMA max_page_count = {pages}")
-
-    monkeypatch.setattr(CampaignStore, "write", fill_up)
-    refused(frenetic("run", "--simulations", "500", "--seed", "1", "--out", "c"), "full")
-    monkeypatch.undo()
-    with CampaignStore.open(folder / "c") as store:
-        assert store.counts().told >= 9
-        assert len(list(store.tests(with_trajectory=True))) == store.counts().told
 
 
 MY_DRIVER = """
@@ -348,6 +306,8 @@ def test_a_drivers_error_comes_with_its_place_and_traceback(
     search = ("run", "--driver", "mydriver.py:Raises", "--simulations", "3", "--seed", "1")
     with caplog.at_level("DEBUG", "frenetic"):
         answer = frenetic(*search, "--workers", workers, "--out", "c")
+    assert answer.code == 1
+    assert "3 errors" in answer.out
     assert f"The first error: {reason}" in answer.out.splitlines()
     where = f'mydriver.py", line {number}, in act\n'
     assert sum(where in record.getMessage() for record in caplog.records) == 3
@@ -466,17 +426,6 @@ def test_a_driver_that_cannot_drive_there_is_refused_before_anything_is_made(
     refused(frenetic("bench", *parts), "in MetaDrive only")
 
 
-def test_where_every_drive_breaks_the_reason_is_said_and_the_exit_code_is_1(
-    frenetic: Frenetic,
-) -> None:
-    write("mine.py", MY_DRIVER)
-    answer = frenetic("run", "--driver", "mine.py:Raises", "--simulations", "3", "--out", "c")
-    assert answer.code == 1
-    assert "3 errors" in answer.out
-    assert "The first error: " in answer.out
-    assert "lost" in answer.out
-
-
 def stored_in_a_moment(folder: Path) -> int:
     """Its stored tests, after a moment: looking takes time from the run."""
     time.sleep(0.1)
@@ -515,10 +464,7 @@ def test_resume_refuses_what_makes_no_sense(frenetic: Frenetic) -> None:
     refused(frenetic("resume", "c"), "the budget of c is spent", "--simulations")
     refused(frenetic("resume", "c", "--simulations", "0"), "simulations is 0")
     before = frenetic("show", "c", "--json").json
-    with sqlite3.connect("c/campaign.sqlite") as database:
-        database.execute("UPDATE candidate SET step = 9.0 WHERE id = 2")
-        forget_checksums(database)
-    database.close()
+    execute(Path("c"), "UPDATE test SET step = 9.0 WHERE id = 2")
     refused(frenetic("resume", "c", "--simulations", "5"), "another road as candidate 2")
     assert frenetic("show", "c", "--json").json["tests"] == before["tests"]
 
@@ -619,12 +565,6 @@ def test_validate_says_it_of_each_file(frenetic: Frenetic) -> None:
     ]
 
 
-def test_validate_judges_the_other_files_beside_an_unreadable_one(frenetic: Frenetic) -> None:
-    answer = frenetic("validate", "missing.json", write("good.json", STRAIGHT))
-    refused(answer, "missing.json")
-    assert answer.out == "good.json: valid\n"
-
-
 def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic) -> None:
     pose = '{"curvatures": [0, 0.01, 0], "pose": [' + "1" * 400 + ", 0, 0]}"
     Path("pose.json").write_text(pose)
@@ -637,12 +577,14 @@ def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic)
     )
     wide = write("wide.json", STRAIGHT | {"lane_width": 1e308})
     good = write("good.json", STRAIGHT)
-    answer = frenetic("validate", "pose.json", "shift.xodr", wide, good)
+    answer = frenetic("validate", "missing.json", "pose.json", "shift.xodr", wide, good)
     assert answer.code == 2
     assert answer.out == "good.json: valid\n"
     lines = answer.err.splitlines()
-    assert [line.split()[1].rstrip(":") for line in lines] == ["pose.json", "shift.xodr", wide]
-    assert lines[2].endswith("lane_width is 1e+308: at most 100 m can be represented")
+    assert "missing.json" in lines[0]
+    files = [line.split()[1].rstrip(":") for line in lines[1:]]
+    assert files == ["pose.json", "shift.xodr", wide]
+    assert lines[3].endswith("lane_width is 1e+308: at most 100 m can be represented")
 
 
 # show
@@ -728,39 +670,25 @@ def test_a_part_that_is_installed_while_we_run_is_listed(
     refused(frenetic("drivers"), "two driver entries are named 'planner'", "others-drivers")
 
 
-@pytest.mark.parametrize(
-    "command",
-    ["", "run", "resume", "drive", "validate", "show", "drivers", "strategies", "simulators"],
-)
-def test_every_command_has_help(frenetic: Frenetic, command: str) -> None:
-    answer = frenetic(*command.split(), "--help")
-    assert answer.code == 0
-    assert "Usage: frenetic" in answer.out
-
-
-def test_help_needs_neither_numba_nor_matplotlib() -> None:
-    code = (
-        "import sys, frenetic.cli\n"
-        "assert not {'numba', 'matplotlib', 'scipy'} & set(sys.modules), sorted(sys.modules)\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ.copy())
-
-
-def test_without_a_command_there_is_help(frenetic: Frenetic) -> None:
-    answer = frenetic()
-    assert answer.code == 0
-    assert "Commands:" in answer.out
-
-
-def test_friction_is_an_option_of_the_simulator(frenetic: Frenetic) -> None:
-    road = write("road.json", BENT)
-    dry = frenetic("drive", road, "--json").json["moobd"]
-    icy = frenetic("drive", road, "--json", "--simulator-option", "friction=0.4").json["moobd"]
-    assert icy < dry
-
-
-def test_unknown_command_is_a_mistake(frenetic: Frenetic) -> None:
+def test_commands_are_listed_and_an_unknown_one_is_a_mistake(frenetic: Frenetic) -> None:
+    for arguments in ((), ("--help",)):
+        answer = frenetic(*arguments)
+        assert answer.code == 0
+        assert all(f"  {name} " in answer.out for name in COMMANDS)
     refused(frenetic("fly"), "No such command 'fly'")
+
+
+def test_help_of_every_command_needs_nothing_that_takes_time() -> None:
+    code = (
+        "import sys\n"
+        "from frenetic.cli import cli\n"
+        f"for command in {[*COMMANDS]}:\n"
+        "    cli.main([command, '--help'], standalone_mode=False)\n"
+        "    slow = {'numba', 'matplotlib', 'numpy', 'scipy'} & set(sys.modules)\n"
+        "    assert not slow, (command, slow)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.count("Usage: ") == len(COMMANDS)
 
 
 def test_a_command_is_called_like_its_module() -> None:
@@ -790,15 +718,3 @@ def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
     assert frenetic("--version").code == 0
     assert os.environ["OPENBLAS_NUM_THREADS"] == "3"
-
-
-def test_help_of_a_command_needs_nothing_that_takes_time() -> None:
-    code = (
-        "import sys\n"
-        "from frenetic.cli import cli\n"
-        f"for command in {[*COMMANDS]}:\n"
-        "    cli.main([command, '--help'], standalone_mode=False)\n"
-        "    slow = {'numba', 'matplotlib', 'numpy', 'scipy'} & set(sys.modules)\n"
-        "    assert not slow, (command, slow)\n"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ.copy())

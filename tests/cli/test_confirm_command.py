@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from permissions import bound_by_permissions
 
 from frenetic.redrive.confirm import read_confirmations
 
@@ -23,12 +25,12 @@ def test_failing_otherwise_is_no_confirmation(frenetic: Frenetic, campaign: str)
     assert answer.code == 0
     assert re.search(r"3 failures: 3 failing otherwise \(\d .*elsewhere\)", answer.out)
     assert "rank correlation of MOOBD:" in answer.out
-    assert "Kept in c/campaign.sqlite" in answer.out
+    (kept,) = Path(campaign).glob("again/*")
+    assert f"Kept in {kept}; to see it: frenetic report c\n" in answer.out
     assert [len(one.tests) for one in read_confirmations(Path(campaign))] == [3]
     (gallery,) = (Path(campaign) / "confirmed").glob("*/gallery.png")
     assert gallery.stat().st_size > 10_000
     assert f"At a glance: {gallery}" in answer.out
-    assert "to see it: frenetic report c" in answer.out
     assert "own simulator" not in answer.err
 
 
@@ -59,7 +61,6 @@ def test_ctrl_c_while_it_draws_loses_no_result(
     answer = frenetic(*options)
     assert answer.code == 130
     assert "1 failure: " in answer.out
-    assert "Kept in c/campaign.sqlite" in answer.out
     assert len(frenetic(*options, "--json").json["tests"]) == 1
 
 
@@ -83,6 +84,22 @@ def test_confirming_some_tests_replaces_nothing_of_the_others(
     (kept,) = read_confirmations(Path(campaign))
     assert sorted(one.test_id for one in kept.tests) == sorted(one["test"] for one in first)
     assert kept.missing == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")
+def test_a_campaign_that_cannot_be_written_is_confirmed_elsewhere(
+    frenetic: Frenetic, campaign: str, tmp_path: Path
+) -> None:
+    again = ("confirm", campaign, "--simulator", "embedded", "--top", "1")
+    tmp_path.chmod(0o777)
+    Path(campaign).chmod(0o555)
+    with bound_by_permissions(Path(campaign).resolve()):
+        assert frenetic(*again).refuses("Permission denied", "--out")
+        answer = frenetic(*again, "--out", "out")
+    Path(campaign).chmod(0o755)
+    assert answer.code == 0
+    assert "Kept in out; to see it: frenetic report out\n" in answer.out
+    assert "At a glance: out/confirmed/" in answer.out
 
 
 def test_it_has_to_be_another_simulator(frenetic: Frenetic, campaign: str) -> None:

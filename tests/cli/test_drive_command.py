@@ -59,8 +59,7 @@ def changed(road: Path, **entries: Any) -> str:
 def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, road: Path) -> None:
     document = json.loads(road.read_text(encoding="utf-8"))
     again = frenetic("drive", str(road), "--json").json
-    for entry in ("moobd", "departure"):
-        assert again[entry] == document[entry]
+    assert (again["moobd"], again["findings"]) == (document["moobd"], [document["departure"]])
     assert again["outcome"] == "FAIL"
     assert again["driver"] == document["driver"]
     assert "driver     Bold, delayed (seconds 0.02) in Emb" in frenetic("drive", str(road)).out
@@ -71,18 +70,16 @@ def test_another_driver_is_named_beside_the_recorded_one(frenetic: Frenetic, roa
     assert "driver     Planner in EmbeddedSimulator; recorded with Bold, delayed" in answer.out
 
 
-def test_another_version_of_the_driver_is_named_whatever_its_options(
+def test_an_edited_driver_is_run_only_if_it_is_named_and_said_to_be_another_version(
     frenetic: Frenetic, road: Path
 ) -> None:
-    Path("mine.py").write_text(f"{MINE}\n# edited", encoding="utf-8")
-    version = "; driver Bold is another version than the campaign's: mine.py was changed\n"
-    driven = frenetic("drive", str(road)).out
-    assert "recorded with" not in driven
-    assert version in driven
+    Path("mine.py").write_text(f"{MINE}\n# edited for {road}", encoding="utf-8")
+    assert frenetic("drive", str(road)).refuses("have not run", "--driver mine.py:Bold")
+    driven = frenetic("drive", str(road), "--driver", "mine.py:Bold").out
+    assert "another version than the campaign's" in driven
     other = frenetic("drive", str(road), "--driver-option", "extra=0.2").out
     assert "driver     Bold, aggression 1.4, extra 0.2, delayed" in other
     assert "; recorded with Bold, aggression 1.3, extra 0.1, delayed" in other
-    assert version in other
 
 
 def test_help_says_that_the_record_comes_before_the_defaults(frenetic: Frenetic) -> None:
@@ -93,7 +90,7 @@ def test_help_says_that_the_record_comes_before_the_defaults(frenetic: Frenetic)
     assert "as recorded" not in frenetic("run", "--help").out
 
 
-def test_a_file_of_an_older_version_says_who_drove(frenetic: Frenetic, road: Path) -> None:
+def test_a_file_without_its_record_says_who_drove(frenetic: Frenetic, road: Path) -> None:
     document = json.loads(road.read_text(encoding="utf-8"))
     del document["driven"]
     road.write_text(json.dumps(document), encoding="utf-8")
@@ -111,23 +108,13 @@ def test_minimising_a_failing_road_drives_as_the_campaign_did(
     assert frenetic("drive", "least.json", "--json").json["moobd"] == least["moobd"]
 
 
-def test_a_driver_that_is_not_here_is_one_line(
-    frenetic: Frenetic, road: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir("c")
-    answer = frenetic("drive", str(Path("..", road)))
-    assert answer.refuses("was driven with the driver 'mine.py:Bold'", "--driver mine.py:Bold")
-    assert "--driver mine.py:Bold --driver-option extra=0.1'" in answer.err
-
-
 @pytest.mark.parametrize(
     "entries",
     [
         {"driver": "os:system", "driver_options": {"command": "touch here"}},
-        {"driver": "mine.py:Bold", "driver_options": {"extra": "model.pickle"}},
         {"driver": "evil.py:Evil", "driver_options": {}},
-        {"driver": "elsewhere/../../evil.py:Evil", "driver_options": {}},
-        {"driver": "mine.py:Planner", "driver_options": {}},
+        {"driver": "elsewhere/../evil.py:Evil", "driver_options": {}},
+        {"driver": "nowhere.py:Evil", "driver_options": {}},
         {"simulator": "evil:Evil", "simulator_options": {"extra": [1]}},
     ],
 )
@@ -135,8 +122,9 @@ def test_code_that_a_file_names_is_not_run_unasked(
     frenetic: Frenetic, road: Path, entries: dict[str, Any]
 ) -> None:
     Path("evil.py").write_text("open('here', 'w').close()\nEvil = type('Evil', (), {})\n")
+    (kind, name), _ = entries.items()
     answer = frenetic("drive", changed(road, **entries))
-    assert answer.refuses("unasked", "if you trust it")
+    assert answer.refuses("have not run", f"--{kind} {name}")
     assert not Path("here").exists()
 
 
@@ -152,19 +140,13 @@ def test_which_program_is_started_no_file_says(frenetic: Frenetic, road: Path) -
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        ({"driver": 3}, "driver is 3: a text is needed"),
-        ({"delay": "long"}, "delay is 'long'"),
-        ({"speed_limit": -1}, "speed_limit is -1: a number above 0 is needed"),
-        ({"map_size": None}, "map_size is None"),
+        ({"driver": 3}, "$.driver"),
+        ({"delay": "long"}, "$.delay"),
+        ({"speed_limit": -1}, "$.speed_limit"),
+        ({"map_size": None}, "$.map_size"),
     ],
 )
 def test_a_damaged_record_is_one_line(
     frenetic: Frenetic, road: Path, entries: dict[str, Any], words: str
 ) -> None:
     assert frenetic("drive", changed(road, **entries)).refuses("its entry 'driven'", words)
-
-
-def test_a_record_that_is_no_object_is_one_line(frenetic: Frenetic, road: Path) -> None:
-    document = json.loads(road.read_text(encoding="utf-8")) | {"driven": 3}
-    road.write_text(json.dumps(document), encoding="utf-8")
-    assert frenetic("drive", str(road)).refuses("its entry 'driven'", "it is no object")

@@ -8,10 +8,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-import click
 import pytest
 
-from frenetic.cli import COMMANDS, cli
+from frenetic.cli import COMMANDS
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -80,14 +79,6 @@ MISTAKES: Final[dict[str, tuple[str, ...]]] = {
 
 def test_every_command_has_its_call_here() -> None:
     assert CALLS.keys() == COMMANDS.keys()
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_takes_json(name: str) -> None:
-    command = cli.get_command(click.Context(cli), name)
-    assert command is not None
-    (option,) = (p for p in command.params if "--json" in p.opts)
-    assert option.is_flag  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -15,7 +15,6 @@ import pytest
 
 from frenetic.analysis.failures import representative_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.cli.minimise import _minimise
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
 from frenetic.search import RandomSearch
@@ -24,7 +23,7 @@ from frenetic.testing import DummyDriver, DummySimulator
 if TYPE_CHECKING:
     from command_line import Answer, Frenetic
 
-    from frenetic.redrive.minimise import Minimised
+    from frenetic.redrive.minimise import Minimised, minimise_test
 
 pytest_plugins = ["command_line"]
 
@@ -80,7 +79,8 @@ def test_most_severe_failure_of_a_campaign(frenetic: Frenetic, campaign: None) -
     with CampaignStore.open(Path("c")) as store:
         (worst,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1)
     assert item["test"] == worst.candidate.id
-    assert item["reason"] == f"left the lane to the {worst.departure_side}"
+    assert worst.departure is not None
+    assert item["reason"] == f"left the lane to the {worst.departure.side}"
     assert frenetic("minimise", "c", str(item["test"]), "--json").json == [item]
     assert Path(item["road"]) == Path("c", "minimised", f"test-{item['test']:05d}.json")
     assert item["length"] < item["length_before"]
@@ -102,7 +102,7 @@ def test_printed_line_repeats_the_failure(frenetic: Frenetic, campaign: None) ->
     assert again["outcome"] == "FAIL"
     assert again["reason"] == stored["description"]
     assert again["moobd"] == stored["moobd"]
-    assert again["departure"] == stored["departure"]
+    assert again["findings"] == [stored["departure"]]
 
 
 def test_road_file_says_what_it_is(frenetic: Frenetic, campaign: None) -> None:
@@ -272,11 +272,11 @@ def test_ctrl_c_keeps_the_smallest_road(frenetic: Frenetic) -> None:
 def test_ctrl_c_says_which_failures_are_not_begun(
     frenetic: Frenetic, campaign: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def pressing(*arguments: Any) -> Minimised:
+    def pressing(*arguments: Any, **options: Any) -> Minimised:
         os.kill(os.getpid(), signal.SIGINT)
-        return _minimise(*arguments)
+        return minimise_test(*arguments, **options)
 
-    monkeypatch.setattr("frenetic.cli.minimise._minimise", pressing)
+    monkeypatch.setattr("frenetic.redrive.minimise.minimise_test", pressing)
     with CampaignStore.open(Path("c")) as store:
         *_, last = representative_failures(store, 2)
     answer = frenetic("minimise", "c", "--top", "2")

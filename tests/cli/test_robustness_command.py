@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from checksums import forget_checksums
 
 from frenetic._support.words import counted
 from frenetic.campaign import Budget, Campaign, CampaignStore
@@ -29,11 +28,8 @@ pytest_plugins = ["command_line"]
 
 
 def failures_of(folder: str) -> list[int]:
-    database = sqlite3.connect(Path(folder) / "campaign.sqlite")
-    rows = database.execute("SELECT candidate_id FROM test WHERE outcome = 'FAIL' ORDER BY moobd")
-    found = [number for (number,) in rows]
-    database.close()
-    return found
+    with CampaignStore.open(folder) as store:
+        return [test.id for test in store.tests(Outcome.FAIL, order_by="moobd")]
 
 
 def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campaign: str) -> None:
@@ -44,8 +40,33 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
     assert len(rows) == len(ids), "each fails every time, and in the same way"
     assert "20 drives of each, the same each time" in answer.out
     assert f"{len(ids)} robust" in answer.out
-    assert str(Path(campaign) / "campaign.sqlite") in answer.out
-    assert {one.test_id for one in read_reruns(Path(campaign))} == set(ids)
+    (kept,) = Path(campaign).glob("again/*")
+    assert f"Kept in {kept}; to see it: frenetic report {campaign}" in answer.out
+    assert {one.test_id for one in read_reruns(campaign)} == set(ids)
+    assert frenetic("robustness", campaign, "--times", "20", "--top", "3", "--rows") == answer
+
+
+def test_what_drove_again_is_a_campaign(frenetic: Frenetic, campaign: str) -> None:
+    out = ("--times", "2", "--top", "2", "--out", "again")
+    answer = frenetic("robustness", campaign, *out)
+    assert "Kept in again; to see it: frenetic report again\n" in answer.out
+    assert not Path(campaign, "again").exists()
+    assert "4 tests of 2 different roads: 0 passed, 4 failed" in frenetic("show", "again").out
+    assert "FAIL" in frenetic("show", "again", "1").out
+    assert frenetic("check", "again").code == 0
+    assert frenetic("report", "again").code == 0
+    other = frenetic("robustness", campaign, *out, "--seed", "1")
+    assert other.refuses("again holds another campaign: choose another --out")
+    assert frenetic("robustness", campaign, *out[:-1], campaign).refuses("another --out")
+
+
+def test_a_damaged_one_is_one_line(frenetic: Frenetic, campaign: str) -> None:
+    again = ("robustness", campaign, "--times", "2", "--top", "1", "--out", "again")
+    frenetic(*again)
+    with closing(sqlite3.connect("again/campaign.sqlite")) as database, database:
+        database.execute("UPDATE test SET moobd = 3.0 WHERE id = 2")
+    assert frenetic(*again).refuses("again", "damaged")
+    assert frenetic("check", "again").code == 1
 
 
 def test_the_driver_and_its_layers_are_the_campaigns(frenetic: Frenetic, campaign: str) -> None:
@@ -171,27 +192,22 @@ def test_a_campaign_of_python_needs_its_parts_named(frenetic: Frenetic) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "word"),
     [
-        ({"command": 3}, ("the command is 3",)),
-        ({"command": {"driver": "planner"}}, ("driver_options is missing",)),
-        ({"rules": {"speed_limit": -1.0}}, ("rules",)),
-        ({"map_size": "large"}, ("map_size is 'large'",)),
+        ({"command": 3}, "command"),
+        ({"command": {"driver": "planner"}}, "driver_options"),
+        ({"rules": {"speed_limit": -1.0}}, "rules"),
+        ({"map_size": "large"}, "map_size"),
     ],
 )
 def test_a_damaged_record_is_one_line(
-    frenetic: Frenetic, campaign: str, change: dict[str, Any], words: tuple[str, ...]
+    frenetic: Frenetic, campaign: str, change: dict[str, Any], word: str
 ) -> None:
-    database = sqlite3.connect(Path(campaign) / "campaign.sqlite")
-    (text,) = database.execute("SELECT value FROM campaign WHERE key = 'config'").fetchone()
-    config = json.loads(text) | change
-    with database:
-        database.execute(
-            "UPDATE campaign SET value = ? WHERE key = 'config'", (json.dumps(config),)
-        )
-        forget_checksums(database)
-    database.close()
-    assert frenetic("robustness", campaign).refuses("does not say with what it was driven", *words)
+    with CampaignStore.open(campaign) as store:
+        config = {**store.config, **change}
+    with CampaignStore.create("damaged", config):
+        pass
+    assert frenetic("robustness", "damaged").refuses("damaged", word)
 
 
 BROKEN = """
@@ -210,7 +226,9 @@ def test_where_no_drive_can_be_judged_nothing_is_kept_and_the_exit_code_is_1(
     Path("broken.py").write_text(BROKEN)
     answer = frenetic("robustness", campaign, "--times", "2", "--driver", "broken.py:Broken")
     assert answer.code == 1
-    assert "drives could not be judged" in answer.out
+    drives = 2 * len(failures_of(campaign))
+    assert drives > 10, "so many in a row end a search"
+    assert f"{drives} drives could not be judged" in answer.out
     assert "no idea" in answer.out
     assert "Kept" not in answer.out
     assert read_reruns(campaign) == ()
@@ -233,31 +251,35 @@ def test_a_driver_that_takes_no_noise_is_refused_before_it_drives(
     assert answer.refuses("noise, delay and view do not reach it: leave them out")
 
 
-@pytest.mark.parametrize(("stop", "kept"), [(3, [2, 1]), (4, [2, 2]), (6, [2, 2, 2])])
-def test_ctrl_c_keeps_what_is_done_and_exits_130(
+@pytest.mark.parametrize(("stop", "done"), [(3, 3), (4, 4), (6, 6)])
+def test_ctrl_c_exits_130_and_the_same_command_goes_on(
     frenetic: Frenetic,
     campaign: str,
     stopping_driver: Callable[[int], str],
     stop: int,
-    kept: list[int],
+    done: int,
 ) -> None:
     ids = [str(number) for number in failures_of(campaign)[:3]]
-    answer = frenetic(
-        "robustness", campaign, *ids, "--times", "2", "--driver", f"stopping{stop}.py:Stopping"
-    )
+    again = ("robustness", campaign, *ids, "--times", "2", "--driver")
+    answer = frenetic(*again, stopping_driver(stop))
     assert answer.code == (130 if stop < 6 else 0)
     assert "Finishing what runs" in answer.err
-    assert (f"Interrupted: {counted(6 - sum(kept), 'drive')} to go" in answer.err) is (stop < 6)
+    left = f"Interrupted: {counted(6 - done, 'drive')} to go; the same command goes on"
+    assert (left in answer.err) is (stop < 6)
     assert ("up to 2 drives of each" in answer.out) is (stop < 6)
+    answer = frenetic(*again, stopping_driver(0), "--json")
+    assert (answer.code, [len(one["drives"]) for one in answer.json]) == (0, [2, 2, 2])
+    assert len(list(Path(campaign).glob("again/*"))) == 1
 
 
 def test_an_interrupted_run_replaces_no_complete_one(
     frenetic: Frenetic, campaign: str, stopping_driver: Callable[[int], str]
 ) -> None:
     first = str(failures_of(campaign)[0])
-    again = ("rerun", campaign, first, "--times", "5", "--driver")
-    assert frenetic(*again, stopping_driver(0)).code == 0
-    assert frenetic(*again, stopping_driver(1)).code == 130
+    again = ("robustness", campaign, first, "--driver", stopping_driver(0))
+    assert frenetic(*again, "--times", "5").code == 0
+    stopping_driver(1)
+    assert frenetic(*again, "--times", "9").code == 130
     (kept,) = read_reruns(campaign)
     assert len(kept.drives) == 5
 

@@ -20,7 +20,6 @@ from onnx_models import (
     echoing,
     endless,
     endless_to_load,
-    weighing,
     with_weights_in,
     write,
 )
@@ -42,7 +41,6 @@ from frenetic.drivers.neural import Convention, Dave2, Network
 from frenetic.drivers.neural.model import check_loading
 from frenetic.drivers.neural.network import DAVE2, pursuit
 from frenetic.errors import DriverError, FreneticError
-from frenetic.registry import DRIVERS
 from frenetic.testing import DriverContract
 
 if TYPE_CHECKING:
@@ -197,37 +195,6 @@ def test_waypoints_are_pursued_from_the_rear_axle(tmp_path: Path) -> None:
     assert controls_of(Network(str(file))).steering == 0.0
 
 
-# Where it looked
-
-
-def test_saliency_shows_what_the_answer_depends_on(tmp_path: Path) -> None:
-    weights = np.zeros((24, 40, 3), dtype=np.float32)
-    weights[12:16, 20:24] = 0.01
-    file = weighing(tmp_path / "m.onnx", weights, 0.0, shape=(1, 24, 40, 3))
-    image = picture(shape=(24, 40, 3))
-    image[12:16, 20:24] = 255
-    network = Network(str(file))
-    network.reset(setup())
-    seen = network.saliency(seeing(image))
-    assert (seen.shape, seen.dtype.name, seen.max()) == ((24, 40), "float32", 1.0)
-    assert seen[12:16, 20:24].min() > 0.5
-    assert seen[:, :8].max() == seen[:4].max() == 0.0
-    assert np.array_equal(seen, network.saliency(seeing(image)))
-    blind = Network(str(answering(tmp_path / "blind.onnx", 0.1)))
-    assert not blind.saliency(seeing(picture())).any()
-
-
-def test_where_it_looks_is_found_out_in_limited_time(tmp_path: Path) -> None:
-    network = Network(str(endless(tmp_path / "m.onnx", darkest=0.9)))
-    network.reset(setup())
-    dark, bright = (np.full((4, 6, 3), value, dtype=np.uint8) for value in (0, 255))
-    assert not network.saliency(seeing(dark), 1000.0).any()
-    with pytest.raises(DriverError, match=r"m\.onnx: it takes more than 0\.\d+ s for an image"):
-        network.saliency(seeing(bright), 0.1)
-    with pytest.raises(DriverError, match=r"m\.onnx: where it looked takes more than 0 s"):
-        network.saliency(seeing(dark), 0.0)
-
-
 # As a driver of the command line
 
 
@@ -241,13 +208,11 @@ def test_a_model_file_names_a_driver(
     assert answer.code == 0, answer.err
     shown = frenetic("show", "c", "--json").json["config"]
     assert shown["command"]["driver"] == "m.onnx"
-    digest = hashlib.sha256((tmp_path / "m.onnx").read_bytes()).hexdigest()
-    assert shown["driver"]["fingerprint"]["files"] == {"model (m.onnx)": digest}
-    assert "onnxruntime" in shown["driver"]["fingerprint"]["version"]
+    assert "onnxruntime" in shown["driver"]["version"]
     assert frenetic("resume", "c", "--simulations", "4", "--json").code == 0
     answering(tmp_path / "m.onnx", 0.1, max_speed=30.0)
     answer = frenetic("resume", "c", "--simulations", "5")
-    assert answer.refuses("model (m.onnx) was changed")
+    assert answer.refuses("the driver 'm.onnx'", "have not run as it is", "run --from c")
 
 
 def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
@@ -258,16 +223,6 @@ def test_it_travels_to_processes_that_lack_the_file(tmp_path: Path) -> None:
     copy = pickle.loads(data)
     assert controls_of(copy) == controls_of(network)  # type: ignore[arg-type]
     assert copy.options == {"model": str(file), "max_speed": 20.0}
-
-
-def test_a_model_in_a_road_file_is_loaded_unasked_from_here_only(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert DRIVERS.is_harmless("m.onnx", {"max_speed": 20.0})
-    for spec in ("../m.onnx", "/m.onnx", "\0.onnx"):
-        assert not DRIVERS.is_harmless(spec, {})
-    assert not DRIVERS.is_harmless("m.onnx", {"preset": "dave2"})
 
 
 # What is refused, in a line

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import shutil
-import sqlite3
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from redrives import redriven
 
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.store import DATABASE
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.oracle import judge
@@ -30,6 +28,7 @@ from frenetic.redrive.record import Agreement
 from frenetic.report.confirmation import pictures_of, write_confirmation
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
+from frenetic.simulators.worlds import USUAL
 from frenetic.testing import DummyDriver, DummySimulator
 
 OTHER_CAR = Vehicle(mass=1500.0, yaw_inertia=2500.0, front_axle=1.4, rear_axle=1.3, width=1.85)
@@ -48,9 +47,9 @@ def failures(folder: Path) -> list[int]:
         return [record.candidate.id for record in store.tests(Outcome.FAIL)]
 
 
-def in_other_car(folder: Path, *, workers: int = 1) -> Confirmation:
+def in_other_car(folder: Path) -> Confirmation:
     simulator = EmbeddedSimulator(vehicle=OTHER_CAR, friction=0.9)
-    return confirm(folder, simulator, Planner(), test_ids=failures(folder), workers=workers)
+    return confirm(folder, simulator, Planner(), test_ids=failures(folder))
 
 
 def test_same_simulator_confirms_all_at_the_same_place(campaign: Path) -> None:
@@ -99,8 +98,9 @@ def test_confirmed_is_the_same_failure_at_the_same_place(campaign: Path) -> None
     assert sum(document["matches"].values()) == len(found.tests)
     (kept,) = read_confirmations(campaign)
     assert str(kept) == str(found)
-    passed = replace(found.tests[0], outcome=Outcome.PASS)
-    otherwise = replace(found.tests[0], departure_distance=0.0)
+    test = found.tests[0].recorded
+    passed = redriven(USUAL, Outcome.PASS, 1.0, test=test)
+    otherwise = redriven(USUAL, Outcome.FAIL, -1.0, 500.0, "left", test=test)
     told = str(replace(found, tests=(otherwise, passed, otherwise)))
     assert told == "2 failing otherwise (2 elsewhere), 1 not confirmed"
 
@@ -115,11 +115,6 @@ def test_drives_are_judged_by_the_box_of_the_other_car(campaign: Path) -> None:
             result = judge(store.test(one.test_id).road, drive)
             assert result.outcome is one.other.outcome
             assert result.moobd == pytest.approx(one.other.moobd, abs=1e-3)
-
-
-def test_several_workers_find_the_same(campaign: Path) -> None:
-    one, two = (in_other_car(campaign, workers=workers) for workers in (1, 2))
-    assert confirmation_document(one) == confirmation_document(two)
 
 
 class Unreliable(DummySimulator):
@@ -145,39 +140,46 @@ def test_only_failures_can_be_confirmed(campaign: Path) -> None:
 
 
 def test_kept_is_what_was_found(campaign: Path) -> None:
+    assert read_confirmations(campaign) == ()
     found = in_other_car(campaign)
     (kept,) = read_confirmations(campaign)
     assert confirmation_document(kept) == confirmation_document(found)
     for one, other in zip(kept.tests, found.tests, strict=True):
-        assert one.trajectory is not None
-        assert other.trajectory is not None
-        assert (one.trajectory.to_rows() == other.trajectory.to_rows()).all()
-    assert not list(campaign.glob("*.part"))
+        here, there = one.test.trajectory, other.test.trajectory
+        assert here is not None
+        assert there is not None
+        assert (here.to_rows() == there.to_rows()).all()
 
 
-def test_another_simulator_is_added_and_the_same_replaced(campaign: Path) -> None:
+def test_another_simulator_is_added_and_other_tests_are_put_together(campaign: Path) -> None:
+    ids = failures(campaign)
     first = in_other_car(campaign)
-    second = confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
-    assert [one.key for one in read_confirmations(campaign)] == [first.key, second.key]
-    in_other_car(campaign)
-    assert [one.key for one in read_confirmations(campaign)] == [second.key, first.key]
+    for chosen in (ids[2:], ids[:1]):
+        confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=chosen)
+    one, other = read_confirmations(campaign)
+    assert (one.key, confirmation_document(one)) == (first.key, confirmation_document(first))
+    assert [test.test_id for test in other.tests] == [*ids[2:], ids[0]]
+    assert other.count(Agreement.CONFIRMED) == len(ids) - 1
 
 
-def test_nothing_is_kept_of_a_campaign_that_nobody_confirmed(campaign: Path) -> None:
-    assert read_confirmations(campaign) == ()
-
-
-def test_failed_write_leaves_what_was_there(campaign: Path) -> None:
-    found = in_other_car(campaign)
-    with closing(sqlite3.connect(campaign / DATABASE)) as connection:
-        connection.execute(
-            "CREATE TRIGGER full BEFORE INSERT ON redrive BEGIN SELECT RAISE(ABORT, 'full'); END"
-        )
-    with pytest.raises(CampaignError, match="full") as caught:
-        confirm(campaign, EmbeddedSimulator(), Planner(), test_ids=failures(campaign)[:1])
-    assert "\n" not in str(caught.value)
+def test_of_several_drives_of_a_test_the_last_judged_one_counts(campaign: Path) -> None:
+    first, second, *_ = failures(campaign)
+    for test_ids, works in (([first, second], True), ([first], False), ([second, first], False)):
+        Moody.works = works
+        confirm(campaign, Moody(), DummyDriver(), test_ids=test_ids)
     (kept,) = read_confirmations(campaign)
-    assert confirmation_document(kept) == confirmation_document(found)
+    assert [one.test_id for one in kept.tests] == [first, second]
+    assert [one.agreement for one in kept.tests] == [Agreement.NOT_CONFIRMED] * 2
+
+
+class Moody(DummySimulator):
+    """Breaks unless it works."""
+
+    works = True
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        drive = super().drive(road, driver)
+        return drive if Moody.works else replace(drive, error="no connection")
 
 
 # Pictures
@@ -202,4 +204,4 @@ def test_no_picture_of_what_was_not_driven(campaign: Path) -> None:
     found = confirm(campaign, Refusing(), DummyDriver(), test_ids=failures(campaign)[:1])
     with CampaignStore.open(campaign) as store:
         assert write_confirmation(store, found) is None
-    assert read_confirmations(campaign)[0].tests[0].trajectory is None
+    assert found.tests[0].test.trajectory is None

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
+from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
-from frenetic.campaign.trajectory_codec import encode
 from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Frenetic2021, Origin
@@ -38,6 +38,7 @@ def make_hostile(folder: Path, searched: Path) -> Path:
     with CampaignStore.open(searched) as store:
         config = dict(store.config)
         (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
+    result = replace(failure.result, reason=HOSTILE)
     part: JSONValue = {"class": f"module:{HOSTILE}", "options": {HOSTILE: HOSTILE}}
     versions: JSONValue = {HOSTILE: HOSTILE}
     texts = {"strategy": part, "driver": part, "versions": versions, "seed": HOSTILE}
@@ -51,25 +52,12 @@ def make_hostile(folder: Path, searched: Path) -> Path:
             )
             store.asked(candidate)
             store.told(
-                Test(
+                replace(
+                    failure,
                     candidate=candidate,
+                    attempt=replace(failure.attempt, result=result),
                     told=number,
-                    outcome=Outcome.FAIL,
-                    reason=HOSTILE,
-                    budget_spent=0.5,
-                    pose=failure.pose,
-                    moobd=failure.moobd,
-                    max_oob_share=failure.max_oob_share,
-                    duration=failure.duration,
-                    moobd_distance=failure.moobd_distance,
-                    departure_time=failure.departure_time,
-                    departure_distance=failure.departure_distance,
-                    departure_x=failure.departure_x,
-                    departure_y=failure.departure_y,
-                    departure_side=failure.departure_side,
-                    seconds=0.1,
                     elapsed=0.1 * number,
-                    trajectory=failure.trajectory,
                 )
             )
         return store.folder
@@ -92,11 +80,9 @@ def make_refused(folder: Path, searched: Path) -> Path:
         store.told(
             Test(
                 candidate=candidate,
+                attempt=Attempt.undriven(1, Outcome.INVALID, "too short"),
                 told=1,
-                outcome=Outcome.INVALID,
-                reason="too short",
                 budget_spent=0.0,
-                seconds=0.0,
             )
         )
     return folder
@@ -110,11 +96,7 @@ def make_large(folder: Path, searched: Path, tests: int) -> int:
     with CampaignStore.open(searched) as store:
         config = store.config
         failed, passed = (
-            [
-                (record, encode(record.trajectory))
-                for record in store.tests(outcome, order_by="moobd", with_trajectory=True)
-                if record.trajectory is not None
-            ]
+            list(store.tests(outcome, order_by="moobd", with_trajectory=True))
             for outcome in (Outcome.FAIL, Outcome.PASS)
         )
     failures = 0
@@ -123,9 +105,8 @@ def make_large(folder: Path, searched: Path, tests: int) -> int:
             fails = number % 20 < 9
             found = failed if fails else passed
             failures += fails
-            like, packed = found[number % len(found)]
+            like = found[number % len(found)]
             candidate = replace(like.candidate, id=number, origin=Origin("random"))
-            record = replace(like, candidate=candidate, told=number, elapsed=0.002 * number)
             store.asked(candidate)
-            store.told(record, packed, hold=True)
+            store.told(replace(like, candidate=candidate, told=number, elapsed=0.002 * number))
     return failures

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import base64
 import io
-import os
-import time
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 import pytest
-from click.testing import CliRunner
 from PIL import Image
 
 from frenetic import (
@@ -21,17 +17,13 @@ from frenetic import (
     CampaignStore,
     Driver,
     EmbeddedSimulator,
-    Observation,
     Planner,
     RandomSearch,
 )
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
-from frenetic.cli import cli
 from frenetic.drivers import appearance
-from frenetic.drivers.appearance import Foggy
 from frenetic.drivers.loading import load_driver
-from frenetic.drivers.neural.network import DAVE2, Network
 from frenetic.report.html import campaign_report
 from frenetic.report.html.camera import LARGEST, MOST_PICTURES, CameraData, DriverCamera
 from frenetic.simulators.embedded.rendering import Renderer
@@ -48,7 +40,7 @@ def run(folder: Path, driver: Driver, simulations: int) -> None:
 
 
 def camera_data(record: Test, config: Mapping[str, JSONValue]) -> CameraData | None:
-    return DriverCamera(config, Path("nowhere")).saw(record)
+    return DriverCamera(config).saw(record)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +66,6 @@ def test_a_report_shows_what_the_camera_saw_through_its_layers(searched: Path) -
     assert len(camera.times) <= MOST_PICTURES
     assert camera.times[0] == 0.0
     assert list(camera.times) == sorted(set(camera.times))
-    assert camera.looked_time in camera.times
-    assert (camera.looked, camera.looked_note) == (None, "")  # marking-follower does not say it
     sheet = picture(camera.pictures)
     driver = load_driver("marking-follower", fog=25.0)
     assert isinstance(driver, appearance.Foggy)
@@ -125,126 +115,3 @@ def test_a_driver_without_a_camera_has_no_pictures(tmp_path: Path) -> None:
     run(folder, Planner(), 1)
     with CampaignStore.open(folder) as store:
         assert [drive.camera for drive in campaign_report(store).drives] == [None]
-
-
-def test_a_network_says_where_it_looked_while_it_is_the_same(tmp_path: Path) -> None:
-    options = ["--driver", "dave2", "--simulations", "1", "--seed", "1", "--workers", "1"]
-    out = tmp_path / "network"
-    assert CliRunner().invoke(cli, ["run", *options, "--out", str(out)]).exit_code == 0
-    with CampaignStore.open(out) as store:
-        config, record = store.config, store.test(1)
-    camera = camera_data(record, config)
-    assert camera is not None
-    assert camera.looked is not None
-    looked = picture(camera.looked)
-    assert looked.shape == (camera.height, camera.width, 3)
-    assert (looked[..., 0] - looked[..., 2]).max() > 100.0  # red somewhere
-    driver = config["driver"]
-    assert isinstance(driver, dict)
-    foreign: JSONValue = {**driver, "class": "frenetic.drivers.neural.network:read_model"}
-    unasked = camera_data(record, {**config, "driver": foreign})
-    assert unasked is not None
-    assert unasked.looked is None
-    changed: JSONValue = {**driver, "fingerprint": {"digest": "another", "version": "version 0"}}
-    unlike = camera_data(record, {**config, "driver": changed})
-    assert unlike is not None
-    assert unlike.looked is None
-    assert "onnxruntime" in unlike.looked_note
-    assert unlike.looked_note.endswith("it was version 0")
-
-
-@pytest.fixture(scope="module")
-def own(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A campaign of a network, and its file, named from the folder that both lie in."""
-    folder = tmp_path_factory.mktemp("own")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        Path("models").mkdir()
-        Path("models", "MODEL.ONNX").write_bytes(DAVE2.read_bytes())
-        driver = Network(str(Path("models", "MODEL.ONNX")), max_speed=40.0, crop=(0, 0))
-        run(Path("runs", "own"), Foggy(driver, 80.0), 2)
-    return folder / "runs" / "own", folder / "models" / "MODEL.ONNX"
-
-
-def seen_by(folder: Path, options: dict[str, JSONValue] | None = None) -> CameraData:
-    """What the network's camera saw in test 1, with other options of the network in the record."""
-    with CampaignStore.open(folder) as store:
-        config, record = dict(store.config), store.test(1)
-    layer: JSONValue = config["driver"]
-    assert isinstance(layer, dict)
-    network = layer["driver"]
-    assert isinstance(network, dict)
-    assert isinstance(network["options"], dict)
-    network = {**network, "options": network["options"] | (options or {})}
-    config["driver"] = {**layer, "driver": network}
-    camera = DriverCamera(config, folder).saw(record)
-    assert camera is not None
-    return camera
-
-
-def test_a_network_of_your_own_says_where_it_looked(
-    own: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder, model = own
-    monkeypatch.chdir(tmp_path)  # its path counts from elsewhere
-    camera = seen_by(folder)
-    assert camera.looked is not None
-    assert camera.looked_note == ""
-    content = model.read_bytes()
-    model.write_bytes(b"another")
-    try:
-        camera = seen_by(folder)
-    finally:
-        model.write_bytes(content)
-    assert camera.looked is None
-    assert camera.looked_note == f"{Path('models', 'MODEL.ONNX')} as it was then is not here"
-
-
-def test_a_report_opens_no_file_but_the_recorded_model(
-    own: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    opened: list[object] = []
-    monkeypatch.setattr("frenetic.drivers.neural.network.read_model", opened.append)
-    monkeypatch.setattr("frenetic.report.html.camera.digest_of_file", opened.append)
-    large = tmp_path / "MODEL.ONNX"
-    with large.open("wb") as file:
-        file.truncate(600_000_000)
-    secret = tmp_path / "secret"
-    secret.write_text("mine")
-    named: list[JSONValue] = [str(large), str(secret), str(tmp_path), "\0", "~nobody/MODEL.ONNX"]
-    if hasattr(os, "mkfifo"):
-        queue = tmp_path / "queue" / "MODEL.ONNX"
-        queue.parent.mkdir()
-        os.mkfifo(queue)
-        named.append(str(queue))
-    for path in named:
-        camera = seen_by(own[0], {"model": path})
-        assert camera.looked is None
-        assert camera.looked_note.endswith("is not here")
-    assert opened == []
-    seen_by(own[0], {"model": str(own[1])})
-    assert opened == [own[1]]
-
-
-def test_a_page_takes_limited_time_to_find_out_where_a_network_looked(
-    own: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    usual = Network.saliency
-
-    def slow(
-        network: Network, seen: Observation, limit: float | None = None
-    ) -> npt.NDArray[np.float32]:
-        assert limit is not None
-        time.sleep(limit)
-        return usual(network, seen)
-
-    monkeypatch.setattr(Network, "saliency", slow)
-    monkeypatch.setattr("frenetic.report.html.camera.LOOKING", 0.1)
-    with CampaignStore.open(own[0]) as store:
-        camera = DriverCamera(store.config, own[0])
-        first, second = (camera.saw(store.test(i)) for i in (1, 2))
-    assert first is not None
-    assert second is not None
-    assert first.looked is not None
-    assert second.looked is None
-    assert second.looked_note == "the 0.1 s that a page takes to find it out are over"

@@ -37,9 +37,8 @@ def store(tmp_path: Path) -> Iterator[CampaignStore]:
 def test_stored_drive_is_judged_as_it_was(store: CampaignStore) -> None:
     for record in store.tests(with_trajectory=True):
         if record.outcome.is_driven:
-            test = record
-            assert test.drive is not None
-            again = judge(test.road, test.drive)
+            assert record.drive is not None
+            again = judge(record.road, record.drive)
             assert again.outcome is record.outcome
             assert again.moobd == pytest.approx(record.moobd, abs=1e-3)
 
@@ -92,7 +91,7 @@ def test_every_failure_gets_a_road_file_that_can_be_read_again(store: CampaignSt
     for path, record in zip(files, failures, strict=True):
         road = read_road(path).road()
         assert np.array_equal(road.curvatures, record.candidate.curvatures)
-        assert tuple(road.pose) == record.pose
+        assert road.pose == record.attempt.pose
         assert json.loads(path.read_text())["test_outcome"] == "FAIL"
 
 

@@ -5,18 +5,17 @@ import hashlib
 import json
 import re
 import shlex
+import shutil
 import sqlite3
 from contextlib import closing
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
-from redrives import redriven, store_run
 
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
@@ -32,8 +31,7 @@ from frenetic.oracle import assess
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
 from frenetic.redrive.confirm import confirm
-from frenetic.redrive.record import Purpose, Run
-from frenetic.report.confirmation import write_confirmation
+from frenetic.redrive.robustness import rerun
 from frenetic.report.html import (
     Chart,
     Fact,
@@ -56,7 +54,6 @@ from frenetic.road import Road
 from frenetic.search import Origin, RandomSearch, variation
 from frenetic.search.operators import DOES, FAIL_OPERATORS, PASS_OPERATORS
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.simulators.worlds import USUAL
 
 
 @pytest.fixture(scope="session")
@@ -420,63 +417,59 @@ def test_table_keeps_what_it_was_made_of() -> None:
     assert table.parents == ((), (), (1,))
 
 
-def test_reruns_and_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
-    folder = make_hostile(tmp_path, searched)
+def copied(searched: Path, folder: Path) -> tuple[Path, list[int]]:
+    """A copy of a campaign, and three of its failures."""
+    shutil.copytree(searched, folder)
     with CampaignStore.open(folder) as store:
-        test = store.test(1)
-        driver, simulator = store.config["driver"], store.config["simulator"]
-    assert isinstance(driver, dict)
-    assert isinstance(simulator, dict)
-    failed = redriven(USUAL, Outcome.FAIL, -1.0, test=test)
-    passed = redriven(USUAL, Outcome.PASS, 1.0, test=test)
-    again = (failed, *[passed] * 19)
-    varied = (Variation("friction", 0.8, 0.8),)
-    other: dict[str, JSONValue] = {"class": "another"}
-    for there, variations, redrives in (
-        (simulator, varied, again),
-        (other, varied, (passed,) * 20),
-        (simulator, (), (failed,) * 20),
-    ):
-        run = Run(Purpose.ROBUSTNESS, driver, there, seed=0, variations=variations, drives=redrives)
-        store_run(folder, run)
-    (folder / "minimised").mkdir()
-    (folder / "minimised" / "test-00001.json").write_text('{"curvatures": [0, 0.05, 0]}')
-    (folder / "minimised" / "test-00002.json").write_text("no road")
-    (folder / "failures").mkdir()
-    (folder / "failures" / "test-00002.json").write_text("{}")
-    data = page_of(write_report(folder)).data
-    (repeats,) = block_of(data, "gallery")["repeats"]
-    assert repeats["test"] == 1
-    assert repeats["stability"] == "fragile"
-    assert repeats["share"] == pytest.approx(0.05)
-    assert "friction 0.8" in repeats["text"]
-    drives = {drive["id"]: drive for drive in data["drives"]}
-    assert drives[1]["minimised"]["road"]["curvatures"] == [0.0, 0.05, 0.0]
-    assert drives[1]["minimised"]["file"] == "minimised/test-00001.json"
-    assert drives[2]["minimised"] is None
-    assert drives[1]["road_file"] is None
-    assert drives[2]["road_file"] == "failures/test-00002.json"
+        return folder, [test.id for test in store.tests(Outcome.FAIL, limit=3)]
+
+
+def test_the_telling_rerun_of_a_failure_is_shown(searched: Path, tmp_path: Path) -> None:
+    folder, (first, *_) = copied(searched, tmp_path / "c")
+    slow, grip = [Variation("speed", 30.0, 30.0)], [Variation("friction", 1.0, 1.0)]
+    for aggression, variations in ((1.0, slow), (0.9, grip), (1.0, ())):
+        driver = Planner(aggression=aggression)
+        rerun(folder, EmbeddedSimulator(), driver, test_ids=[first], times=5, variations=variations)
+    (repeats,) = block_of(page_of(write_report(folder)).data, "gallery")["repeats"]
+    assert (repeats["test"], repeats["stability"], repeats["share"]) == (first, "fragile", 0.0)
+    assert "speed 30 km/h" in repeats["text"]
+
+
+def test_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
+    folder, (first, second, _) = copied(searched, tmp_path / "c")
+    for name in ("minimised", "failures"):
+        (folder / name).mkdir()
+    small, broken = (f"minimised/test-{number:05d}.json" for number in (first, second))
+    (folder / small).write_text('{"curvatures": [0, 0.05, 0]}')
+    (folder / broken).write_text("no road")
+    road = f"failures/test-{second:05d}.json"
+    (folder / road).write_text("{}")
+    drives = {one["id"]: one for one in page_of(write_report(folder)).data["drives"]}
+    assert drives[first]["minimised"]["road"]["curvatures"] == [0.0, 0.05, 0.0]
+    assert drives[first]["minimised"]["file"] == small
+    assert drives[second]["minimised"] is None
+    assert (drives[first]["road_file"], drives[second]["road_file"]) == (None, road)
 
 
 def test_damaged_reruns_are_mentioned_and_do_no_harm(searched: Path, tmp_path: Path) -> None:
-    folder = make_hostile(tmp_path, searched)
-    with CampaignStore.open(folder) as store:
-        drives = (redriven(USUAL, Outcome.PASS, 1.0, test=store.test(1)),)
-    store_run(folder, Run(Purpose.ROBUSTNESS, {}, {}, seed=0, drives=drives))
-    with closing(sqlite3.connect(folder / DATABASE)) as database, database:
-        database.execute("UPDATE redrive SET outcome = 'MAYBE'")
+    folder, failures = copied(searched, tmp_path / "c")
+    rerun(folder, EmbeddedSimulator(), Planner(), test_ids=failures, times=1)
+    spoil(folder)
     warning = block_of(page_of(write_report(folder)).data, "headline")["warning"]
-    assert "is damaged: drive 1 of run 1" in warning
+    assert "is damaged" in warning
 
 
-def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
-    folder = make_searched(tmp_path / "searched")
+def spoil(folder: Path) -> None:
+    """Damages what drove a campaign's roads again."""
+    (again,) = folder.glob(f"again/*/{DATABASE}")
+    with closing(sqlite3.connect(again)) as database, database:
+        database.execute("UPDATE test SET outcome = 'MAYBE'")
+
+
+def test_failures_in_other_simulators_are_shown(searched: Path, tmp_path: Path) -> None:
+    folder, failures = copied(searched, tmp_path / "c")
     assert "confirmed" not in [section["id"] for section in sections_of(folder)]
-    with CampaignStore.open(folder) as store:
-        failures = [test.candidate.id for test in store.tests(Outcome.FAIL, limit=3)]
     there = confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
-    with CampaignStore.open(folder) as store:
-        write_confirmation(store, there)
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     text, table, pictures = section["blocks"]
     told = "Planner in EmbeddedSimulator, friction 0.8: 3 failing otherwise (3 elsewhere)."
@@ -488,15 +481,14 @@ def test_failures_in_other_simulators_are_shown(tmp_path: Path) -> None:
         "EmbeddedSimulator",
         "EmbeddedSimulator, friction 0.8",
     )
-    for test, shown in zip(there.tests, pictures["drives"], strict=True):
-        assert (shown["test"], shown["agreement"]) == (test.test_id, test.verdict)
-        assert test.trajectory is not None
+    for one, shown in zip(there.tests, pictures["drives"], strict=True):
+        assert (shown["test"], shown["agreement"]) == (one.test_id, one.verdict)
+        assert one.test.trajectory is not None
         x = 0.01 * np.cumsum(np.cumsum(shown["columns"][1]))
-        assert x[0] == pytest.approx(test.trajectory.x[0], abs=0.006)
+        assert x[0] == pytest.approx(one.test.trajectory.x[0], abs=0.006)
     data = page_of(folder / "report.html").data
     assert set(failures) <= {drive["id"] for drive in data["drives"]}
-    with closing(sqlite3.connect(folder / DATABASE)) as database, database:
-        database.execute("UPDATE redrive SET outcome = 'MAYBE'")
+    spoil(folder)
     (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
     assert "damaged" in section["blocks"][0]["text"]
 
@@ -711,10 +703,3 @@ def test_a_search_loses_nothing_when_its_report_cannot_be_written(tmp_path: Path
     assert f"Results:     {folder}" in done.output
     with CampaignStore.open(folder) as store:
         assert store.counts().simulations == 30
-
-
-def test_report_command_has_help() -> None:
-    done = CliRunner().invoke(cli, ["report", "--help"])
-    assert done.exit_code == 0
-    assert isinstance(cli, click.Group)
-    assert "without a network" in " ".join(done.output.split())

@@ -38,6 +38,7 @@ def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeas
         cells_after=curve // 3,
         seconds_to_failure=0.1 * distinct if distinct else math.inf,
         is_finished=True,
+        roads=60,
         filled=frozenset((i,) for i in range(2 * distinct // 3)),
         competition_filled=frozenset((i,) for i in range(distinct)),
         pairwise_diversity=0.4 - 0.01 * distinct if distinct > 1 else -math.inf,
@@ -91,7 +92,8 @@ def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
     assert (never["pairwise"].value, never["pairwise"].note) == ("none", "")
     assert "failures per\u00a0100" not in titles, "all have as many simulations"
     assert medians.caption.endswith(
-        "The same in all campaigns: simulations 60, errors 0, dropped candidates 0."
+        "The same in all campaigns: simulations 60, errors 0, dropped candidates 0,"
+        " different roads 60."
     )
     places = [row[0] for row in ranks.rows]
     assert [(cell.value, cell.note) for cell in places] == [

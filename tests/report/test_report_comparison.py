@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from frenetic.analysis.comparison import Comparison, compare_measured
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.errors import FreneticError
-from frenetic.report.comparison import _draw_measure, _page, draw_comparison, look_of
+from frenetic.report import plot
+from frenetic.report.comparison import draw_comparison, draw_measure, look_of
 
 
 def campaign(failures: int, simulations: int = 40, first: float | None = None) -> CampaignMeasures:
@@ -94,7 +95,7 @@ def test_a_measure_that_is_equal_everywhere_has_an_axis_from_zero(value: float) 
     (measured,) = (one for one in comparison.telling if one.measure.name == "invalid_share")
     equal = {name: (value,) * len(values) for name, values in measured.values.items()}
     axes = Figure().add_subplot()
-    _draw_measure(axes, replace(measured, values=equal))
+    draw_measure(axes, replace(measured, values=equal))
     ticks = axes.get_xticks().tolist()
     assert 2 <= len(ticks) <= 7
     assert ticks[0] == 0.0
@@ -121,6 +122,7 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
 
 def test_more_groups_than_colours_differ_in_their_lines_and_markers() -> None:
     assert len({look_of(group) for group in range(28)}) == 28
-    curves = _page(comparison_of(**{f"group {i}": FIVE for i in range(9)})).axes[0].lines
+    groups = comparison_of(**{f"group {i}": FIVE for i in range(9)})
+    curves = plot(groups, Figure().add_subplot()).lines
     shown = {(line.get_color(), line.get_linestyle()) for line in curves}
     assert len(shown) == 9

@@ -9,7 +9,7 @@ import pytest
 
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Evaluation, RandomSearch, Trace
-from frenetic.search.screened import SCREENED, Screened
+from frenetic.search.screened import NOTE, SCREENED, Screened
 
 
 def driven(candidate: Candidate, budget_spent: float, fails: bool) -> Evaluation:
@@ -49,10 +49,10 @@ def test_what_fails_in_the_twin_is_handed_on_with_controls_between() -> None:
     for number in range(1, 41):
         candidate = strategy.ask()
         assert candidate.id == number
-        assert candidate.screening is not None
-        role = candidate.screening.role
+        note = candidate.notes[NOTE]
+        role = note["role"]
         roles[role] += 1
-        assert candidate.screening.outcome is (Outcome.FAIL if is_left(candidate) else Outcome.PASS)
+        assert note["outcome"] == (Outcome.FAIL if is_left(candidate) else Outcome.PASS)
         if role == "screened":
             promising += is_left(candidate)
             assert candidate.origin.operator == SCREENED
@@ -68,9 +68,9 @@ def test_a_twin_that_misleads_is_stopped() -> None:
     strategy = screened()
     for number in range(1, 101):
         candidate, asked = strategy.ask(), number
-        if candidate.screening is None:
+        if not candidate.notes:
             break
-        fails = candidate.screening.role == "control"
+        fails = candidate.notes[NOTE]["role"] == "control"
         strategy.tell(driven(candidate, 0.0, fails))
     assert asked < 40
     assert strategy.stopped is not None
@@ -78,7 +78,7 @@ def test_a_twin_that_misleads_is_stopped() -> None:
     assert "since the twin misleads: 0 of " in strategy.stopped
     strategy.tell(driven(candidate, 0.0, True))
     alone = [strategy.ask() for _ in range(5)]
-    assert {(one.screening, one.origin.operator) for one in alone} == {(None, "random")}
+    assert [(one.notes, one.origin.operator) for one in alone] == 5 * [({}, "random")]
 
 
 def test_a_twin_that_breaks_on_every_road_is_given_up() -> None:
@@ -91,7 +91,7 @@ def test_a_twin_that_breaks_on_every_road_is_given_up() -> None:
     for _ in range(10):
         candidate = strategy.ask()
         strategy.tell(driven(candidate, 0.0, False))
-    assert candidate.screening is None
+    assert candidate.notes == {}
     assert "drove none of the roads" in str(strategy.notice)
 
 

@@ -2,71 +2,68 @@
 
 from __future__ import annotations
 
-import sqlite3
-from contextlib import closing
+import shutil
 from pathlib import Path
 
 import numpy as np
 
-from frenetic.campaign.record import Test
-from frenetic.campaign.store import DATABASE
-from frenetic.oracle import Side
+from frenetic.campaign.record import Attempt, Test
+from frenetic.oracle import LANE, Finding, Result, Side
 from frenetic.outcome import Outcome
-from frenetic.redrive.record import Redrive, Run
-from frenetic.redrive.table import RunWriter
+from frenetic.redrive.drives import FOLDER
+from frenetic.redrive.record import Redrive
 from frenetic.search import Candidate, Origin
-from frenetic.simulators.worlds import Conditions
+from frenetic.simulators.worlds import USUAL, Conditions, conditions_document
 
 
 def recorded(
     outcome: Outcome = Outcome.FAIL,
     moobd: float | None = -1.0,
-    departure_distance: float | None = None,
-    departure_side: Side | None = None,
+    place: float | None = None,
+    side: Side | None = None,
     *,
     id: int = 1,  # noqa: A002
-    length: float = 230.0,
+    reason: str = "Car reached",
+    duration: float | None = None,
+    conditions: Conditions = USUAL,
 ) -> Test:
-    """A test of a straight road."""
-    return Test(
-        candidate=Candidate(id, np.zeros(24), length / 23.0, Origin("random")),
-        told=id,
-        outcome=outcome,
-        reason="Car reached",
-        budget_spent=0.5,
-        seconds=0.1,
-        moobd=moobd,
-        departure_distance=departure_distance,
-        departure_side=departure_side,
+    """A test of a straight road of 230 m; the car leaves its lane at a place, if one is given."""
+    findings = () if place is None else (Finding(LANE, 1.0, 0.5, side, 5.0, place, 0.0, 0.0),)
+    result = Result(outcome, reason, moobd, duration=duration, findings=findings)
+    candidate = Candidate(
+        id, np.zeros(24), 10.0, Origin("random"), conditions=conditions_document(conditions)
     )
+    attempt = Attempt(id, result, seconds=0.25)
+    return Test(candidate=candidate, attempt=attempt, told=id, budget_spent=0.5)
 
 
 def redriven(
     conditions: Conditions,
     outcome: Outcome,
     moobd: float | None,
-    departure_distance: float | None = None,
-    departure_side: Side | None = None,
+    place: float | None = None,
+    side: Side | None = None,
     *,
     test: Test | None = None,
+    difference: float | None = None,
+    reason: str = "Car reached",
+    duration: float | None = None,
 ) -> Redrive:
     """A drive of a test's road."""
-    return Redrive(
-        test or recorded(), conditions, outcome, moobd, departure_distance, departure_side
+    test = test or recorded()
+    again = recorded(
+        outcome,
+        moobd,
+        place,
+        side,
+        id=test.id,
+        reason=reason,
+        duration=duration,
+        conditions=conditions,
     )
-
-
-def store_run(folder: Path, run: Run) -> None:
-    """Puts a run that was made up into a campaign."""
-    with RunWriter(folder, lambda: run) as writer:
-        for number, drive in enumerate(run.drives, start=1):
-            writer.add(number, drive)
+    return Redrive(test, again, difference)
 
 
 def forget_redrives(folder: Path) -> None:
-    """Takes all that was driven again out of a campaign."""
-    with closing(sqlite3.connect(folder / DATABASE)) as connection, connection:
-        connection.execute("DELETE FROM redrive")
-        connection.execute("DELETE FROM redrive_run")
-    for file in folder.glob("*.json*"):
-        file.unlink()
+    """Removes all campaigns that drove a campaign's roads again."""
+    shutil.rmtree(folder / FOLDER, ignore_errors=True)

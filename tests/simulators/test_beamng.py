@@ -36,7 +36,7 @@ from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, Rules
 from frenetic.simulators.beamng import BeamngError, BeamngSimulator
-from frenetic.simulators.beamng.link import _end, _free_port, _is_taken
+from frenetic.simulators.beamng.link import end_process
 from frenetic.simulators.beamng.scene import ego_start
 from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.testing import DummyDriver, SimulatorContract
@@ -327,7 +327,7 @@ def test_port_that_is_silent_is_asked_once() -> None:
 
 def test_port_of_the_car_that_cannot_be_reached_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     with StandIn() as server:
-        port = _free_port()
+        port = free_port()
         monkeypatch.setattr(
             server, "_ge_StartVehicleConnection", lambda _: {"vid": "ego", "result": port}
         )
@@ -552,6 +552,11 @@ def test_simulator_can_be_sent_to_a_worker(stand_in: StandIn) -> None:
 linux = pytest.mark.skipif(sys.platform != "linux", reason="the program is a shell script")
 
 
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
+
+
 def is_alive(process_id: int) -> bool:
     try:
         os.kill(process_id, 0)
@@ -601,7 +606,7 @@ def test_it_is_started_again_after_it_was_killed(tmp_path: Path) -> None:
 @linux
 def test_campaign_has_a_port_of_its_own(tmp_path: Path) -> None:
     program(tmp_path / "home")
-    simulator = BeamngSimulator(home=str(tmp_path / "home"), port=_free_port())
+    simulator = BeamngSimulator(home=str(tmp_path / "home"), port=free_port())
     summary = campaign(simulator, tmp_path / "c").run()
     assert (summary.simulations, summary.errors) == (3, 0)
 
@@ -610,7 +615,7 @@ def test_campaign_has_a_port_of_its_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize("has_port", [False, True])
 def test_campaign_goes_on_after_a_crash(tmp_path: Path, has_port: bool) -> None:
     program(tmp_path / "home")
-    port = _free_port() if has_port else None
+    port = free_port() if has_port else None
     simulator = BeamngSimulator(home=str(tmp_path / "home"), port=port)
 
     class Killing(Stanley):
@@ -632,7 +637,7 @@ def test_it_is_started_anew_after_so_many_drives(tmp_path: Path) -> None:
     program(tmp_path / "home")
     processes = []
     with BeamngSimulator(
-        home=str(tmp_path / "home"), port=_free_port(), restart_every=2
+        home=str(tmp_path / "home"), port=free_port(), restart_every=2
     ) as simulator:
         for _ in range(5):
             assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
@@ -643,17 +648,18 @@ def test_it_is_started_anew_after_so_many_drives(tmp_path: Path) -> None:
 
 
 @linux
-def test_port_of_connections_that_have_ended_is_not_taken() -> None:
+def test_port_of_connections_that_have_ended_is_not_taken(tmp_path: Path) -> None:
+    program(tmp_path / "home")
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]
-        assert _is_taken(port)
         with socket.create_connection(("127.0.0.1", port)) as client:
             served, _ = listener.accept()
             served.close()  # first, so that the port is kept on this side
             assert not client.recv(1)
     with socket.socket() as plain, pytest.raises(OSError, match="in use"):
         plain.bind(("127.0.0.1", port))
-    assert not _is_taken(port)
+    with BeamngSimulator(home=str(tmp_path / "home"), port=port) as simulator:
+        assert judge(ROAD, simulator.drive(ROAD, Stanley())).outcome is Outcome.PASS
 
 
 @linux
@@ -736,7 +742,7 @@ def test_windows_ends_the_whole_tree_of_beamng(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(subprocess, "run", run)
     monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setenv("SYSTEMROOT", "/windows")
-    _end(process)  # type: ignore[arg-type]
+    end_process(process)  # type: ignore[arg-type]
     assert calls == [["/windows/System32/taskkill.exe", "/F", "/T", "/PID", "4711"]]
 
 

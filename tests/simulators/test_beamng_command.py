@@ -237,7 +237,7 @@ def test_failures_of_the_embedded_simulator_are_confirmed(
     assert confirmation.car.length == 4.508
     # The stand-in moves the car by the same physics, so the drives are much the same.
     assert document["confirmed"] == 3
-    assert all(one.trajectory is not None for one in confirmation.tests)
+    assert all(one.test.trajectory is not None for one in confirmation.tests)
 
 
 def test_replay_in_beamng(frenetic: Frenetic, stand_in: StandIn) -> None:

@@ -518,12 +518,9 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         found_at: dict[int, int] = {}  # id of a failure -> simulations up to and with it
         seconds_to_failure = math.inf
         tally = Tally()
-        spent = 0.0
         drawn = 0
         failed_by_chance = []
         for record in store.tests():
-            # Logs of old versions hold only the time of each test.
-            spent = record.elapsed
             outcome = record.outcome
             tally.count(record.candidate, outcome, record.moobd)
             if outcome.is_simulated:
@@ -535,7 +532,7 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
                 if outcome is Outcome.FAIL:
                     found_at[record.candidate.id] = len(found) - 1
                     if len(found_at) == 1:
-                        seconds_to_failure = spent
+                        seconds_to_failure = record.elapsed
         failures = _read_failures(store, found_at)
         facts, seed = store.facts, store.config.get("seed")
     counts = tally.counts()

@@ -129,10 +129,12 @@ def _findings(
     try:
         for (line,) in store.rows("PRAGMA integrity_check"):
             if line != "ok":
-                yield f"SQLite says: {line}"
+                yield f"SQLite says: {' '.join(line.split())}"
         if fault := fault_of(store.config):
             yield f"the configuration: {fault}"
         _ = store.facts, store.fact("earlier")  # each with its checksum
+        for (number,) in store.rows("SELECT test FROM finding EXCEPT SELECT id FROM test"):
+            yield f"there are findings of test {number}, which is missing"
         numbers = list(store.rows("SELECT id, told FROM test ORDER BY told IS NULL, told, id"))
     except CampaignError as error:
         yield str(error)

@@ -346,7 +346,12 @@ class Dispatcher:
             raise _raised(error) from error
 
     def _give_up_if_hopeless(self, test: Test) -> None:
-        """Raises a `CampaignError` if no road was judged for too long."""
+        """Raises a `CampaignError` if no road was judged for too long.
+
+        A road that is driven again is given, so what becomes of it is an answer.
+        """
+        if test.candidate.source is not None:
+            return
         if test.outcome is Outcome.INVALID:
             self._refused += 1
         elif test.outcome is Outcome.ERROR:

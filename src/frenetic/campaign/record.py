@@ -7,9 +7,11 @@ made of them and the exported tables follow from it.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from json import JSONEncoder
 from typing import Any, ClassVar, Final, Literal, NamedTuple, Self, TypeAlias
 
 import numpy as np
@@ -264,8 +266,11 @@ class Column(NamedTuple):
         if self.kind == "TEXT":  # half characters of a broken driver's message as in Python
             return str(value).encode("utf-8", "backslashreplace").decode()
         if self.kind == "JSON":
-            plain = to_builtins(value, enc_hook=_plain)
-            return json.encode(plain).decode()
+            try:
+                text = _FINITE.encode(to_builtins(value, enc_hook=_plain))
+            except ValueError:
+                raise ValueError(f"{self.name} is {value}: finite numbers are needed") from None
+            return _HALF_CHARACTER.sub(lambda half: rf"\\u{ord(half[0]):x}", text)
         if not np.isfinite(value).all():
             raise ValueError(f"{self.name} are not all finite")
         return np.ascontiguousarray(value, "<f8").tobytes()
@@ -286,6 +291,10 @@ class Column(NamedTuple):
                 raise ValueError(f"the {self.name} are not all finite")
             return values.reshape(-1, 2) if self.kind == "PAIRS" else values
         return value
+
+
+_FINITE: Final = JSONEncoder(ensure_ascii=False, allow_nan=False)  # msgspec makes null of NaN
+_HALF_CHARACTER: Final = re.compile("[\ud800-\udfff]")
 
 
 def _plain(value: Any) -> Any:

@@ -93,12 +93,12 @@ CREATE TABLE finding (
 """
 """`asked_after` is the number of results told before a road was asked for. A checksum is the CRC-32
 of the other values of a row, in the order of the columns, without the trajectory, which has its
-own, and with the findings of the test."""
+own, and with the findings of the test from their number on."""
 _INSERT: Final = f"INSERT OR REPLACE INTO test VALUES ({', '.join('?' * (len(FINISHED) + 3))})"  # noqa: S608
 _INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({', '.join('?' * (len(FINDING) + 2))})"  # noqa: S608
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?, ?)"
 _SELECT: Final = f"SELECT {_VALUES}, asked_after, checksum FROM test WHERE id IN "  # noqa: S608
-_SELECT_FINDINGS: Final = f"SELECT test, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
+_SELECT_FINDINGS: Final = f"SELECT test, number, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
 _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended")
 _FIXED: Final = ("config", "created_at", "earlier", "sources")
 _UNLISTED: Final = ("config", "earlier", "sources")  # large, or shown elsewhere
@@ -164,7 +164,8 @@ class CampaignStore(Shown):
             ValueError: the configuration or a fact is not JSON (NaN and infinity are not).
         """
         folder = Path(folder)
-        rows = {"config": dict(config), "created_at": present_moment(), **facts}
+        named = {"config": dict(config), "created_at": present_moment(), **facts}
+        rows = [_fact_row(*fact) for fact in named.items()]
         with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
         path = folder / DATABASE
@@ -177,7 +178,7 @@ class CampaignStore(Shown):
             with translated(path):
                 for leftover in ("", "-wal", "-shm", "-journal"):
                     unfinished.with_name(unfinished.name + leftover).unlink(missing_ok=True)
-                _make_database(unfinished, [_fact_row(*fact) for fact in rows.items()])
+                _make_database(unfinished, rows)
                 unfinished.replace(path)
             return cls._open_locked(folder, lock)
         except BaseException:
@@ -355,11 +356,12 @@ class CampaignStore(Shown):
             )
         packed = test.attempt.pack(keep=True)
         row = (*row_of(replace(test, attempt=packed)), self._outstanding[test.id])
-        findings = [row_of_finding(finding) for finding in test.result.findings]
+        numbered = enumerate(test.result.findings, start=1)
+        findings = [(number, *row_of_finding(finding)) for number, finding in numbered]
         total = checksum([*row, *(value for finding in findings for value in finding)])
         del self._outstanding[test.id]
         self._held[test.id] = (*row, total, packed.packed)
-        self._findings += [(test.id, number, *one) for number, one in enumerate(findings, start=1)]
+        self._findings += [(test.id, *finding) for finding in findings]
         self._told += 1
 
     def write(self) -> None:
@@ -434,7 +436,7 @@ class CampaignStore(Shown):
             after: only of tests told later than the first so many.
 
         Raises:
-            ValueError: an unknown outcome or order, or a limit that is no whole number from 0.
+            ValueError: an unknown outcome or order, or a number that is no whole one from 0.
             CampaignError: a test is damaged or missing.
         """
         if order_by not in ("told", "moobd"):
@@ -445,7 +447,11 @@ class CampaignStore(Shown):
         self.write()
         # A stored test never changes, so the ids are a snapshot, and no transaction stays open
         # between two tests.
-        rows = [row for row in self._index(after) if only is None or row[2] == only]
+        rows = [
+            row
+            for row in self._index(require_count("after", after, 0))
+            if only is None or row[2] == only
+        ]
         if order_by == "moobd":
             rows.sort(key=lambda row: (row[3] is None, row[3] or 0.0))
         ids = [row[1] for row in rows[:limit]]
@@ -513,7 +519,7 @@ class CampaignStore(Shown):
             own = findings.get(number, [])
             if checksum([*row, *(value for finding in own for value in finding)]) != stored:
                 raise self._damaged(f"test {number} does not match its checksum")
-            yield tuple(row[:-1]), own
+            yield tuple(row[:-1]), [finding[1:] for finding in own]
 
     def _packed(self, number: int, records: int | None) -> bytes | None:
         """The encoded trajectory of a test with so many records, None if it has none.
@@ -535,9 +541,10 @@ class CampaignStore(Shown):
         Raises:
             CampaignError: it is damaged.
         """
+        number = _whole(id)
         self.write()
-        rows = self._select("SELECT records FROM test WHERE id = ?", (_whole(id),))
-        packed = self._packed(id, rows[0][0]) if rows else None
+        rows = self._select("SELECT records FROM test WHERE id = ?", (number,))
+        packed = self._packed(number, rows[0][0]) if rows else None
         if packed is None:
             return None
         with self._reading(f"the trajectory of test {id}"):

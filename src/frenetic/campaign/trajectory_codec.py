@@ -129,9 +129,9 @@ def decode_columns(data: bytes) -> FloatArray:
             f"a stored trajectory has the columns {list(places)}, this version of frenetic reads"
             f" {list(_PLACES)}: another one wrote it"
         )
-    if count > MAX_RECORDS or max(widths) > 8:
+    if count > MAX_RECORDS or len(widths) != there or max(widths) > 8:
         raise CampaignError(
-            f"a stored trajectory is damaged: it claims {count} records of {max(widths)} bytes"
+            f"a stored trajectory is damaged: it claims {count} records of {list(widths)} bytes"
         )
     first = min(count, 2)
     rest = count - first

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli.console import Log, print_table, shell, two_digits
+from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import CampaignFolder, GroupedCommand, count_option
 from frenetic.cli.parts import PROFILE
 from frenetic.cli.redrive import (
@@ -17,6 +17,7 @@ from frenetic.cli.redrive import (
     interrupted,
     recorded_spec,
     redriving_options,
+    say_where,
     shown_driving,
 )
 
@@ -44,12 +45,12 @@ def confirm(
     Each road is driven where it lay on the map, with the campaign's options unless others are
     given. A failure is confirmed if the driver has the same failure in the other simulator: on the
     same side within 30 m along the road, and with the same mechanism, which means that road,
-    offsets and speeds before it differ by at most 2 m, as within one distinct failure. The drives
-    are kept in the campaign's database, with pictures of both paths in confirmed/.
+    offsets and speeds before it differ by at most 2 m, as within one distinct failure. The same
+    command goes on with an interrupted one, and shows a complete one. Pictures of both paths are in
+    confirmed/.
     """
     from frenetic.analysis.failures import LISTED
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.store import DATABASE
     from frenetic.redrive.confirm import confirm as confirm_failures
     from frenetic.redrive.confirm import confirmation_document
     from frenetic.spec import describe
@@ -88,24 +89,23 @@ def confirm(
     else:
         _print(confirmation)
         if confirmation.tests:
-            click.echo(
-                f"Kept in {campaign / DATABASE}; to see it: frenetic report {shell(campaign)}"
-            )
-    gallery = _draw(log, campaign, confirmation)
+            say_where(campaign, confirmation.folder, out)
+    gallery = _draw(log, campaign, out or campaign, confirmation)
     if gallery is not None and not as_json:
         click.echo(f"At a glance: {gallery}")
     if confirmation.missing:
-        raise interrupted(log, f"{confirmation.missing} roads were not driven")
+        left = counted(confirmation.missing, "road")
+        raise interrupted(log, f"{left} to go; the same command goes on")
     if not any(test.other.outcome.is_driven for test in confirmation.tests):
         raise click.exceptions.Exit(1)
 
 
-def _draw(log: Log, campaign: Path, confirmation: Confirmation) -> Path | None:
+def _draw(log: Log, campaign: Path, out: Path, confirmation: Confirmation) -> Path | None:
     from frenetic.campaign import CampaignStore
     from frenetic.report.confirmation import write_confirmation  # matplotlib imports slowly
 
     with log.status("Drawing both paths"), CampaignStore.open(campaign) as store:
-        return write_confirmation(store, confirmation)
+        return write_confirmation(store, confirmation, out)
 
 
 def _print(confirmation: Confirmation) -> None:

@@ -151,6 +151,12 @@ def shown_driving(log: Log, what: str) -> Iterator[Mapping[str, Any]]:
         yield {"on_progress": show, "on_start": compiled, "on_interrupt": log.stopping}
 
 
+def say_where(campaign: Path, kept: Path | None, out: Path | None) -> None:
+    """Prints where drives are kept, and what shows them."""
+    shown = campaign if out is None else out
+    click.echo(f"Kept in {kept}; to see it: frenetic report {shell(shown)}")
+
+
 def interrupted(log: Log, what: str) -> click.exceptions.Exit:
     """Prints what is left to do and ends the command."""
     log.print(f"Interrupted: {what}")

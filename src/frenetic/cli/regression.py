@@ -81,7 +81,8 @@ def regression(
         is_the_same_drive = all(value in (None, ()) for value in given.values())
         _print(replayed, everything, is_the_same_drive, with_rows)
     if replayed.missing:
-        raise interrupted(log, f"{replayed.missing} roads were not driven")
+        left = counted(replayed.missing, "road")
+        raise interrupted(log, f"{left} to go; the same command goes on")
     if not replayed.passed:
         raise click.exceptions.Exit(1)
 

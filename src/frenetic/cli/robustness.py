@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import counted
-from frenetic.cli.console import Log, print_table, shell, two_digits
+from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import AskedRange, CampaignFolder, GroupedCommand, Range, count_option
 from frenetic.cli.redrive import (
     chosen_tests,
@@ -19,6 +19,7 @@ from frenetic.cli.redrive import (
     recorded_spec,
     redriving_options,
     rows_option,
+    say_where,
     shown_driving,
 )
 
@@ -100,10 +101,10 @@ def robustness(
     simulator is not repeatable. With it, each drive is in its own world, drawn from the ranges: the
     command prints how many drives fail and which of the ranges matter, and with --rows for each
     failure its share and the 95 % interval. A failure is fragile if it surely repeats in less than
-    half of the worlds, robust if in half or more. Results are kept in the campaign's database.
+    half of the worlds, robust if in half or more. The same command goes on with an interrupted one,
+    and shows a complete one.
     """
     from frenetic.campaign import CampaignStore
-    from frenetic.campaign.store import DATABASE
     from frenetic.redrive.robustness import rerun as rerun_campaign
 
     with CampaignStore.open(campaign) as store:
@@ -150,13 +151,12 @@ def robustness(
         most = f"{'up to ' if is_cut else ''}{counted(times, 'drive')} of each"
         _print(reruns, most, variations, with_rows)
         if is_judged:
-            kept = campaign / DATABASE
-            click.echo(f"Kept in {kept}; to see it: frenetic report {shell(campaign)}")
+            say_where(campaign, reruns[0].folder, out)
     elif not interrupts:
         click.echo(f"{campaign} holds no failure")
     if is_cut:
         what = "no drive was finished" if left is None else f"{counted(left, 'drive')} to go"
-        raise interrupted(log, f"{what}; the same command begins again")
+        raise interrupted(log, f"{what}; the same command goes on")
     if reruns and not is_judged:
         raise click.exceptions.Exit(1)
 

@@ -67,6 +67,8 @@ class Confirmation:
     """Drives in the order of choice, representative failures first."""
     missing: int = 0
     """Number of tests left undriven by Ctrl-C."""
+    folder: Path | None = None
+    """Folder of the campaign that drove them, the last one."""
 
     @cached_property
     def key(self) -> str:
@@ -133,7 +135,7 @@ def confirm(
         driver: the campaign's or another.
         test_ids: the failures, the most important first.
         on_progress: called after every drive with the number of drives, and of all.
-        how: see `frenetic.redrive.loop.RedriveOptions`.
+        how: see `frenetic.redrive.drives.RedriveOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, a test is no failure, or no worker can be started.
@@ -168,13 +170,14 @@ def _of_run(run: Run) -> Confirmation:
         car=run.car,
         tests=run.drives,
         missing=max(run.planned - len(run.drives), 0),
+        folder=run.folder,
     )
 
 
 def read_confirmations(folder: Path | str) -> tuple[Confirmation, ...]:
     """The stored confirmations of a campaign, one of each simulator, driver and rules.
 
-    Of a test's drives with these, the last counts.
+    Of a test's drives with these, the last judged one counts.
 
     Raises:
         CampaignError: it cannot be read, is damaged, or was written by a newer version.

@@ -82,6 +82,8 @@ class _Terms:
     seed: int | None = None
     """Ranges of the drawn conditions, if any."""
     variations: tuple[Variation, ...] = ()
+    digest: str = ""
+    """See `_digest`."""
 
 
 def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) -> RoadTester:
@@ -130,8 +132,8 @@ def drive_again(
         The run, with its drives in the order of tests and conditions; after Ctrl-C there are fewer.
 
     Raises:
-        CampaignError: a test was not driven, nothing can be stored, no worker can be started, or
-            only broken drives come.
+        CampaignError: a test was not driven, nothing can be stored, ``out`` holds something else,
+            or no worker can be started.
         ValueError: an option is out of range.
     """
     strategy = Again(
@@ -139,9 +141,8 @@ def drive_again(
     )
     simulator, driver = tester.simulator, tester.driver
     terms = _Terms(purpose, len(strategy), seed, tuple(variations))
-    place = how.get("out")
-    if place is None:
-        place = Path(folder) / FOLDER / _digest(strategy, terms, tester)
+    terms = replace(terms, digest=_digest(strategy, terms, tester))
+    place = Path(how.get("out") or Path(folder) / FOLDER / terms.digest)
     workers = require_count("workers", how.get("workers", 1))
     if len(strategy) == 0:
         return Run(purpose, describe(driver), describe(simulator), simulator.rules, simulator.car)
@@ -158,12 +159,14 @@ def drive_again(
         drive_limit=how.get("drive_limit"),
         description={FACT: json.decode(json.encode(terms))},
     )
-    exists = (Path(place) / DATABASE).is_file()
+    exists = (place / DATABASE).is_file()
     done = failed = 0
     if exists:
-        run = read_run(place, folder)
-        if run is None or run.purpose is not purpose:
+        with CampaignStore.open(place) as store:
+            theirs = _terms_of(store)
+        if theirs != terms:
             raise CampaignError(f"{place} holds another campaign: choose another --out")
+        run = read_run(place, folder)
         if len(run.drives) == run.planned:
             return run
         done, failed = len(run.drives), sum(one.outcome is Outcome.FAIL for one in run.drives)
@@ -177,35 +180,44 @@ def drive_again(
 
     search = campaign.resume if exists else campaign.run
     search(on_test=report, on_start=how.get("on_start"), on_interrupt=how.get("on_interrupt"))
-    found = read_run(place, folder)
-    assert found is not None
-    return found
+    return read_run(place, folder)
 
 
 def _digest(strategy: Again, terms: _Terms, tester: RoadTester) -> str:
     """Digits of what is driven with what, wherever the campaign lies."""
-    what = {name: value for name, value in strategy.options.items() if name != "campaign"}
     parts = describe(tester.driver), describe(tester.simulator), asdict(tester.simulator.rules)
-    return hashlib.sha256(json.encode([what, terms, parts], order="sorted")).hexdigest()[:SHORT]
+    what = json.encode([strategy.options, terms, parts], order="sorted")
+    return hashlib.sha256(what).hexdigest()[:SHORT]
 
 
-def read_run(folder: Path | str, source: Path | str) -> Run | None:
-    """The run in a folder, as far as it came; None if roads were not driven again there.
+def _terms_of(store: CampaignStore) -> _Terms | None:
+    """Why a campaign drove roads again; None if it did not.
+
+    Raises:
+        CampaignError: it is damaged.
+    """
+    if FACT not in store.config:
+        return None
+    try:
+        return convert(store.config[FACT], _Terms)
+    except ValidationError as error:
+        raise CampaignError(f"{store.folder} is damaged: {FACT}: {error}") from None
+
+
+def read_run(folder: Path | str, source: Path | str) -> Run:
+    """The run in a folder, as far as it came.
 
     Args:
-        folder: of the campaign that drove them.
+        folder: of the campaign that drove the roads.
         source: of the campaign whose roads they are.
 
     Raises:
-        CampaignError: one of them is damaged.
+        CampaignError: one of them is damaged, or roads were not driven again there.
     """
     with CampaignStore.open(folder) as store, CampaignStore.open(source) as original:
-        if FACT not in store.config:
-            return None
-        try:
-            terms = convert(store.config[FACT], _Terms)
-        except ValidationError as error:
-            raise CampaignError(f"{folder} is damaged: {FACT}: {error}") from None
+        terms = _terms_of(store)
+        if terms is None:
+            raise CampaignError(f"{folder} did not drive the roads of another campaign again")
         recorded: dict[int, tuple[Test, Failure | None]] = {}
         drives = []
         for test in sorted(store.tests(with_trajectory=True), key=lambda test: test.id):
@@ -230,6 +242,7 @@ def read_run(folder: Path | str, source: Path | str) -> Run | None:
             terms.seed,
             terms.variations,
             tuple(drives),
+            Path(folder),
         )
 
 
@@ -243,21 +256,23 @@ def read_runs(folder: Path | str, purpose: Purpose) -> list[Run]:
     """
     found: list[tuple[bool, str, Run]] = []
     for place in sorted((Path(folder) / FOLDER).glob(f"*/{DATABASE}")):
-        run = read_run(place.parent, folder)
-        if run is not None and run.purpose is purpose:
-            with CampaignStore.open(place.parent) as store:
-                made_at = str(store.fact("created_at"))
+        with CampaignStore.open(place.parent) as store:
+            terms, made_at = _terms_of(store), str(store.fact("created_at"))
+        if terms is not None and terms.purpose is purpose:
+            run = read_run(place.parent, folder)
             found.append((len(run.drives) == run.planned, made_at, run))
     return [run for *_, run in sorted(found, key=lambda one: one[:2])]
 
 
 def merged(runs: Iterable[Run]) -> list[Run]:
-    """Runs with the same parts and rules as one: of each test, the drives of the last count."""
+    """Runs with the same parts and rules as one: of each test, the last judged drives count."""
     found: dict[object, Run] = {}
     for run in runs:
         key = comparison_key(run.driver, run.simulator), run.rules
-        before = found.get(key, replace(run, planned=0, drives=()))
-        drives = {**by_test(before.drives), **by_test(run.drives)}
+        drives = dict(by_test(found[key].drives)) if key in found else {}
+        for test_id, own in by_test(run.drives).items():
+            if test_id not in drives or any(drive.outcome.is_driven for drive in own):
+                drives[test_id] = own
         planned = max(run.planned, sum(map(len, drives.values())))
         every = tuple(drive for own in drives.values() for drive in own)
         found[key] = replace(run, planned=planned, drives=every)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from pathlib import Path
 
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.analysis.failures import THRESHOLD
@@ -253,6 +254,8 @@ class Run:
     variations: tuple[Variation, ...] = ()
     drives: tuple[Redrive, ...] = ()
     """Drives in the planned order."""
+    folder: Path | None = None
+    """Folder of the campaign that drove them; None if there was nothing to drive."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)

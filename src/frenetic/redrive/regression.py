@@ -19,8 +19,6 @@ from frenetic.redrive.drives import (
     RedriveProgress,
     campaign_tester,
     drive_again,
-    merged,
-    read_runs,
 )
 from frenetic.redrive.record import (
     Change,
@@ -87,12 +85,12 @@ def replay(
     """Drives the failing roads of a campaign again, each where it lay on the map.
 
     Args:
-        folder: of the campaign, which is only read.
+        folder: of the campaign.
         simulator: any, not yet entered.
         driver: any.
         everything: all driven roads, not only failing ones.
         on_progress: called after every drive.
-        how: see `frenetic.redrive.loop.RedriveOptions`.
+        how: see `frenetic.redrive.drives.RedriveOptions`.
 
     Raises:
         CampaignError: the campaign is damaged, or no worker can be started.
@@ -123,18 +121,6 @@ def _of_run(folder: Path, run: Run) -> Replay:
         tests=tuple(sorted(run.drives, key=lambda drive: drive.test_id)),
         missing=max(run.planned - len(run.drives), 0),
     )
-
-
-def read_replays(folder: Path | str) -> tuple[Replay, ...]:
-    """The stored replays, one for each driver, simulator and rules, oldest first.
-
-    Of a test's drives the last judged one counts.
-
-    Raises:
-        CampaignError: it cannot be read, is damaged, or was written by a newer version.
-    """
-    runs = merged(read_runs(folder, Purpose.REGRESSION))
-    return tuple(_of_run(Path(folder), run) for run in runs)
 
 
 def replay_document(replay: Replay) -> dict[str, JSONValue]:

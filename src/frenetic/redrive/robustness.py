@@ -105,6 +105,8 @@ class Rerun:
     drives: tuple[Redrive, ...]
     rules: Rules | None = None
     """Rules; None if unknown."""
+    folder: Path | None = field(default=None, compare=False)
+    """Folder of the campaign that drove them."""
 
     @property
     def test_id(self) -> int:
@@ -225,7 +227,7 @@ def rerun(
         variations: ranges of the varied quantities; none by default.
         seed: of the worlds.
         on_progress: called after every drive.
-        how: see `frenetic.redrive.loop.RedriveOptions`.
+        how: see `frenetic.redrive.drives.RedriveOptions`.
 
     Returns:
         The tests that were driven, in order; after Ctrl-C the last may have fewer drives.
@@ -273,6 +275,7 @@ def _reruns_of(run: Run) -> Iterator[Rerun]:
             run.simulator,
             drives,
             run.rules,
+            run.folder,
         )
 
 

@@ -39,15 +39,17 @@ class Again:
         conditions: Sequence[Mapping[str, float]] = ({},),
     ) -> None:
         tests = list(tests)
-        self.options: Mapping[str, Any] = {
-            "campaign": str(campaign),
-            "tests": tests,
-            "conditions": [dict(one) for one in conditions],
-        }
         for one in conditions:
             read_conditions(one)
         with CampaignStore.open(campaign) as store:
             roads = [_driven(store, number) for number in tests]
+            made_at = store.fact("created_at")
+        self._campaign = str(campaign)
+        self.options: Mapping[str, Any] = {
+            "made_at": made_at,  # the campaign may be moved, and be named from elsewhere
+            "tests": tests,
+            "conditions": [dict(one) for one in conditions],
+        }
         self._drives = iter(
             [(road, i, one) for road in roads for i, one in enumerate(self.options["conditions"])]
         )
@@ -70,7 +72,7 @@ class Again:
             road.points,
             conditions=conditions,
             repeat=repeat,
-            source=Source(self.options["campaign"], road.id),
+            source=Source(self._campaign, road.id),
         )
 
     def tell(self, evaluation: Evaluation) -> None:

@@ -89,7 +89,7 @@ def _page(comparison: Comparison) -> Figure:
         row, column = divmod(i, _COLUMNS)
         x = _LEFT + column * (width + _GAP)
         y = top + _CURVES + 0.55 + legend + row * pitch + 0.55
-        _draw_measure(axes(x, y, width, panel), measured)
+        draw_measure(axes(x, y, width, panel), measured)
     return figure
 
 
@@ -134,7 +134,8 @@ def frame_counts(axes: Any, across: str, up: str) -> None:
         axes.spines[side].set_visible(False)
 
 
-def _draw_measure(axes: Any, measured: MeasureComparison) -> None:
+def draw_measure(axes: Any, measured: MeasureComparison) -> None:
+    """Draws a measure's values, a row for each group."""
     measure = measured.measure
     everything = [value for values in measured.values.values() for value in values]
     finite = [value for value in everything if math.isfinite(value)]

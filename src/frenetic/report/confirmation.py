@@ -71,8 +71,10 @@ class Pair:
         return assess(self.road, self.recorded), assess(self.road, self.other)
 
 
-def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path | None:
-    """Draws all drives of a confirmation, and a gallery, into the campaign's folder.
+def write_confirmation(
+    store: CampaignStore, confirmation: Confirmation, out: Path | None = None
+) -> Path | None:
+    """Draws all drives of a confirmation, and a gallery, into a folder; by default the campaign's.
 
     Returns:
         The gallery; None if nothing was driven.
@@ -82,7 +84,7 @@ def write_confirmation(store: CampaignStore, confirmation: Confirmation) -> Path
         FreneticError: a picture cannot be written.
     """
     names = names_of(store, confirmation)
-    folder = store.folder / pictures_of(confirmation)
+    folder = (out or store.folder) / pictures_of(confirmation)
     pairs = {test.test_id: _pair(store, confirmation, test) for test in confirmation.tests}
     driven = {test_id: pair for test_id, pair in pairs.items() if pair is not None}
     if not driven:

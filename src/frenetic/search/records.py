@@ -54,8 +54,9 @@ class Candidate:
     Then these are judged and driven where they lie, and the curvatures follow from them; there are
     none if no road passes through the points.
     """
-    conditions: Mapping[str, float] = field(default_factory=dict)
-    """Name of a condition -> its value, as far as they differ from the campaign's."""
+    conditions: Mapping[str, int | float] = field(default_factory=dict)
+    """Name of a condition -> its value, as far as they differ from the campaign's; seeds are whole
+    numbers."""
     repeat: int = 0
     """Number from 0 of this drive among those of the same road in the same conditions."""
     source: Source | None = None

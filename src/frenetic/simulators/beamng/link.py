@@ -337,7 +337,7 @@ class Link:
                 self._bng.disconnect()
         finally:
             if process is not None:
-                _end(process)
+                end_process(process)
 
     def _limit(self, seconds: float) -> None:
         """Limits the time of an answer of BeamNG.tech and its vehicle."""
@@ -644,7 +644,7 @@ def _child_deaf_to_interrupt() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
+def end_process(process: subprocess.Popen[bytes]) -> None:
     """Ends a process that we started, even if it hangs."""
     if process.stdin is not None:
         with suppress(OSError):
