@@ -41,7 +41,7 @@ from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.workers.local import PREFETCH
+from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
@@ -390,7 +390,7 @@ def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
         marks.make("go")
         assert running.ends() == 130, running.err.read_text()
     # Five, the two that waited, and what quick workers had got ahead of time.
-    assert 7 <= running.told() <= 5 + 2 * PREFETCH
+    assert 7 <= running.told() <= 5 + 2 * AHEAD
     assert f"Interrupted: {running.told()} simulations" in running.out.read_text()
     assert "Traceback" not in running.err.read_text()
     assert check_campaign(running.folder).findings == ()
