@@ -120,7 +120,7 @@ class Campaign(Shown):
             `IsolatedSimulator` does. More are processes on this machine, into which driver and
             simulator are copied.
         cluster: address of a Dask scheduler whose workers drive instead of `workers`; see
-            `frenetic.campaign.workers.dask.workers`.
+            `frenetic.campaign.workers.cluster`.
         ordered: whether results are told in the order of asking, with `lookahead` candidates
             outstanding at once. The campaign then depends on the seed, but not on the number and
             speed of the workers. Otherwise the strategy is asked for as many candidates as there

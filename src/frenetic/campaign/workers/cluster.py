@@ -1,24 +1,31 @@
 """Workers of a Dask cluster, also on other computers.
 
 The user starts ``dask scheduler``, and on each computer ``dask worker ADDRESS --nthreads 1
---resources simulator=1``. The resource is the number of tests that a worker may drive at once. Each
-test is a task that holds one of them, in a worker that keeps driver and simulator for the next.
+--resources simulator=1``. The resource is the number of a worker's seats, each with a driver and a
+simulator of its own, which is up as long as the campaign needs it. A seat is the result of a task
+that stays on its worker, and a test is a task there, too. So Dask itself ends the seats of a
+campaign that is gone.
 """
 
 from __future__ import annotations
 
 import logging
 import pickle
+import platform
 import sys
+import threading
 import time
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, Self
+from weakref import WeakSet
 
-from frenetic.campaign.log import CampaignLog, Event, WorkerState
+from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat
@@ -26,52 +33,61 @@ from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, describe_error, reason_of, traceback_of
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
+from frenetic.worker import CLOSING_LIMIT, START_LIMIT, LostWorkerError
 
 try:
     import cloudpickle
-    from distributed import Client, Future, get_worker
+    from distributed import Client, Future, get_worker, wait
 except ModuleNotFoundError as error:
     raise CampaignError(
         'a cluster needs Dask, which is not installed: pip install "frenetic-roads[cluster]"'
     ) from error
 
 RESOURCE: Final = "simulator"
-"""Resource of a worker, as many as it drives at once."""
+"""Resource of a worker, as many as it has seats."""
 CONNECT_LIMIT: Final = 10.0
 """Limit for reaching the scheduler, in s."""
 NO_SEATS_LIMIT: Final = 60.0
 """Time that a campaign waits for a usable worker of the cluster, in s."""
 LOOK_INTERVAL: Final = 1.0
 """Time between two listings of the cluster's workers, in s."""
+TAKEN_INTERVAL: Final = 5.0
+"""Time between two tries to get a seat that another campaign has, in s."""
+RESTART_LIMIT: Final = 30.0
+"""Time that a nanny has to end a hanging worker, in s."""
 _POLL: Final = 0.002  # s
 
 logger = logging.getLogger(__name__)
 
 
-def require_scheduler(address: str) -> None:
-    """Asks whether a scheduler is there, before a campaign makes its folder.
-
-    Raises:
-        CampaignError: there is none.
-    """
-    _connect(address).close()
+class TakenError(Exception):
+    """All seats of a worker serve other campaigns."""
 
 
-def _connect(address: str) -> Client:
-    try:
-        return Client(address, timeout=CONNECT_LIMIT, set_as_default=False, name="frenetic")
-    except (OSError, ValueError, TypeError) as error:
-        raise CampaignError(
-            f"there is no Dask scheduler at {address} ({describe_error(error)}): start one with"
-            " 'dask scheduler', and name it as tcp://HOST:PORT"
-        ) from None
+@dataclass(eq=False)
+class _Held:
+    """A seat, as the campaign knows it."""
+
+    address: str
+    """Of its worker."""
+    name: str
+    opening: Future
+    """Its `_Opened`, which stays on the worker."""
+    since: float
+    """Beginning of what it does, on the monotonic clock."""
+    state: WorkerStatus = "starting"
+    candidate: int = 0
+    """Id of the one that it drives."""
+    call: Future | None = None
+    """Its test."""
+    tests: int = 0
 
 
 class ClusterWorkers(Workers):
-    """The workers of a Dask cluster that offer the resource ``simulator``.
+    """The seats of a Dask cluster's workers that offer the resource ``simulator``.
 
-    Workers may come and go. One that dies costs its candidate an attempt. One that exceeds the
-    limit in a drive is restarted if it has a nanny, as it has by default.
+    Workers may come and go. One that dies costs each candidate that it drives an attempt. One that
+    exceeds the limit in a drive is restarted if it has a nanny, as it has by default.
 
     Args:
         tester: copied to each worker, with the code of the user's own modules.
@@ -91,39 +107,39 @@ class ClusterWorkers(Workers):
         self._drive_limit = drive_limit
         self._log = log
         self._client: Client
-        self._held: Any
-        self._seats: dict[str, int] = {}  # by the worker's address
-        self._names: dict[str, str] = {}
-        self._running: dict[Future, tuple[int, str, float]] = {}  # id, address, when it began
+        self._hosts: dict[str, Any] = {}  # as the scheduler describes them, by address
+        self._seats: list[_Held] = []
+        self._refused: dict[str, tuple[str, float]] = {}  # why, until when, by address
         self._next_look = 0.0
         self._since = time.monotonic()  # without any seats
+        self._has_started = False
 
     @property
     def free(self) -> int:
         """Number of candidates that can be submitted now."""
-        return sum(seats - self._busy(address) for address, seats in self._seats.items())
+        return sum(self._is_free(seat) for seat in self._seats)
 
-    def _busy(self, address: str) -> int:
-        return sum(one == address for _, one, _ in self._running.values())
+    def _is_free(self, seat: _Held) -> bool:
+        return seat.state == "idle" and _is_running(self._hosts.get(seat.address))
 
     def states(self) -> Mapping[str, WorkerState]:
-        """Activity of each worker, by its name."""
+        """Activity of each seat, by its name."""
         now = time.monotonic()
-        since = {address: began for _, address, began in self._running.values()}
         return {
-            name: WorkerState(
-                name, "driving" if address in since else "idle", 0, now - since.get(address, now)
-            )
-            for address, name in self._names.items()
+            seat.name: WorkerState(seat.name, seat.state, seat.tests, now - seat.since)
+            for seat in self._seats
         }
 
     def submit(self, candidate: Candidate) -> None:
-        """Hands a candidate to a free worker."""
-        address = next(a for a, seats in self._seats.items() if self._busy(a) < seats)
-        future = self._client.submit(
-            _test, self._held, candidate, workers=[address], resources={RESOURCE: 1}, pure=False
-        )
-        self._running[future] = candidate.id, address, time.monotonic()
+        """Hands a candidate to a free seat."""
+        seat = next(seat for seat in self._seats if self._is_free(seat))
+        seat.call = self._task(seat.address, _test, seat.opening, candidate)
+        seat.state, seat.candidate, seat.since = "driving", candidate.id, time.monotonic()
+
+    def _task(self, address: str, function: Any, *arguments: Any) -> Future:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # a network makes a large task
+            return self._client.submit(function, *arguments, workers=[address], pure=False)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns finished attempts.
@@ -132,82 +148,143 @@ class ClusterWorkers(Workers):
             CampaignError: the scheduler is lost, or no worker can be used for some time.
         """
         end = time.monotonic() + timeout
+        had = self.free
         while True:
-            now = time.monotonic()
-            if now >= self._next_look:
-                had = self.free
-                self._look(now)
-                if self.free > had:
-                    return ()
-            done = [future for future in self._running if future.done()]
-            late = [
-                future
-                for future, (_, address, since) in self._running.items()
-                if not future.done()
-                and (address not in self._seats or now > since + self._drive_limit)
-            ]
-            if done or late:
-                attempts = [self._attempt(future) for future in done]
-                return attempts + [self._give_up(future, now) for future in late]
-            if now >= end:
-                return ()
+            if time.monotonic() >= self._next_look:
+                self._look()
+            attempts = [one for seat in self._seats.copy() if (one := self._heard(seat))]
+            if attempts or self.free > had or time.monotonic() >= end:
+                return attempts
             time.sleep(_POLL)
 
-    def _look(self, now: float) -> None:
+    # Which seats there are
+
+    def _look(self) -> None:
+        """Asks for the workers that are there, and opens their seats."""
+        now = time.monotonic()
         self._next_look = now + LOOK_INTERVAL
-        try:
-            info = self._client.scheduler_info(n_workers=-1)["workers"]
-        except Exception:
-            info = {}
+        with suppress(OSError):  # it takes too long
+            self._hosts = self._client.sync(self._client.scheduler.identity)["workers"]
+        self._require_connection()
+        names = [seat.name for seat in self._seats]
+        for address, host in self._hosts.items():
+            if _is_running(host) and now >= self._refused.get(address, ("", 0.0))[1]:
+                for name in set(_names(address, host)).difference(names):
+                    opening = self._task(address, _open, self._parcel, _software())
+                    self._seats.append(_Held(address, name, opening, now))
+        if self._seats:
+            self._since = now
+        else:
+            self._require_seats(now)
+
+    def _require_connection(self) -> None:
         if self._client.status != "running":
             raise CampaignError(
                 f"the connection to the Dask scheduler {self._address} is lost: start the cluster"
                 " again, then 'frenetic resume'; nothing that was stored is lost"
             )
-        seats = {
-            address: int(worker["resources"].get(RESOURCE, 0))
-            for address, worker in info.items()
-            if worker.get("status") == "running"
-        }
-        self._names |= {a: str(info[a].get("name") or a) for a in seats}
-        for address in seats.keys() - self._seats.keys():
-            if seats[address]:
-                name = self._names[address]
-                self._log.write(Event.WORKER_STARTED, f"worker {name} started", worker=name)
-        self._seats = {address: number for address, number in seats.items() if number}
-        if self._seats or self._running:
-            self._since = now
-        elif now > self._since + NO_SEATS_LIMIT:
+
+    def _require_seats(self, now: float) -> None:
+        """Ends the wait for a seat: after a while, or at once where none has ever started."""
+        troubles, waits = [], False
+        for address, host in self._hosts.items():
+            if names := _names(address, host):
+                reason, until = self._refused.get(address, (f"it is {host['status']}", now))
+                troubles.append(f"{names[0]}: {reason}")
+                waits = waits or until < float("inf")
+        limit = max(NO_SEATS_LIMIT, self._drive_limit if waits else 0.0)
+        if troubles and not waits and not self._has_started:
+            limit = 0.0
+        if now < self._since + limit:
+            return
+        if troubles:
             raise CampaignError(
-                f"no worker of the Dask scheduler {self._address} offers a {RESOURCE}: start some"
-                f" with 'dask worker {self._address} --nthreads 1 --resources {RESOURCE}=1'"
+                f"no worker of the Dask scheduler {self._address} can be used:"
+                f" {'; '.join(troubles)}"
             )
-
-    def _attempt(self, future: Future) -> Attempt:
-        number, address, since = self._running.pop(future)
-        try:
-            attempt: Attempt = future.result()
-        except BaseException as error:
-            return self._lost(number, address, since, reason_of(error))
-        return replace(attempt, worker=self._names[address])
-
-    def _give_up(self, future: Future, now: float) -> Attempt:
-        number, address, since = self._running.pop(future)
-        with suppress(Exception):
-            future.cancel(force=True)
-        if address not in self._seats:
-            return self._lost(number, address, since, "it died or left the cluster")
-        with suppress(Exception):  # it has no nanny
-            self._client.restart_workers([address], timeout=30.0, raise_for_error=False)
-        return self._lost(number, address, since, f"its drive took more than {now - since:.3g} s")
-
-    def _lost(self, number: int, address: str, since: float, reason: str) -> Attempt:
-        name = self._names[address]
-        loss = f"worker {name} was lost: {reason}"
-        self._log.write(
-            Event.WORKER_LOST, loss, level="warning", worker=name, reason=reason, test=number
+        raise CampaignError(
+            f"no worker of the Dask scheduler {self._address} offers a {RESOURCE}: start some"
+            f" with 'dask worker {self._address} --nthreads 1 --resources {RESOURCE}=1'"
         )
-        return Attempt.lost(number, name, time.monotonic() - since, loss)
+
+    # What becomes of a seat
+
+    def _heard(self, seat: _Held) -> Attempt | None:
+        """Attends to a seat; returns its finished attempt."""
+        seconds = time.monotonic() - seat.since
+        if seat.address not in self._hosts:
+            return self._lose(seat, "it died or left the cluster")
+        if seat.state == "starting":
+            if seat.opening.done():
+                self._opened(seat)
+            elif seconds > START_LIMIT:
+                self._lose(seat, f"its start took more than {START_LIMIT:g} s", float("inf"))
+        elif seat.call is not None:
+            if seat.call.done():
+                return self._answered(seat, seat.call, seconds)
+            if seconds > self._drive_limit:
+                return self._restart(seat)
+        return None
+
+    def _opened(self, seat: _Held) -> None:
+        try:
+            error = seat.opening.exception()
+        except Exception as cancelled:  # with its worker, say
+            error = cancelled
+        if error is None:
+            seat.state, seat.since = "idle", time.monotonic()
+            self._has_started = True
+            self._log.write(Event.WORKER_STARTED, f"worker {seat.name} started", worker=seat.name)
+        elif isinstance(error, TakenError):
+            self._seats.remove(seat)
+            again = time.monotonic() + TAKEN_INTERVAL
+            self._refused[seat.address] = "it drives for another campaign", again
+        else:
+            self._lose(seat, _told(error), float("inf"))
+
+    def _answered(self, seat: _Held, call: Future, seconds: float) -> Attempt | None:
+        attempt: Attempt
+        try:
+            attempt, lines = call.result()
+        except Exception as error:  # Dask's, since `_test` raises nothing
+            return self._lose(seat, _told(error))
+        for level, name, text in lines:
+            logging.getLogger(name).log(level, "%s: %s", seat.name, text)
+        if attempt.worker_lost:
+            return self._lose(seat, attempt.result.reason, traceback=attempt.traceback)
+        seat.call, seat.state, seat.since = None, "idle", time.monotonic()
+        seat.tests += 1
+        return replace(attempt, worker=seat.name, seconds=seconds)
+
+    def _restart(self, seat: _Held) -> Attempt | None:
+        """Lets its nanny end a hanging worker; one without a nanny is left alone."""
+        reason, until = f"its drive took more than {self._drive_limit:.3g} s", 0.0
+        if self._hosts[seat.address].get("nanny"):
+            with suppress(Exception):  # it takes too long
+                self._client.restart_workers([seat.address], timeout=RESTART_LIMIT)
+        else:
+            until = float("inf")
+        return self._lose(seat, reason, until)
+
+    def _lose(
+        self, seat: _Held, reason: str, until: float = 0.0, traceback: str = ""
+    ) -> Attempt | None:
+        """Gives a seat up, and its worker until then; returns the attempt that it drives."""
+        self._require_connection()
+        self._seats.remove(seat)
+        self._refused[seat.address] = reason, until
+        self._next_look = 0.0
+        seat.opening.release()
+        loss = f"worker {seat.name} was lost: {reason}"
+        fields: dict[str, Any] = {"worker": seat.name, "reason": reason}
+        if seat.call is not None:
+            seat.call.release()
+            fields["test"] = seat.candidate
+        self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
+        if seat.call is None:
+            return None
+        seconds = time.monotonic() - seat.since
+        return Attempt.lost(seat.candidate, seat.name, seconds, loss, traceback)
 
     def __enter__(self) -> Self:
         """Connects to the scheduler.
@@ -216,51 +293,164 @@ class ClusterWorkers(Workers):
             CampaignError: there is none.
         """
         self._client = _connect(self._address)
-        self._held = self._client.scatter(self._parcel, hash=True)
         return self
 
-    def __exit__(self, *_: object) -> None:
-        """Gives up what still runs, and closes the simulators."""
-        with suppress(Exception):
-            self._client.cancel(list(self._running), force=True)
-            if self._client.status == "running" and not self._running:
-                self._client.run(_close, self._parcel)
-        self._client.close()
+    def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
+        """Ends the simulators: at once during an error, else when what runs is done."""
+        with _silenced():
+            if error is None:
+                with suppress(Exception):  # the scheduler is lost, or it takes too long
+                    closings = [
+                        self._task(seat.address, _close, seat.opening) for seat in self._seats
+                    ]
+                    wait(closings, timeout=CLOSING_LIMIT)
+            self._client.close(timeout=CONNECT_LIMIT)
+
+
+def _told(error: BaseException) -> str:
+    return error.reason if isinstance(error, LostWorkerError) else reason_of(error)
+
+
+def _is_running(host: Any) -> bool:
+    """Whether a worker takes tasks; it may be gone, leaving or short of memory."""
+    return host is not None and host["status"] == "running"
+
+
+def _names(address: str, host: Any) -> list[str]:
+    """Names of a worker's seats."""
+    number = min(int(host["resources"].get(RESOURCE, 0)), host["nthreads"])
+    name = str(host["name"])
+    if name == address:
+        name = address.partition("://")[2]
+    return [name] if number == 1 else [f"{name} seat {k}" for k in range(1, number + 1)]
+
+
+@contextmanager
+def _silenced() -> Iterator[None]:
+    """Hides Dask's complaints about a lost scheduler while its client is closed."""
+    dask = logging.getLogger("distributed.client")
+    level = dask.level
+    dask.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        dask.setLevel(level)
+
+
+def require_scheduler(address: str) -> None:
+    """Asks whether a scheduler is there, before a campaign makes its folder.
+
+    Raises:
+        CampaignError: there is none.
+    """
+    _connect(address).close()
+
+
+def _connect(address: str) -> Client:
+    try:
+        return Client(address, timeout=CONNECT_LIMIT, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise CampaignError(
+            f"there is no Dask scheduler at {address!r} ({describe_error(error)}): start one with"
+            " 'dask scheduler', and name it as tcp://HOST:PORT"
+        ) from None
+
+
+def _software() -> str:
+    try:
+        ours = version("frenetic-roads")
+    except PackageNotFoundError:  # it is somewhere on the path
+        ours = "of no version"
+    return f"Frenetic {ours} and Python {'.'.join(platform.python_version_tuple()[:2])}"
 
 
 # In a worker
 
-
-def _test(parcel: bytes, candidate: Candidate) -> Attempt:
-    """Tests a candidate with the driver and the simulator that this worker keeps."""
-    kept = _kept()
-    key = hash(parcel)
-    if key not in kept:
-        # A task may run anything on the worker, so unpickling is as safe as the task.
-        kept[key] = pickle.loads(parcel)  # noqa: S301
-        kept[key].start()
-    try:
-        attempt: Attempt = kept[key].test(candidate)
-    except BaseException as error:  # also SystemExit: the worker goes on
-        kept.pop(key, None)
-        reason, trace = reason_of(error), traceback_of(error)
-        return Attempt.lost(candidate.id, "", 0.0, reason, trace)
-    return attempt
+_opening = threading.Lock()
 
 
-def _close(parcel: bytes) -> None:
-    """Ends the simulator that a worker keeps."""
-    seat = _kept().pop(hash(parcel), None)
-    if seat is not None:
-        seat.close()
+class _Opened:
+    """A seat that is up until nobody refers to it."""
+
+    def __init__(self, seat: Seat | None = None) -> None:
+        self.seat = seat
+
+    def __reduce__(self) -> tuple[type[_Opened], tuple[()]]:
+        """A worker that leaves hands on what it has: nothing that another one can use."""
+        return _Opened, ()
+
+    def __del__(self) -> None:
+        _close(self)
 
 
-def _kept() -> dict[int, Seat]:
+def _open(parcel: bytes, software: str) -> _Opened:
+    """A seat of this worker whose simulator has started.
+
+    Raises:
+        TakenError: it has no other.
+        LostWorkerError: it does not start, or the campaign has other software.
+    """
+    if software != _software():
+        raise LostWorkerError(
+            f"it has {_software()}, this campaign {software}: install the same versions on both"
+        )
     worker = get_worker()
-    if not hasattr(worker, "frenetic_seats"):
-        worker.frenetic_seats = {}
-    kept: dict[int, Seat] = worker.frenetic_seats
-    return kept
+    opened = _Opened()
+    with _opening:
+        if not hasattr(worker, "frenetic_seats"):
+            worker.frenetic_seats = WeakSet()
+        if len(worker.frenetic_seats) >= worker.state.total_resources.get(RESOURCE, 0):
+            raise TakenError
+        worker.frenetic_seats.add(opened)
+    try:
+        # A task may run anything on the worker, so unpickling is as safe as the task.
+        opened.seat = pickle.loads(parcel)  # noqa: S301
+        opened.seat.start()
+    except BaseException as error:  # also SystemExit: the worker goes on
+        raise LostWorkerError(reason_of(error)) from None
+    return opened
+
+
+def _test(opened: _Opened, candidate: Candidate) -> tuple[Attempt, list[tuple[int, str, str]]]:
+    """Tests a candidate in a seat; also what was logged."""
+    assert opened.seat is not None
+    with _logged() as lines:
+        try:
+            attempt = opened.seat.test(candidate)
+        except BaseException as error:  # also SystemExit: the worker goes on
+            reason, trace = reason_of(error), traceback_of(error)
+            attempt = Attempt.lost(candidate.id, "", 0.0, reason, trace)
+    return attempt, lines
+
+
+def _close(opened: _Opened) -> None:
+    """Ends the simulator of a seat."""
+    seat, opened.seat = opened.seat, None
+    if seat is not None:
+        try:
+            seat.close()
+        except Exception as error:  # what was driven stands
+            logger.warning("a simulator did not end well: %s", reason_of(error))
+
+
+@contextmanager
+def _logged() -> Iterator[list[tuple[int, str, str]]]:
+    """Level, logger and text of what this thread logs, from INFO on."""
+    lines: list[tuple[int, str, str]] = []
+    thread = threading.get_ident()
+
+    class Keeper(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.thread == thread:
+                lines.append((record.levelno, record.name, record.getMessage()))
+
+    library, keeper = logging.getLogger("frenetic"), Keeper(logging.INFO)
+    library.setLevel(min(library.level or logging.INFO, logging.INFO))
+    library.addHandler(keeper)
+    try:
+        yield lines
+    finally:
+        library.removeHandler(keeper)
 
 
 # Driver and simulator in one parcel, for computers without the user's files
