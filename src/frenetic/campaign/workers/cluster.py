@@ -23,7 +23,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, Self
-from weakref import WeakSet
+from weakref import WeakSet, finalize
 
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
@@ -370,17 +370,14 @@ _opening = threading.Lock()
 
 
 class _Opened:
-    """A seat that is up until nobody refers to it."""
+    """A seat that is up until nobody refers to this, or its worker ends."""
 
-    def __init__(self, seat: Seat | None = None) -> None:
-        self.seat = seat
+    seat: Seat
+    end: finalize[..., _Opened]
 
     def __reduce__(self) -> tuple[type[_Opened], tuple[()]]:
         """A worker that leaves hands on what it has: nothing that another one can use."""
         return _Opened, ()
-
-    def __del__(self) -> None:
-        _close(self)
 
 
 def _open(parcel: bytes, software: str) -> _Opened:
@@ -405,6 +402,7 @@ def _open(parcel: bytes, software: str) -> _Opened:
     try:
         # A task may run anything on the worker, so unpickling is as safe as the task.
         opened.seat = pickle.loads(parcel)  # noqa: S301
+        opened.end = finalize(opened, _end, opened.seat)
         opened.seat.start()
     except BaseException as error:  # also SystemExit: the worker goes on
         raise LostWorkerError(reason_of(error)) from None
@@ -413,7 +411,6 @@ def _open(parcel: bytes, software: str) -> _Opened:
 
 def _test(opened: _Opened, candidate: Candidate) -> tuple[Attempt, list[tuple[int, str, str]]]:
     """Tests a candidate in a seat; also what was logged."""
-    assert opened.seat is not None
     with _logged() as lines:
         try:
             attempt = opened.seat.test(candidate)
@@ -425,12 +422,14 @@ def _test(opened: _Opened, candidate: Candidate) -> tuple[Attempt, list[tuple[in
 
 def _close(opened: _Opened) -> None:
     """Ends the simulator of a seat."""
-    seat, opened.seat = opened.seat, None
-    if seat is not None:
-        try:
-            seat.close()
-        except Exception as error:  # what was driven stands
-            logger.warning("a simulator did not end well: %s", reason_of(error))
+    opened.end()
+
+
+def _end(seat: Seat) -> None:
+    try:
+        seat.close()
+    except Exception as error:  # what was driven stands
+        logger.warning("a simulator did not end well: %s", reason_of(error))
 
 
 @contextmanager
