@@ -17,12 +17,12 @@ import threading
 import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, Self
+from typing import Any, Final, NoReturn, Self
 from weakref import WeakSet, finalize
 
 from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
@@ -37,7 +37,7 @@ from frenetic.worker import CLOSING_LIMIT, START_LIMIT, LostWorkerError
 
 try:
     import cloudpickle
-    from distributed import Client, Future, get_worker, wait
+    from distributed import Client, Future, get_worker
 except ModuleNotFoundError as error:
     raise CampaignError(
         'a cluster needs Dask, which is not installed: pip install "frenetic-roads[cluster]"'
@@ -55,6 +55,8 @@ TAKEN_INTERVAL: Final = 5.0
 """Time between two tries to get a seat that another campaign has, in s."""
 RESTART_LIMIT: Final = 30.0
 """Time that a nanny has to end a hanging worker, in s."""
+STAYING: Final = ("init", "running", "paused")
+"""States of a worker that does not leave."""
 _POLL: Final = 0.002  # s
 
 logger = logging.getLogger(__name__)
@@ -107,11 +109,12 @@ class ClusterWorkers(Workers):
         self._drive_limit = drive_limit
         self._log = log
         self._client: Client
+        self._silence = ExitStack()
         self._hosts: dict[str, Any] = {}  # as the scheduler describes them, by address
         self._seats: list[_Held] = []
         self._refused: dict[str, tuple[str, float]] = {}  # why, until when, by address
         self._next_look = 0.0
-        self._since = time.monotonic()  # without any seats
+        self._since: float  # without any seats
         self._has_started = False
 
     @property
@@ -164,18 +167,22 @@ class ClusterWorkers(Workers):
         now = time.monotonic()
         self._next_look = now + LOOK_INTERVAL
         with suppress(OSError):  # it takes too long
-            self._hosts = self._client.sync(self._client.scheduler.identity)["workers"]
+            self._hosts = self._identity()["workers"]
         self._require_connection()
+        if any(seat.state != "starting" for seat in self._seats):
+            self._since = now
+        elif not self._seats:
+            self._require_seats(now)
         names = [seat.name for seat in self._seats]
         for address, host in self._hosts.items():
             if _is_running(host) and now >= self._refused.get(address, ("", 0.0))[1]:
                 for name in set(_names(address, host)).difference(names):
                     opening = self._task(address, _open, self._parcel, _software())
                     self._seats.append(_Held(address, name, opening, now))
-        if self._seats:
-            self._since = now
-        else:
-            self._require_seats(now)
+
+    def _identity(self) -> Any:
+        """What the scheduler tells of itself."""
+        return self._client.sync(self._client.scheduler.identity, callback_timeout=CONNECT_LIMIT)
 
     def _require_connection(self) -> None:
         if self._client.status != "running":
@@ -224,6 +231,9 @@ class ClusterWorkers(Workers):
                 return self._answered(seat, seat.call, seconds)
             if seconds > self._drive_limit:
                 return self._restart(seat)
+        elif self._hosts[seat.address]["status"] not in STAYING:
+            self._seats.remove(seat)
+            seat.opening.release()
         return None
 
     def _opened(self, seat: _Held) -> None:
@@ -293,17 +303,20 @@ class ClusterWorkers(Workers):
             CampaignError: there is none.
         """
         self._client = _connect(self._address)
+        self._silence.enter_context(_silenced())
+        self._since = time.monotonic()
         return self
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         """Ends the simulators: at once during an error, else when what runs is done."""
-        with _silenced():
+        with self._silence:
             if error is None:
                 with suppress(Exception):  # the scheduler is lost, or it takes too long
                     closings = [
                         self._task(seat.address, _close, seat.opening) for seat in self._seats
                     ]
-                    wait(closings, timeout=CLOSING_LIMIT)
+                    for closing in closings:
+                        closing.result(timeout=CLOSING_LIMIT)
             self._client.close(timeout=CONNECT_LIMIT)
 
 
@@ -327,7 +340,7 @@ def _names(address: str, host: Any) -> list[str]:
 
 @contextmanager
 def _silenced() -> Iterator[None]:
-    """Hides Dask's complaints about a lost scheduler while its client is closed."""
+    """Hides Dask's complaints about a lost scheduler: the campaign says it itself."""
     dask = logging.getLogger("distributed.client")
     level = dask.level
     dask.setLevel(logging.CRITICAL)
@@ -375,9 +388,9 @@ class _Opened:
     seat: Seat
     end: finalize[..., _Opened]
 
-    def __reduce__(self) -> tuple[type[_Opened], tuple[()]]:
-        """A worker that leaves hands on what it has: nothing that another one can use."""
-        return _Opened, ()
+    def __reduce__(self) -> NoReturn:
+        """Keeps a worker that is to leave from doing so before the campaign gives this up."""
+        raise TypeError("a seat cannot leave its worker")
 
 
 def _open(parcel: bytes, software: str) -> _Opened:
