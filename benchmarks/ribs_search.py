@@ -29,7 +29,7 @@ from frenetic.road import MAP_SIZE
 from frenetic.search import Candidate, Evaluation, Origin
 from frenetic.search.operators import CURVATURE_BOUND
 from frenetic.search.random_search import RANDOM, STEP, MapCheck, RandomRoads
-from frenetic.search.strategy import Ledger, options_of
+from frenetic.search.strategy import Ledger, Strategy, options_of
 
 ALGORITHMS: Final = ("map-elites", "cma-mae", "cma-es")
 AXES: Final = ("direction_coverage", "max_curvature", "mean_speed", "mean_offset")
@@ -44,7 +44,7 @@ MOST_BATCHES: Final = 50
 """Batches of which every road is refused, before a random road is proposed."""
 
 
-class RibsSearch:
+class RibsSearch(Strategy):
     """A `Strategy` that lets pyribs choose the roads.
 
     The solution is a fixed number of curvature values, the objective the negative MOOBD, and the

@@ -55,7 +55,7 @@ SIMULATIONS: Final = 1000
 CAMPAIGNS: Final = 5
 
 
-class Timed:
+class Timed(Strategy):
     """A strategy whose processor time is counted."""
 
     def __init__(self, strategy: Strategy) -> None:
@@ -63,7 +63,7 @@ class Timed:
         self.seconds = 0.0
         """Of all calls so far."""
 
-    def ask(self) -> Candidate:
+    def ask(self) -> Candidate | None:
         """The strategy's next road."""
         start = time.process_time()
         candidate = self._strategy.ask()

@@ -25,6 +25,7 @@ DRIVER = """
 from frenetic.drivers.driver import Controls
 import gains
 from parts import lookahead
+from folder.deep import law
 
 class Mpc:
     def __init__(self, comfort=2.0, model=None, **more):
@@ -42,14 +43,18 @@ FILES = {
     "parts/lookahead.py": "from . import inner\n",
     "parts/inner.py": "NEAR = 3\n",
     "parts/mpc.py": f"from . import inner\n{DRIVER}",
+    "folder/deep/law.py": "LAW = 1\n",
+    "folder/mpc.py": f"from .deep.law import LAW\n{DRIVER}",
     "unused.py": "NOTHING = 0\n",
 }
+MAIN = {"mpc.py", "parts/mpc.py", "folder/mpc.py"}
 UNUSED = {
-    "mpc.py:Mpc": {"unused.py", "parts/mpc.py"},
-    "mpc:Mpc": {"unused.py", "parts/mpc.py"},
-    "parts.mpc:Mpc": {"unused.py", "mpc.py"},
+    "mpc.py:Mpc": {"unused.py", *MAIN} - {"mpc.py"},
+    "mpc:Mpc": {"unused.py", *MAIN} - {"mpc.py"},
+    "parts.mpc:Mpc": {"unused.py", *MAIN} - {"parts/mpc.py"},
+    "folder.mpc:Mpc": {"unused.py", *MAIN} - {"folder/mpc.py"},
 }
-"""A driver in a file, in a module and in a package -> the files that it does not use."""
+"""A driver in a file, a module, a package and a folder -> the files that it does not use."""
 
 
 @pytest.fixture
@@ -97,7 +102,7 @@ def test_an_edit_of_these_makes_another_version(place: Path, spec: str, name: st
     assert old.startswith("source ") and new.startswith("source ") and old != new  # noqa: PT018
 
 
-@pytest.mark.parametrize("spec", ["{}/mpc.py:Mpc", "mpc:Mpc", "parts.mpc:Mpc"])
+@pytest.mark.parametrize("spec", ["{}/mpc.py:Mpc", "mpc:Mpc", "parts.mpc:Mpc", "folder.mpc:Mpc"])
 def test_it_is_the_same_elsewhere_and_with_other_ends_of_lines(
     place: Path, monkeypatch: pytest.MonkeyPatch, spec: str
 ) -> None:
@@ -255,7 +260,7 @@ def test_an_installed_part_has_the_version_of_its_distribution(
         site,
         {
             "fast/__init__.py": "",
-            "fast/mpc.py": DRIVER.replace("import gains", "").replace("from parts", "# "),
+            "fast/mpc.py": DRIVER.replace("import gains", "").replace("from ", "# "),
             f"{info.name}/METADATA": "Name: my-drivers\nVersion: 1.2\n",
             f"{info.name}/top_level.txt": "fast\n",
             f"{info.name}/RECORD": "fast/__init__.py,,\n",

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import StrEnum
 from typing import NoReturn
 
 
-class Outcome(str, Enum):  # noqa: UP042  # Python 3.9 runs `frenetic.competition`
+class Outcome(StrEnum):
     """The end of a road test."""
-
-    __str__ = str.__str__  # PASS, not Outcome.PASS: it is an `enum.StrEnum`, which 3.9 lacks
 
     PASS = "PASS"
     """The car reached the end of the road in its lane."""

@@ -338,7 +338,7 @@ class Spec:
             CampaignError: the record is damaged; the message names the place in it.
         """
         try:
-            record = _convert(dict(config), _record_type())
+            record = _read_record(config)
         except ValueError as error:
             raise CampaignError(
                 f"{source} is damaged: it does not say with what it was driven: {error}; restore it"
@@ -439,7 +439,7 @@ class Spec:
         known = sources if isinstance(sources, Mapping) else {}
         found: dict[str, str] = {}
         for name in (*(getattr(self, kind).name for kind in _PARTS), self.objective):
-            with suppress(OSError, ValueError, SyntaxError, RuntimeError):
+            with suppress(OSError, ValueError, RuntimeError):
                 found |= sources_named(name or "")
         return [name for name, text in sorted(found.items()) if known.get(name, text) != text]
 
@@ -860,7 +860,8 @@ def _driving() -> list[tuple[str, Any, Any]]:
 
 def _command_type(*needed: str) -> Any:
     """The type of a record's ``command``, with the parts that it has to name."""
-    names: list[Any] = [(kind, str) if kind in needed else (kind, str, "") for kind in _PARTS]
+    optional = str | None
+    names: list[Any] = [(k, str) if k in needed else (k, optional, None) for k in _PARTS]
     limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
     return defstruct("Command", [*names, *limits, *_driving()], kw_only=True)
 
@@ -912,10 +913,23 @@ def _convert(value: Any, kind: Any) -> Any:
         raise ValueError(str(error)) from None
 
 
+def _read_record(config: Mapping[str, Any]) -> Any:
+    """A campaign's record, whose rules and car have to be whole.
+
+    Raises:
+        ValueError: it is none; the message names the place.
+    """
+    record = _convert(dict(config), _record_type())
+    for name in ("rules", "car"):
+        if other := config[name].keys() ^ asdict(getattr(record, name)).keys():
+            raise ValueError(f"Missing or unknown {', '.join(sorted(other))} - at `$.{name}`")
+    return record
+
+
 def fault_of(config: Mapping[str, Any]) -> str:
     """What keeps a campaign's record from being read, in a line; empty if nothing does."""
     try:
-        _convert(dict(config), _record_type())
+        _read_record(config)
     except ValueError as error:
         return str(error)
     return ""

@@ -81,7 +81,7 @@ def require(
         if key is not None and key not in known:
             words = [f"--{kind}", name]
             for option in _STARTING:
-                if name in REGISTRIES[kind].built_in and option in options:
+                if kind == "simulator" and option in options:
                     words += [f"--{kind}-option", f"{option}={options[option]}"]
             raise FreneticError(
                 f"{source} names the {kind} {name!r}, code that you have not run as it is on this"
@@ -95,18 +95,19 @@ def _key(kind: str, name: str, options: Mapping[str, Any]) -> str | None:
     Empty for code that cannot be read, which is never remembered.
     """
     registry = REGISTRIES[kind]
-    if name in {entry.name for entry in registry.entries()}:
-        started = {k: str(v) for k, v in options.items() if k in _STARTING and kind == "simulator"}
-        return _digest(started) if started else None
+    started = {k: str(options[k]) for k in _STARTING if kind == "simulator" and k in options}
     place = name.rpartition(":")[0] or name
+    code: object = place
     try:
-        if Path(place).suffix.lower() in registry.files:
-            return digest_of_file(Path(place))
-        if sources := sources_named(name):
-            return _digest(sources)
-    except (OSError, ValueError, SyntaxError, RuntimeError):
+        if name in {entry.name for entry in registry.entries()}:
+            code = None
+        elif Path(place).suffix.lower() in registry.files:
+            code = digest_of_file(Path(place))
+        elif sources := sources_named(name):
+            code = sources
+    except (OSError, ValueError, RuntimeError):
         return ""
-    return _digest(place)
+    return _digest([code, started]) if code or started else None
 
 
 def _digest(what: Any) -> str:

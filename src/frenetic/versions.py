@@ -10,16 +10,16 @@ opens by itself, are not in it.
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import inspect
 import json
 import os
 import platform
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from modulefinder import ModuleFinder
 from pathlib import Path
 from types import FunctionType
 from typing import Any, Final
@@ -104,11 +104,11 @@ def sources_named(name: str) -> dict[str, str]:
 
     Raises:
         OSError: a file cannot be read.
-        SyntaxError: a file is no Python.
     """
     module = name.rpartition(":")[0]
     if not module.endswith(".py"):
-        found = _local_file(module) if module else None
+        is_ours = module.partition(".")[0] in ("", _OURS)
+        found = None if is_ours else _local_file(module)
         return {} if found is None else _sources(found, module)
     file = Path(module).expanduser().resolve()
     return _sources(file, f"{USER_MODULE}{file.stem}") if file.is_file() else {}
@@ -151,20 +151,55 @@ def _read(path: Path, name: str) -> tuple[dict[str, str], set[Path]]:
     is_alone = name == "__main__" or name.startswith(USER_MODULE)
     packages = 0 if is_alone else name.count(".") + (path.name == "__init__.py")
     root = path.parents[packages]
-    places = [str(root), *(place for place in sys.path if place and is_local(Path(place) / "x"))]
-    finder = ModuleFinder(path=places, excludes=[_OURS])
-    if is_alone:
-        finder.run_script(str(path))
-    else:
-        finder.import_hook(name)
-    modules: Any = finder.modules.values()
-    files = {Path(one.__file__) for one in modules if one.__file__} | {path}
-    found = {}
-    for one in files:
-        base = next((Path(place) for place in places if one.is_relative_to(place)), one.parent)
-        text = one.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
-        found[one.relative_to(base).as_posix()] = text
-    return found, files
+    others = (Path(place) for place in sys.path if place and is_local(Path(place) / "x"))
+    places = [root, *others]
+    waiting = [("", path, root)] if is_alone else list(_files_of(name, [root]))
+    sources: dict[str, str] = {}
+    files: set[Path] = set()
+    while waiting:
+        module, file, place = waiting.pop()
+        if file in files:
+            continue
+        files.add(file)
+        text = file.read_bytes().decode("utf-8", "replace").replace("\r\n", "\n")
+        sources[file.relative_to(place).as_posix()] = text
+        package = module if file.name == "__init__.py" else module.rpartition(".")[0]
+        for imported in _imports(text, package):
+            waiting += _files_of(imported, places)
+    return sources, files
+
+
+def _imports(text: str, package: str) -> Iterator[str]:
+    """Names that a source may import modules by, also inside functions; none if it is no Python."""
+    try:
+        nodes = list(ast.walk(ast.parse(text)))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: package.count(".") + 2 - node.level] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield from (f"{base}.{alias.name}" for alias in node.names)
+
+
+def _files_of(name: str, places: Iterable[Path]) -> Iterator[tuple[str, Path, Path]]:
+    """Files that importing a module loads, of packages above it, too: its name, file and place."""
+    parts = name.split(".")
+    if parts[0] in ("", _OURS):
+        return
+    for place in places:
+        top = place / parts[0]
+        if not (top.is_dir() or top.with_suffix(".py").is_file()):
+            continue
+        for number in range(1, len(parts) + 1):
+            at = place.joinpath(*parts[:number])
+            for file in (at / "__init__.py", at.with_suffix(".py")):
+                if file.is_file():
+                    yield ".".join(parts[:number]), file, place
+                    break
+        return
 
 
 def _file(module: str) -> str | None:

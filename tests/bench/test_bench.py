@@ -402,8 +402,11 @@ def test_points_are_kept_as_they_were_handed_over(
                 assert test.attempt.pose == road.pose
 
 
-def test_the_plug_in_does_as_the_strategy_does(tmp_path: Path) -> None:
+def test_the_plug_in_does_as_the_strategy_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Through the pipeline's interface, as points, Frenetic proposes what it proposes directly."""
+    monkeypatch.setenv("FRENETIC_COMMAND", f'"{sys.executable}" -m frenetic')
     bench = bench_of(
         tmp_path / "bench",
         Entrant(name="plug-in", spec="frenetic.competition:Frenetic"),

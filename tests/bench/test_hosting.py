@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from old_python import too_new_in
+from old_python import too_new, too_new_in
 from pids import ending, until, until_gone
 
 import frenetic
@@ -442,6 +442,7 @@ def test_our_own_generators_run_as_in_the_pipeline(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("FRENETIC_SEED", "5")
+    monkeypatch.setenv("FRENETIC_COMMAND", f'"{sys.executable}" -m frenetic')
     bench = Bench()
     done = run("frenetic.competition:Frenetic", tmp_path, bench=bench, path=None)
     assert done.end["how"] == "over", done.end
@@ -635,9 +636,8 @@ def test_when_the_bench_is_gone_a_generator_goes_with_all_that_it_started(
 
 # --- an older Python ---------------------------------------------------------------------------
 
-SPARSE = """
+NOTHING_ELSE = """
 import importlib.abc
-import runpy
 import sys
 
 ALLOWED = {*sys.stdlib_module_names, "code_pipeline", "frenetic", "numpy", "polygon_user",
@@ -652,6 +652,10 @@ class NothingElse(importlib.abc.MetaPathFinder):
 
 
 sys.meta_path.insert(0, NothingElse())
+"""
+SPARSE = f"""{NOTHING_ELSE}
+import runpy
+
 sys.argv = [MAIN]
 runpy.run_path(MAIN, run_name="__main__")
 """
@@ -678,6 +682,22 @@ def test_without_shapely_one_line_says_what_brings_it(tmp_path: Path) -> None:
     assert "\n" not in done.end["detail"]
 
 
+IMPORTED = f"""{NOTHING_ELSE}
+from frenetic.bench.hosting import session, validity
+
+validity.validity()
+print(*(m.__file__ for name, m in sys.modules.items() if name.startswith("frenetic")), sep="\\n")
+"""
+
+
+def test_python_3_9_can_run_what_it_imports() -> None:
+    command = [sys.executable, "-c", IMPORTED]
+    files = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert {"session.py", "validity.py", "compiled.py"} <= {Path(file).name for file in files}
+    for file in files:
+        assert too_new_in(Path(file)) == [], file
+
+
 PACKAGE = HOSTING.parents[1]
 FILES = [PACKAGE / "__init__.py", HOSTING.parent / "__init__.py", *sorted(HOSTING.rglob("*.py"))]
 
@@ -691,3 +711,16 @@ def test_all_files_are_looked_at() -> None:
 @pytest.mark.parametrize("file", FILES, ids=lambda file: str(file.relative_to(PACKAGE)))
 def test_python_3_9_can_run_it(file: Path) -> None:
     assert too_new_in(file) == []
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from typing import Self",
+        "Maybe = int | None",
+        "pairs = zip(a, b, strict=True)",
+        "def f(a):\n    @dataclass(slots=True)\n    class B: ...",
+    ],
+)
+def test_what_python_3_9_lacks_is_noticed(line: str) -> None:
+    assert too_new(line)

@@ -25,6 +25,7 @@ import numpy as np
 from frenetic.drivers import Driver, DriveSetup
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Strategy
 from frenetic.simulators import Drive, Rules
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.testing.dummy import no_drift
@@ -410,7 +411,7 @@ class Waiting(FaultySimulator):
         return super().drive(road, driver)
 
 
-class Straight:
+class Straight(Strategy):
     """A strategy that asks for straight roads of the given numbers of samples, over and over."""
 
     def __init__(self, *samples: int) -> None:

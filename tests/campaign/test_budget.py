@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -20,6 +21,10 @@ def test_share_never_exceeds_one() -> None:
     assert Budget(time=1.0).spent(0, 7.0, 0) == 1.0
 
 
+MAKERS: tuple[Callable[[dict[str, Any]], Budget], ...] = (
+    lambda limits: Budget(**limits),
+    decode_budget,
+)
 WHOLE = "a whole number of at least 1 is needed"
 SECONDS = "a positive number of seconds is needed"
 
@@ -38,15 +43,15 @@ SECONDS = "a positive number of seconds is needed"
 def test_what_is_none_is_refused_alike_from_python_and_from_a_record(
     limits: dict[str, Any], fault: str
 ) -> None:
-    for make in (lambda: Budget(**limits), lambda: decode_budget(limits)):
+    for make in MAKERS:
         with pytest.raises(ValueError, match=f"^{re.escape(fault)}"):
-            make()
+            make(limits)
 
 
 @pytest.mark.parametrize(
     "limits", [{"simulations": 2.5}, {"simulations": "5"}, {"failures": True}, {"time": "10s"}]
 )
 def test_what_is_no_number_is_refused(limits: dict[str, Any]) -> None:
-    for make in (lambda: Budget(**limits), lambda: decode_budget(limits)):
+    for make in MAKERS:
         with pytest.raises(ValueError, match=r"is needed|^Expected .* - at `\$\.\w+`$"):
-            make()
+            make(limits)

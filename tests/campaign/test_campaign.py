@@ -16,6 +16,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
 from frenetic.campaign import campaign as campaign_module
 from frenetic.campaign.check import check_campaign
+from frenetic.campaign.loop import ObservingStrategy
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, StrategyError
@@ -24,11 +25,12 @@ from frenetic.redrive.conditions import Variation
 from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic, Frenetic2021, Origin, RandomSearch, SearchEnded
+from frenetic.search.strategy import Strategy
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import DummyDriver, DummySimulator
 
 
-class Scripted:
+class Scripted(Strategy):
     """Asks for the given roads, over and over."""
 
     def __init__(self, *roads: list[float]) -> None:
@@ -166,45 +168,6 @@ def test_campaign_that_only_proposes_refused_roads_gives_up(
         campaign(tmp_path, Scripted(LOOP), Budget(simulations=1)).run()
 
 
-def test_interrupt_keeps_every_finished_test(tmp_path: Path) -> None:
-    class Interrupted(DummySimulator):
-        drives = 0
-
-        def drive(self, road, driver):  # type: ignore[no-untyped-def]
-            self.drives += 1
-            if self.drives == 4:
-                raise KeyboardInterrupt
-            return super().drive(road, driver)
-
-    summary = campaign(
-        tmp_path, Scripted(STRAIGHT), Budget(simulations=9), simulator=Interrupted()
-    ).run()
-    assert summary.interrupted
-    assert summary.simulations == 3
-    with CampaignStore.open(tmp_path) as store:
-        assert store.counts().told == 3
-        assert store.facts["interrupted"] is True
-
-
-def test_simulator_is_entered_and_left(tmp_path: Path) -> None:
-    calls: list[str] = []
-
-    class Watched(DummySimulator):
-        def __enter__(self):  # type: ignore[no-untyped-def]
-            calls.append("enter")
-            return self
-
-        def __exit__(self, *exc):  # type: ignore[no-untyped-def]
-            calls.append("exit")
-
-        def drive(self, road, driver):  # type: ignore[no-untyped-def]
-            calls.append("drive")
-            return super().drive(road, driver)
-
-    campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=1), simulator=Watched()).run()
-    assert calls == ["enter", "drive", "exit"]
-
-
 def test_existing_campaign_is_never_touched(tmp_path: Path) -> None:
     campaign(tmp_path, Scripted(STRAIGHT), Budget(simulations=2)).run()
     before = (tmp_path / "campaign.sqlite").read_bytes()
@@ -250,7 +213,7 @@ class Bad(Scripted):
             if self.defect == "ask":
                 raise KeyError("pool")
             if self.defect == "type":
-                return None  # type: ignore[return-value]
+                return "a road"  # type: ignore[return-value]
             if self.defect == "nan":
                 return Candidate(4, np.array([0.0, np.nan]), 10.0, Origin("bad"))
         return super().ask()
@@ -265,7 +228,7 @@ class Bad(Scripted):
     ("defect", "complaint", "kept"),
     [
         ("ask", "the strategy raised KeyError: 'pool'", 3),
-        ("type", "the strategy proposed NoneType instead of frenetic.Candidate", 3),
+        ("type", "the strategy proposed str instead of frenetic.Candidate", 3),
         ("nan", "the strategy proposed candidate 4 with values that are not finite", 3),
         ("tell", "the strategy raised RuntimeError: out of ideas", 4),
     ],
@@ -309,7 +272,7 @@ def test_a_malformed_proposal_is_named(
     assert "\n" not in str(refused.value)
 
 
-class Observing(Scripted):
+class Observing(Scripted, ObservingStrategy):
     """Keeps where the cars ended."""
 
     def __init__(self, *roads: list[float]) -> None:

@@ -25,6 +25,7 @@ def by_hand(strategy: frenetic.Strategy) -> list[Evaluation]:
     driven = 0
     while driven < SIMULATIONS:
         candidate = strategy.ask()
+        assert candidate is not None
         road, verdict = frenetic.Road(candidate.curvatures, candidate.step).placed()
         drive = simulator.drive(road, DRIVER) if road is not None and verdict.valid else None
         driven += drive is not None

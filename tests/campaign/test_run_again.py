@@ -55,7 +55,7 @@ def test_parts_give_the_same_campaign_as_one_run(tmp_path: Path, ordered: bool) 
     assert search("parts").resume().simulations == 20
 
 
-class Mine:
+class Mine(Strategy):
     """A strategy of one's own, around a built-in one."""
 
     def __init__(self) -> None:

@@ -21,7 +21,7 @@ from msgspec import to_builtins
 from permissions import bound_by_permissions
 from small_disk import Bounded
 
-from frenetic._support.file_locks import FileLock
+from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import ASKED, FINISHED, Attempt, Setting, Test
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore, JSONValue
 from frenetic.campaign.trajectory_codec import rounded
@@ -662,7 +662,7 @@ except CampaignError as error:
 
 def test_a_second_writer_is_refused(store: CampaignStore) -> None:
     tell(store, 1)
-    with pytest.raises(CampaignError, match="already open for writing in this process"):
+    with pytest.raises(CampaignError, match="is being written by this process"):
         CampaignStore.open(store.folder, readonly=False)
     elsewhere = run_python(OPEN_TO_WRITE, store.folder)  # the refusal left our lock in place
     assert f"written by another process (process {os.getpid()})" in elsewhere.stdout
@@ -676,16 +676,16 @@ def test_a_second_writer_is_refused(store: CampaignStore) -> None:
 
 def test_a_lock_is_released_once(tmp_path: Path) -> None:
     path = tmp_path / "lock"
-    first = FileLock(path)
-    with pytest.raises(CampaignError, match="already open for writing"):
-        FileLock(path)
+    first = lock_file(path)
+    with pytest.raises(CampaignError, match="is being written by this process"):
+        lock_file(path)
     first.release()
-    with FileLock(path):
+    with lock_file(path):
         first.release()  # is no longer its to release
-        with pytest.raises(CampaignError, match="already open for writing"):
-            FileLock(path)
-    with pytest.raises(CampaignError, match="cannot write"):
-        FileLock(tmp_path)
+        with pytest.raises(CampaignError, match="is being written by this process"):
+            lock_file(path)
+    with pytest.raises(CampaignError, match="cannot lock"):
+        lock_file(tmp_path)
 
 
 # When things go wrong

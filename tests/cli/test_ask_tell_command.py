@@ -20,7 +20,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.outcome import Outcome
 from frenetic.report.html import write_report
 from frenetic.search import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger
+from frenetic.search.strategy import Ledger, Strategy
 from frenetic.spec import Budget
 
 PAGE = Path(__file__).parents[2] / "docs" / "ask-tell.md"
@@ -117,7 +117,7 @@ def test_what_cannot_be_used_is_answered_and_changes_nothing(client: Client) -> 
           "speed": []}}}, "lists of one length"),
         ({"drive": {}}, "unknown request 'drive'"),
         ({"ask": {}, "tell": {}}, "too many values"),
-        ({"validate": {"points": [[0.0]]}}, "$['points'][0]"),
+        ({"validate": {"points": [[0.0]]}}, "`array` of length 2"),
     ):  # fmt: skip
         answer = client.call(**request)
         assert fault in answer["error"], (request, answer)
@@ -138,7 +138,7 @@ def test_killed_it_goes_on_with_the_same_roads(tmp_path: Path) -> None:
         whole.tell(answer["candidate"])
     whole.end()
 
-    got = []
+    got: list[dict[str, Any]] = []
     for stop in (8, 20, 99):
         part = Client(tmp_path / "part", *options)
         while "candidate" in (answer := part.call(ask={})):
@@ -171,7 +171,19 @@ def test_a_result_without_moobd_is_kept_and_teaches_nothing(tmp_path: Path) -> N
     assert write_report(folder).is_file()
 
 
-class OneByOne:
+def test_what_a_strategy_prints_is_no_answer(tmp_path: Path) -> None:
+    loud = tmp_path / "loud.py"
+    loud.write_text(
+        "from frenetic import RandomSearch\nprint('imported')\nclass Loud(RandomSearch):\n"
+        "    def ask(self):\n        print('asked')\n        return super().ask()\n",
+        encoding="utf-8",
+    )
+    client = Client(tmp_path / "told", "--strategy", f"{loud}:Loud")
+    client.tell(client.road())
+    assert client.end()["simulations"] == 1
+
+
+class OneByOne(Strategy):
     """Wants to be told each result before it proposes the next road, and ends after three."""
 
     def __init__(self) -> None:
@@ -237,3 +249,26 @@ def test_the_clients_of_the_page_run(language: str, tmp_path: Path) -> None:
     folder = tmp_path / ("told" if language == "python" else "told-js")
     with CampaignStore.open(folder) as store:
         assert store.counts().simulations == 40
+
+
+def test_a_told_share_replaces_the_count_also_after_a_crash(tmp_path: Path) -> None:
+    folder = tmp_path / "told"
+    options = ("--simulations", "2", "--seed", "3")
+    client = Client(folder, *options)
+    for number in range(12):  # more drives than counted, and more that broke than are borne
+        road = client.road()
+        answer = client.tell(road, outcome="ERROR", budget_spent=0.05 * number)
+        assert answer["budget_spent"] == pytest.approx(0.05 * number)
+    client.kill()
+
+    client = Client(folder, *options)
+    assert client.road()["id"] == 13
+    assert "`float` <= 1.0" in client.tell({"id": 13}, outcome="PASS", budget_spent=1.5)["error"]
+    assert client.tell({"id": 13}, outcome="PASS", moobd=1.0)["budget_spent"] == pytest.approx(0.55)
+    client.tell(client.road(), outcome="PASS", moobd=1.0, budget_spent=1.0)
+    assert client.call(ask={}) == {"end": "the budget is spent"}
+    summary = client.end()
+    assert (summary["simulations"], summary["interrupted"]) == (14, False)
+    with CampaignStore.open(folder) as store:
+        assert [test.budget_spent for test in store.tests()][-3:] == pytest.approx([0.55, 0.55, 1])
+    assert check_campaign(folder).is_sound

@@ -21,7 +21,7 @@ pytest_plugins = ["command_line"]
 PARTS = """
 import numpy as np
 from frenetic.search import Origin, SearchEnded
-from frenetic.search.strategy import Ledger
+from frenetic.search.strategy import Ledger, Strategy
 from frenetic.testing import DummySimulator
 
 # Bent to the left it fails, bent to the right it breaks.
@@ -31,7 +31,7 @@ ROADS = [STRAIGHT, LEFT, LOOP, STRAIGHT, RIGHT, LEFT, LEFT / 2, LOOP]
 UNWANTED = 7
 
 
-class Mixed:
+class Mixed(Strategy):
     def __init__(self, seed=0, map_size=200.0):
         self.ledger, self.asked = Ledger(), 0
 

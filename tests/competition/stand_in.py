@@ -1,75 +1,70 @@
-"""A stand-in of the competition's pipeline: its interface, a clock of its own, scripted answers."""
+"""A stand-in of the competition's pipeline: its interface, a clock of its own, scripted answers.
+
+It needs the standard library of Python 3.9 alone.
+"""
 
 from __future__ import annotations
 
-import itertools
 import sys
-from collections import namedtuple
 from collections.abc import Callable
+from dataclasses import dataclass
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-
-from frenetic._support.arrays import FloatArray
-
-if TYPE_CHECKING:
-    import pytest  # not there when this runs with numpy and scipy only
-
-# Positions and controls, which no generator of ours reads, are left out.
-Record = namedtuple("Record", ["timer", "is_oob", "oob_distance"])  # as theirs
+from typing import Any
 
 
+@dataclass
+class Record:
+    """A moment of a drive; the pipeline's have more."""
+
+    timer: float
+    pos: tuple[float, float, float]
+    oob_distance: Any
+    is_oob: bool = False
+    vel: tuple[float, float, float] = (9.0, 0.0, 0.0)
+    steering: float = 0.0
+    throttle: float = 0.5
+    brake: float = 0.0
+
+
+@dataclass
 class RoadTest:
-    def __init__(self, road_points: list[tuple[float, float]], number: int) -> None:
-        assert type(road_points) is list
-        assert all(type(point) is tuple and len(point) == 2 for point in road_points)
-        assert all(type(value) is float for point in road_points for value in point)
-        self.road_points = road_points
-        self.id = number
+    road_points: list[tuple[float, float]]
+    id: int = 0
 
-    @property
-    def turns(self) -> FloatArray:
-        """rad from each step between two points to the next: the road, wherever it lies."""
-        steps = np.diff(np.array(self.road_points), axis=0)
-        return np.diff(np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])))
+    def __post_init__(self) -> None:
+        assert type(self.road_points) is list
+        assert all(type(point) is tuple and len(point) == 2 for point in self.road_points)
+        assert all(type(value) is float for point in self.road_points for value in point)
 
 
 class RoadTestFactory:
-    numbers = itertools.count(1)
-
-    @staticmethod
-    def create_road_test(road_points: list[tuple[float, float]]) -> RoadTest:
-        return RoadTest(road_points, next(RoadTestFactory.numbers))
+    create_road_test = staticmethod(RoadTest)
 
 
-def install() -> None:
-    """Makes `code_pipeline` importable; every run of the pipeline counts its tests from 1."""
+def install(modules: dict[str, ModuleType] = sys.modules) -> None:
+    """Makes `code_pipeline` importable."""
     package, module = ModuleType("code_pipeline"), ModuleType("code_pipeline.tests_generation")
-    RoadTestFactory.numbers = itertools.count(1)
     module.RoadTestFactory = RoadTestFactory  # type: ignore[attr-defined]
-    sys.modules["code_pipeline"] = package
-    sys.modules["code_pipeline.tests_generation"] = module
+    modules.update({"code_pipeline": package, "code_pipeline.tests_generation": module})
 
 
-def enter(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs a test as if inside the pipeline, with nothing set in the environment."""
-    for name in ("FRENETIC_SEED", "FRENETIC_STRATEGY_OPTIONS"):
-        monkeypatch.delenv(name, raising=False)
-    for name in ("code_pipeline", "code_pipeline.tests_generation"):
-        monkeypatch.setitem(sys.modules, name, ModuleType(name))
-    install()
+def driven(test: RoadTest, outcome: str, *oob_distances: float) -> tuple[str, str, list[Record]]:
+    """What comes back from a test of which these oob distances, m, were recorded.
 
-
-def driven(outcome: str, *oob_distances: float) -> tuple[str, str, list[Record]]:
-    """What comes back from a test of which these oob distances, m, were recorded."""
+    The car drives from point to point of the road, 4 m to the right of them where it is out.
+    """
     description = "Car drove out of the lane 1" if outcome == "FAIL" else "Successful test"
-    records = [Record(0.04 * i, d < 0.0, d) for i, d in enumerate(oob_distances)]
+    records = []
+    for i, distance in enumerate(oob_distances):
+        (x, y), (to_x, to_y) = test.road_points[i : i + 2]
+        right = (4.0 if distance < 0.0 else 2.0) / ((to_x - x) ** 2 + (to_y - y) ** 2) ** 0.5
+        place = x + right * (to_y - y), y - right * (to_x - x), -28.0
+        records.append(Record(0.25 * i, place, distance, is_oob=distance < 0.0))
     return outcome, description, records
 
 
-def passed(_: RoadTest) -> Any:
-    return driven("PASS", 2.0, 0.5, 1.0)
+def passed(test: RoadTest) -> Any:
+    return driven(test, "PASS", 2.0, 0.5, 1.0)
 
 
 class Executor:
@@ -83,14 +78,13 @@ class Executor:
         self.now = 0.0
         self.tests: list[RoadTest] = []
         self.start_generation_time: float | None = 0.0
-        self.has_ended_the_process = False
 
     def execute_test(self, the_test: RoadTest) -> Any:
         assert self.start_generation_time is not None, "the generation's clock does not run"
         self.start_generation_time = None
         if self.now >= self.budget:
-            self.has_ended_the_process = True
             sys.exit(123)
+        the_test.id = len(self.tests) + 1
         self.tests.append(the_test)
         self.now += self.SECONDS_PER_TEST
         answer = self.answer(the_test)
@@ -101,28 +95,24 @@ class Executor:
 class Executor2021(Executor):
     """The remaining time is a number, and all that tells whether the budget is spent."""
 
-    def get_remaining_time(self) -> float:
+    def get_remaining_time(self) -> Any:
         return self.budget - self.now
 
 
-class LaterExecutor(Executor):
-    """Tells whether the budget is spent."""
+class Executor2022(Executor):
+    """Tells whether the budget is spent; the remaining time is a dictionary."""
+
+    def get_remaining_time(self) -> Any:
+        return {"time-budget": self.budget - self.now}
 
     def is_over(self) -> bool:
         return self.now >= self.budget
 
 
-class Executor2022(LaterExecutor):
-    """The remaining time is a dictionary, of one budget; so it was from 2022 to 2024."""
-
-    def get_remaining_time(self) -> dict[str, float]:
-        return {"time-budget": self.budget - self.now}
-
-
-class ExecutorOfTwoBudgets(LaterExecutor):
+class ExecutorOfTwoBudgets(Executor2022):
     """Generating and executing have a budget each; only executing takes time here."""
 
-    def get_remaining_time(self) -> dict[str, float]:
+    def get_remaining_time(self) -> Any:
         return {"generation-budget": 1000.0, "execution-budget": self.budget - self.now}
 
 

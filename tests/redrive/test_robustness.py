@@ -31,6 +31,7 @@ from frenetic.redrive.robustness import (
 )
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021, Origin
+from frenetic.search.strategy import Strategy
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.worlds import QUANTITIES, USUAL, Conditions
 from frenetic.testing import DummyDriver, DummySimulator
@@ -145,7 +146,7 @@ def test_a_marginal_failure_under_seeded_noise_reports_its_share(tmp_path: Path)
     assert one.influences == (), "nothing was varied but the seed"
 
 
-class Candidates:
+class Candidates(Strategy):
     """Always asks for the same road."""
 
     def __init__(self, curvatures: list[float]) -> None:

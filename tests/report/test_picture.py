@@ -101,16 +101,6 @@ def test_a_png_is_a_png_of_a_good_size(tmp_path: Path) -> None:
     assert left_behind(tmp_path) == ["a.png"]
 
 
-def test_a_pdf_is_a_pdf(tmp_path: Path) -> None:
-    draw_drive(WINDING, drive_along(WINDING), tmp_path / "a.pdf")
-    assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF-")
-
-
-def test_the_suffix_may_be_in_capitals(tmp_path: Path) -> None:
-    draw_road(WINDING, tmp_path / "A.PNG")
-    png_size(tmp_path / "A.PNG")
-
-
 def test_a_failure_says_what_happened(tmp_path: Path) -> None:
     drive = drive_along(HAIRPIN, drift=5.0)
     result = judge(HAIRPIN, drive)
@@ -247,20 +237,21 @@ def test_a_loop_around_the_start_hides_no_label(tmp_path: Path) -> None:
     assert texts.count("start") == texts.count("end") == 1
 
 
-@pytest.mark.parametrize("suffix", [".png", ".svg", ".pdf"])
-def test_the_same_drive_gives_the_same_bytes(suffix: str, tmp_path: Path) -> None:
-    drive = drive_along(HAIRPIN, drift=5.0)
-    for name in ("a", "b"):
-        draw_drive(HAIRPIN, drive, (tmp_path / name).with_suffix(suffix), map_size=200.0)
-    first, second = ((tmp_path / name).with_suffix(suffix).read_bytes() for name in ("a", "b"))
-    assert first == second
-
-
-def test_an_existing_picture_is_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "a.png"
+@pytest.mark.parametrize(
+    ("name", "start"),
+    [("a.png", b"\x89PNG"), ("A.PNG", b"\x89PNG"), ("a.svg", b"<?xml"), ("a.pdf", b"%PDF-")],
+)
+def test_the_same_drive_gives_the_same_bytes_whatever_was_there(
+    name: str, start: bytes, tmp_path: Path
+) -> None:
+    drive, path = drive_along(HAIRPIN, drift=5.0), tmp_path / name
     path.write_bytes(b"old")
-    draw_road(WINDING, path)
-    png_size(path)
+    pictures = set()
+    for _ in range(2):
+        draw_drive(HAIRPIN, drive, path, map_size=200.0)
+        pictures.add(path.read_bytes())
+    assert len(pictures) == 1
+    assert pictures.pop().startswith(start)
 
 
 @pytest.mark.parametrize("name", ["a.jpeg", "a", "a.png.txt"])
@@ -316,27 +307,18 @@ def run(code: str) -> str:
     return result.stdout.strip()
 
 
-def test_drawing_touches_no_backend(tmp_path: Path) -> None:
+def test_drawing_waits_for_matplotlib_and_touches_no_backend(tmp_path: Path) -> None:
     path = tmp_path / "a.png"
     code = (
-        "import sys, pathlib; from frenetic.report import draw_road\n"
+        "import sys, pathlib, frenetic.report\n"
+        "assert 'matplotlib' not in sys.modules\n"
+        "from frenetic.report import draw_road\n"
         "from frenetic.road import Road\n"
         f"draw_road(Road([0.0, 0.01, 0.0]), pathlib.Path({str(path)!r}))\n"
         "print('matplotlib.pyplot' in sys.modules)"
     )
     assert run(code) == "False"
     png_size(path)
-
-
-def test_matplotlib_waits_until_it_is_needed() -> None:
-    assert run("import sys, frenetic.report; print('matplotlib' in sys.modules)") == "False"
-
-
-def test_an_unknown_name_is_an_attribute_error() -> None:
-    import frenetic.report
-
-    with pytest.raises(AttributeError, match="no attribute 'draw_moon'"):
-        frenetic.report.draw_moon  # noqa: B018
 
 
 def test_the_callers_matplotlib_settings_neither_matter_nor_change(tmp_path: Path) -> None:

@@ -32,7 +32,6 @@ from frenetic.search.approach import (
 )
 from frenetic.search.archive import APART, LEFT, RIGHT, Archive, Place, places_of
 from frenetic.search.operators import CURVATURE_BOUND, random_curvatures
-from frenetic.search.strategy import notice_of
 from frenetic.search.variation import OPERATORS, PARAMETERS, draw_child, vary
 
 
@@ -117,20 +116,20 @@ def test_it_goes_on_from_a_budget_of_one_failure() -> None:
 
 def test_it_says_that_no_road_comes_near_failing() -> None:
     search = Frenetic(seed=1)
-    assert notice_of(search) is None
+    assert search.notice is None
     searched(search, 40, fails=False)
-    assert "no road has come near failing" in (notice_of(search) or "")
+    assert "no road has come near failing" in (search.notice or "")
     search.tell(drive(search.ask(), -2.0, 50.0))
-    assert notice_of(search) is None
+    assert search.notice is None
 
 
 def test_listing_1_says_that_its_roads_are_random() -> None:
     search = Frenetic2021(seed=1, random_budget=0.1)
     for count in range(20):
         search.tell(Evaluation(search.ask(), Outcome.PASS, 1.0, count / 20))
-    assert "threshold of -0.5 m" in (notice_of(search) or "")
+    assert "threshold of -0.5 m" in (search.notice or "")
     search.tell(Evaluation(search.ask(), Outcome.PASS, -0.6, 0.99))
-    assert notice_of(search) is None
+    assert search.notice is None
 
 
 def test_it_has_no_options_of_listing_1() -> None:

@@ -49,6 +49,7 @@ def search(strategy: Strategy, drives: int) -> list[tuple[str, float, bool]]:
     trace = Trace(np.array([95.0, 100.0]), np.array([0.5, 1.0]), np.array([9.0, 10.0]))
     for _ in range(drives):
         candidate = strategy.ask()
+        assert candidate is not None
         bent = float(np.abs(candidate.curvatures).sum())
         _, verdict = Road(candidate.curvatures, candidate.step).placed(200.0, 10.0)
         found.append((candidate.origin.operator, bent, verdict.valid))

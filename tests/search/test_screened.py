@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from frenetic.outcome import Outcome
-from frenetic.search import Candidate, Evaluation, RandomSearch, Trace
+from frenetic.search import Candidate, Evaluation, RandomSearch, Strategy, Trace
 from frenetic.search.screened import NOTE, SCREENED, Screened
 
 
@@ -26,6 +26,12 @@ def driven(candidate: Candidate, budget_spent: float, fails: bool) -> Evaluation
         side="left" if fails else None,
         read_trace=lambda: trace,
     )
+
+
+def asked_of(strategy: Strategy) -> Candidate:
+    candidate = strategy.ask()
+    assert candidate is not None
+    return candidate
 
 
 def is_left(candidate: Candidate) -> bool:
@@ -47,7 +53,7 @@ def test_what_fails_in_the_twin_is_handed_on_with_controls_between() -> None:
     roles: Counter[str] = Counter()
     promising = 0
     for number in range(1, 41):
-        candidate = strategy.ask()
+        candidate = asked_of(strategy)
         assert candidate.id == number
         note = candidate.notes[NOTE]
         role = note["role"]
@@ -67,7 +73,7 @@ def test_a_twin_that_misleads_is_stopped() -> None:
     # What the twin chooses passes; the strategy's own proposals fail.
     strategy = screened()
     for number in range(1, 101):
-        candidate, asked = strategy.ask(), number
+        candidate, asked = asked_of(strategy), number
         if not candidate.notes:
             break
         fails = candidate.notes[NOTE]["role"] == "control"
@@ -77,7 +83,7 @@ def test_a_twin_that_misleads_is_stopped() -> None:
     assert strategy.stopped == strategy.notice
     assert "since the twin misleads: 0 of " in strategy.stopped
     strategy.tell(driven(candidate, 0.0, True))
-    alone = [strategy.ask() for _ in range(5)]
+    alone = [asked_of(strategy) for _ in range(5)]
     assert [(one.notes, one.origin.operator) for one in alone] == 5 * [({}, "random")]
 
 
@@ -89,7 +95,7 @@ def test_a_twin_that_breaks_on_every_road_is_given_up() -> None:
         drawn=2,
     )
     for _ in range(10):
-        candidate = strategy.ask()
+        candidate = asked_of(strategy)
         strategy.tell(driven(candidate, 0.0, False))
     assert candidate.notes == {}
     assert "drove none of the roads" in str(strategy.notice)
@@ -97,7 +103,7 @@ def test_a_twin_that_breaks_on_every_road_is_given_up() -> None:
 
 def test_results_may_come_late_and_without_a_drive() -> None:
     strategy = screened()
-    asked = [strategy.ask() for _ in range(20)]
+    asked = [asked_of(strategy) for _ in range(20)]
     assert [one.id for one in asked] == list(range(1, 21))
     for number, candidate in enumerate(reversed(asked)):
         outcome = (Outcome.INVALID, Outcome.ERROR, Outcome.DROPPED)[number % 3]

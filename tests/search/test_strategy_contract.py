@@ -64,7 +64,7 @@ class TestFrenetic2021ThatRedraws(StrategyContract):
 # What the contract is for: each of these breaks one promise.
 
 
-class _Straight:
+class _Straight(Strategy):
     """Keeps the contract but for what a derived class does."""
 
     def __init__(self, seed: int) -> None:

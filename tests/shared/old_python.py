@@ -1,4 +1,4 @@
-"""What a source file asks of its Python that Python 3.9 and numpy 1.19 do not have."""
+"""What a source file asks of its Python that Python 3.9 does not have."""
 
 from __future__ import annotations
 
@@ -27,8 +27,6 @@ NEW_NAMES = {
             "reveal_type",
         )
     ),
-    ("numpy", "typing"),  # not in numpy 1.19
-    ("numpy.typing", "NDArray"),
 }
 NEW_ARGUMENTS = {("zip", "strict"), ("dataclass", "kw_only"), ("dataclass", "slots")}
 
@@ -46,13 +44,7 @@ def _too_new(tree: ast.AST) -> Iterator[str]:
             children.remove(tree.returns)
     match tree:
         case ast.ImportFrom(module=str(module), names=names):
-            yield from (
-                f"{module}.{a.name}"
-                for a in names
-                if (module, a.name) in NEW_NAMES or module == "numpy.typing"
-            )
-        case ast.Import(names=names):
-            yield from (a.name for a in names if a.name == "numpy.typing")
+            yield from (f"{module}.{a.name}" for a in names if (module, a.name) in NEW_NAMES)
         case ast.Call(func=ast.Name(id=function), keywords=keywords):
             yield from (
                 f"{function}({k.arg}=)" for k in keywords if (function, k.arg) in NEW_ARGUMENTS

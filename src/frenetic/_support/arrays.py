@@ -2,21 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from typing import TypeAlias
-
-    import numpy.typing as npt
-
-    FloatArray: TypeAlias = npt.NDArray[np.float64]
-    """Float64 array; docstrings give the shape."""
-else:
-    # What the competition's pipeline is pinned to, numpy 1.19 on Python 3.9, has no more than this.
-    FloatArray = np.ndarray
-
+FloatArray = npt.NDArray[np.float64]
+"""Float64 array; docstrings give the shape."""
 
 _GOLDEN = (5.0**0.5 - 1.0) / 2.0
 

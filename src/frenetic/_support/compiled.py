@@ -1,9 +1,8 @@
 """The decorator of all kernels, which numba compiles and keeps on disk.
 
-The kernels of `frenetic.road` also run without numba, as the official competition pipeline needs
-it: its Python is old and its packages are pinned. There a road takes about a tenth of a second
-instead of a millisecond, of a budget that gives it half a minute. Everything that drives a car
-needs numba.
+The kernels of `frenetic.road` also run without numba, as `frenetic.bench.hosting` needs it in the
+interpreters of others' generators. There a road takes about a tenth of a second instead of a
+millisecond, of a budget that gives it half a minute. Everything that drives a car needs numba.
 
 Processes take turns at compiling. Numba keeps an index, from the types of a kernel's arguments to
 the numbers of its compiled forms, beside these forms. Two processes that compile a kernel at once

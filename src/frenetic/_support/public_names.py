@@ -1,6 +1,6 @@
 """Public names that a package imports on use.
 
-Runs on Python 3.9, as all that the competition's pipeline imports of the package does.
+Runs on Python 3.9, as all that `frenetic.bench.hosting` imports of the package does.
 """
 
 from __future__ import annotations

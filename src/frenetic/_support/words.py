@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from typing import Any, Final
 
 
@@ -21,7 +21,7 @@ def capitalised(text: str) -> str:
 
 def present_moment() -> str:
     """The date and time: UTC, ISO 8601 with milliseconds."""
-    return datetime.now(timezone.utc).isoformat(timespec="milliseconds")  # noqa: UP017  # for 3.9
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def signed(value: float | None, digits: int = 2, none: str = "–") -> str:

@@ -18,7 +18,7 @@ from typing import IO, Any, Final, Self
 import frenetic
 from frenetic._support.child_processes import kill_process
 from frenetic.bench.hosting.messages import Assignment
-from frenetic.competition.pipeline import SEED
+from frenetic.competition import SEED
 
 HOST: Final = Path(frenetic.__file__).parent / "bench" / "hosting" / "main.py"
 """The script of the process."""

@@ -438,7 +438,7 @@ def _finish(campaign: Campaign, reason: str) -> None:
         store.finish(seconds=round(store.elapsed(), 3), interrupted=False, ended=reason)
 
 
-class _Clocked:
+class _Clocked(Strategy):
     """A strategy whose own time counts against a virtual budget."""
 
     def __init__(self, strategy: Strategy, clock: VirtualTime) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
 from frenetic.bench.hosting.messages import Answer
+from frenetic.campaign.loop import ObservingStrategy
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester, road_through
@@ -98,7 +99,7 @@ class VirtualTime:
         return self.spent + self.seconds_per_test > self.budget * (1.0 + 1e-12)
 
 
-class GeneratorStrategy:
+class GeneratorStrategy(ObservingStrategy):
     """Passes on a generator's roads, and their results to the generator.
 
     The generator uses the pipeline's interface and cannot be asked twice, so it serves one worker,

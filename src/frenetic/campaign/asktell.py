@@ -75,7 +75,8 @@ class Records(Struct, forbid_unknown_fields=True):
         """
         n = len(self.time)
         values = {name: getattr(self, name) for name in self.__struct_fields__}
-        lengths = {name: len(value) for name, value in values.items() if value}
+        needed = ("time", "x", "y", "speed")
+        lengths = {k: len(value) for k, value in values.items() if value or k in needed}
         if not n or set(lengths.values()) != {n}:
             raise ValueError(f"records need lists of one length, at least 1, not {lengths}")
         if not self.heading:
@@ -106,6 +107,8 @@ class Told(Struct, forbid_unknown_fields=True):
     """Simulated time, in s."""
     records: Records | None = None
     """The drive, from which the search learns more, and which reports show."""
+    budget_spent: Share | None = None
+    """Spent share of the budget, in place of the campaign's count until the next is told."""
 
     def attempt(self, road: Road, seconds: float) -> Attempt:
         """The attempt on a road, which took so many s.
@@ -129,7 +132,15 @@ class Told(Struct, forbid_unknown_fields=True):
             self.duration if self.duration is not None or path is None else float(path.time[-1]),
             tuple(findings),
         )
-        return Attempt(self.id, result, road.pose, path, worker=WORKER, seconds=seconds)
+        return Attempt(
+            self.id,
+            result,
+            road.pose,
+            path,
+            worker=WORKER,
+            seconds=seconds,
+            budget_spent=self.budget_spent,
+        )
 
 
 @dataclass(frozen=True)
@@ -334,7 +345,8 @@ class ToldCampaign(Campaign):
         exists = (self.folder / DATABASE).is_file()
         search = self.resume if exists else self.run
         summary = search(on_test=self._say_told)
-        reason = summary.ended or "the budget is spent"
+        is_stopped = summary.interrupted and not self._client.has_ended
+        reason = summary.ended or ("it was stopped" if is_stopped else "the budget is spent")
         for _ in range(self._client.free):
             self._answer({"end": reason})
         while not self._client.has_ended and (line := next(self._requests, None)) is not None:

@@ -38,7 +38,7 @@ from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
 from frenetic.search.screened import Screened
-from frenetic.search.strategy import CheckingStrategy, Strategy, WarmStartingStrategy, notice_of
+from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import IsolatedSimulator
@@ -131,7 +131,7 @@ class Campaign(Shown):
             default half as long again as the simulator's own ``wall_limit``, and 10 s.
         objective: name of what the strategy minimises, see `frenetic.campaign.objective`.
         start_from: folders of earlier campaigns, such as those of the driver's last version. The
-            strategy, a `frenetic.search.WarmStartingStrategy`, drives again what failed there. What
+            strategy, which has `start_from`, drives again what failed there. What
             is taken from them is kept in the new campaign, and a resumed one goes on with that.
         description: other facts for the campaign's configuration.
 
@@ -179,10 +179,14 @@ class Campaign(Shown):
                 f"map_size is {number_word(map_size)}, but the strategy was made for"
                 f" {number_word(theirs)}: they have to agree"
             )
+        if not isinstance(strategy, Strategy):
+            raise ValueError(
+                f"{type(strategy).__name__} is no strategy: make it a frenetic.Strategy"
+            )
         if isinstance(strategy, ObservingStrategy) and (workers > 1 or cluster is not None):
             raise ValueError("the strategy observes drives: it needs one worker, in this process")
         start_from = require_list("start_from", start_from)
-        if start_from and not isinstance(strategy, WarmStartingStrategy):
+        if start_from and not has_own(strategy, "start_from"):
             raise ValueError(
                 f"the strategy {type(strategy).__name__} starts from no earlier campaign: leave out"
                 " --from, or choose a strategy with start_from, such as frenetic"
@@ -415,9 +419,7 @@ class Campaign(Shown):
                     " a fresh strategy"
                 )
             self._enter_twin(stack)
-            tally.budget_spent = self._required_budget.spent(
-                tally.simulations, tally.seconds, tally.failures
-            )
+            tally.spend(self._required_budget, tally.seconds)
             store.reopen(budget=asdict(self._required_budget))
             log = stack.enter_context(CampaignLog(self.folder))
             _log_start(log, Event.RESUMED, tally, self.configuration())
@@ -518,7 +520,7 @@ class Campaign(Shown):
     def _keep_margin(self) -> None:
         """Has the strategy check roads with this campaign's margin."""
         margin = self.tester.margin
-        if margin != MARGIN and isinstance(self.strategy, CheckingStrategy):
+        if margin != MARGIN:
             self.strategy.keep_margin(margin)
 
     def _objective_version(self) -> dict[str, str]:
@@ -642,7 +644,7 @@ class Campaign(Shown):
             folder=self.folder,
             interrupted=interrupted,
             ended=tally.ended,
-            notice=notice_of(self.strategy) or "",
+            notice=self.strategy.notice or "",
             objective=tally.objective,
             best=tally.best,
             screening=ScreeningSummary.of_store(store),

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 import time
+from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from numbers import Integral
-from typing import Any, Final, Protocol, runtime_checkable
+from typing import Any, Final
 from weakref import WeakValueDictionary
 
 import numpy as np
@@ -32,10 +33,8 @@ from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import (
     Ledger,
     SearchEnded,
-    SelectiveStrategy,
     Strategy,
-    WarmStartingStrategy,
-    notice_of,
+    has_own,
 )
 from frenetic.spec import Budget, is_built_in, is_number, shown
 from frenetic.versions import changed_packages
@@ -53,17 +52,16 @@ _SURE, _DOUBTFUL, _DOOMED = range(3)  # prospects of a waiting candidate
 _HEARTBEAT: Final = 1.0  # s between two looks at the clock while nothing comes back
 
 
-@runtime_checkable
-class ObservingStrategy(Strategy, Protocol):
+class ObservingStrategy(Strategy):
     """A strategy that is shown each test whole, with its drive, right before it is told.
 
     Drives are exact only in the process that drove them, so its campaign has one worker and cannot
     be resumed.
     """
 
+    @abstractmethod
     def observe(self, attempt: Attempt) -> None:
         """Looks at the last attempt to test the candidate that is told next."""
-        ...
 
 
 class Dispatcher:
@@ -92,7 +90,7 @@ class Dispatcher:
         unreported: deque[tuple[int, Progress]],
     ) -> None:
         self._strategy = strategy
-        self._selective = strategy if isinstance(strategy, SelectiveStrategy) else None
+        self._is_selective = has_own(strategy, "is_wanted")
         self._observing = strategy if isinstance(strategy, ObservingStrategy) else None
         self._workers = workers
         self._store = store
@@ -199,7 +197,7 @@ class Dispatcher:
     def _may_ask(self) -> bool:
         if self._is_spent or self._tally.ended or self._waits_for_result:
             return False
-        if self._would_exceed(self._budget.simulations):
+        if self._tally.told_share is None and self._would_exceed(self._budget.simulations):
             return False
         if self._lookahead:
             # Also after an interrupt or within a limit: asking must not depend on its moment.
@@ -207,7 +205,7 @@ class Dispatcher:
         if self._would_exceed(self._limit):
             return False
         # What is asked later is chosen better, and less of it is dropped.
-        room = self._workers.needed if self._selective else self._workers.free
+        room = self._workers.needed if self._is_selective else self._workers.free
         return not self._interrupt.requested and len(self._waiting) < room
 
     def _would_exceed(self, simulations: int | None) -> bool:
@@ -238,7 +236,7 @@ class Dispatcher:
         in a candidate when an older one of the same parents fails. The order does not change what
         is asked and told, only what is driven in vain, so siblings come last.
         """
-        if self._selective is None or not self._lookahead:
+        if not self._is_selective or not self._lookahead:
             return self._outstanding[min(self._waiting)]
         chosen, least = None, _DOOMED + 1
         doubts: dict[tuple[int, ...], int] = {}  # by parents: about the children to come
@@ -311,7 +309,7 @@ class Dispatcher:
         tally, result = self._tally, attempt.result
         tally.count(candidate, result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
-        tally.budget_spent = self._budget.spent(tally.simulations, elapsed, tally.failures)
+        tally.spend(self._budget, elapsed, attempt.budget_spent)
         test = Test(
             candidate=candidate,
             attempt=attempt,
@@ -337,11 +335,11 @@ class Dispatcher:
         self._give_up_if_hopeless(test)
 
     def _is_wanted(self, candidate: Candidate) -> bool:
-        if self._selective is None:
+        if not self._is_selective:
             return True
         try:
             with one_process():
-                return self._selective.is_wanted(candidate)
+                return self._strategy.is_wanted(candidate)
         except Exception as error:
             raise _raised(error) from error
 
@@ -358,7 +356,7 @@ class Dispatcher:
             self._broken, self._refused = self._broken + 1, 0
         elif test.outcome.is_driven:
             self._broken = self._refused = 0
-        if self._broken >= MAX_ERRORS_IN_A_ROW:
+        if self._broken >= MAX_ERRORS_IN_A_ROW and self._tally.told_share is None:
             raise CampaignError(
                 f"the last {self._broken} drives broke, so the campaign gives up: {test.reason}"
             )
@@ -370,7 +368,7 @@ class Dispatcher:
 
     def _log_notice(self) -> None:
         """Logs what the strategy has to say about its search, once."""
-        before, self._tally.notice = self._tally.notice, notice_of(self._strategy) or ""
+        before, self._tally.notice = self._tally.notice, self._strategy.notice or ""
         if _without_numbers(self._tally.notice) not in ("", _without_numbers(before)):
             self._log.write(Event.NOTICE, self._tally.notice, level="warning")
 
@@ -450,7 +448,7 @@ def start(strategy: Strategy, earlier: Sequence[EarlierTest], tally: Tally) -> N
     """
     if not earlier:
         return
-    if not isinstance(strategy, WarmStartingStrategy):
+    if not has_own(strategy, "start_from"):
         raise StrategyError(
             f"the campaign started from earlier ones, but the strategy {type(strategy).__name__}"
             " has no start_from"
@@ -603,8 +601,8 @@ def replay(
         tally.count(candidate, test.outcome, test.moobd)
         tally.measure(objective, evaluation)
         tally.seconds = test.elapsed
+        tally.spend(budget, tally.seconds, test.attempt.budget_spent)
     ask_until(tally.told)
-    tally.budget_spent = budget.spent(tally.simulations, tally.seconds, tally.failures)
     return tally, outstanding
 
 

@@ -12,6 +12,7 @@ from frenetic.campaign.screening import ScreeningSummary
 from frenetic.campaign.store import JSONValue
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation
+from frenetic.spec import Budget
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,8 @@ class Tally:
         self.seconds = 0.0
         """Time spent before this process, in s."""
         self.budget_spent = 0.0
+        self.told_share: float | None = None
+        """Spent share of the budget that whoever drives told last; None if nobody did."""
         self.strategy_seconds = 0.0
         """Time that the strategy took to propose and to learn, in s."""
         self.ended = ""
@@ -122,6 +125,12 @@ class Tally:
             self._roads.add(key_of(candidate))
         if moobd is not None:
             self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
+
+    def spend(self, budget: Budget, seconds: float, told: float | None = None) -> None:
+        """Sets the spent share of the budget: what is told now or was last, or else its count."""
+        self.told_share = self.told_share if told is None else told
+        counted = budget.spent(self.simulations, seconds, self.failures)
+        self.budget_spent = counted if self.told_share is None else self.told_share
 
     def measure(self, objective: Objective, evaluation: Evaluation) -> None:
         """Notes the objective's value of one more result, if it has one."""

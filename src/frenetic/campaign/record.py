@@ -53,6 +53,8 @@ class Attempt:
     """Wall time that it took, in s."""
     traceback: str = ""
     """Traceback of the simulator's or driver's error, if known."""
+    budget_spent: Share | None = None
+    """Spent share of the budget, as whoever drives tells it; None if the campaign counts."""
 
     @classmethod
     def undriven(
@@ -324,6 +326,7 @@ TOLD: Final = (
     Column("outcome", "attempt.result.outcome", "TEXT", "PASS, FAIL, INVALID, ERROR or DROPPED"),
     Column("reason", "attempt.result.reason", "TEXT", "why it ended so"),
     Column("budget_spent", "budget_spent", "REAL", "share of the budget when it was told"),
+    Column("told_share", "attempt.budget_spent", "REAL", "that share, if whoever drives told it"),
     Column("x", "attempt.pose.x", "REAL", "of the pose in which the road starts on the map", "m"),
     Column("y", "attempt.pose.y", "REAL", "likewise", "m"),
     Column("heading", "attempt.pose.heading", "REAL", "likewise, counter-clockwise from +x", "rad"),

@@ -24,7 +24,7 @@ from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.profile import Profile
 from frenetic.search.screened import NOTE, Screened
-from frenetic.search.strategy import RevisableStrategy
+from frenetic.search.strategy import has_own
 from frenetic.spec import Spec
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def screened(spec: Spec) -> tuple[Screened, Twin]:
     profile = Profile.of(spec.screen.get("profile"), source=source)
     _check_terms(profile, spec, source=source)
     strategy = spec.make_strategy()
-    if not isinstance(strategy, RevisableStrategy):
+    if not has_own(strategy, "replace"):
         raise FreneticError(
             "--screen needs a strategy that takes other roads than it asked for, as frenetic and"
             f" random do: {spec.strategy.name} has no method 'replace'"

@@ -6,6 +6,7 @@ import json
 import secrets
 import sys
 from collections.abc import Iterator
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -58,26 +59,29 @@ def ask_tell(
             recorded = store.config.get("seed")
             seed = recorded if isinstance(recorded, int) else None
     seed = secrets.randbelow(2**31) if seed is None else seed
-    with as_usage_error():
-        budget = Budget(simulations=simulations, time=seconds, failures=failures)
-        spec = Spec(strategy=Part(strategy, dict(strategy_options)), seed=seed, map_size=map_size)
-        campaign = ToldCampaign(
-            _lines(),
-            _answer,
-            name=name,
-            strategy=spec.make_strategy(),
-            budget=budget,
-            folder=folder,
-            map_size=map_size,
-        )
-    summary = campaign.serve()
+    answers = sys.stdout
+
+    def answer(message: Any) -> None:
+        print(json.dumps(message), file=answers, flush=True)
+
+    with redirect_stdout(sys.stderr):  # a strategy's prints, say
+        with as_usage_error():
+            budget = Budget(simulations=simulations, time=seconds, failures=failures)
+            spec = Spec(
+                strategy=Part(strategy, dict(strategy_options)), seed=seed, map_size=map_size
+            )
+            campaign = ToldCampaign(
+                _lines(),
+                answer,
+                name=name,
+                strategy=spec.make_strategy(),
+                budget=budget,
+                folder=folder,
+                map_size=map_size,
+            )
+        summary = campaign.serve()
     click.echo(f"{summary.in_words()}, results in {folder}", err=True)
 
 
 def _lines() -> Iterator[str]:
     yield from sys.stdin
-
-
-def _answer(message: Any) -> None:
-    sys.stdout.write(json.dumps(message) + "\n")
-    sys.stdout.flush()

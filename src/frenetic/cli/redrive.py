@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import click
 
-from frenetic.cli.console import Log, announced_compilation, counted_progress
+from frenetic.cli.console import Log, announced_compilation, counted_progress, shell
 from frenetic.cli.options import (
     as_usage_error,
     drive_limit_option,

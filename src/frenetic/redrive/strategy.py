@@ -9,14 +9,14 @@ from typing import Any, Final
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate, Evaluation, Origin, Source
-from frenetic.search.strategy import Ledger, SearchEnded
+from frenetic.search.strategy import Ledger, SearchEnded, Strategy
 from frenetic.simulators.worlds import read_conditions
 
 OPERATOR: Final = "again"
 """Operator in the origin of roads that are driven again."""
 
 
-class Again:
+class Again(Strategy):
     """Proposes the roads of a campaign's tests, each once in each of some conditions.
 
     Args:

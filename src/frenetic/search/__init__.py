@@ -8,16 +8,12 @@ from frenetic.search.random_search import RandomSearch
 from frenetic.search.records import Candidate, Evaluation, Origin, Source, Trace
 from frenetic.search.screened import Screened
 from frenetic.search.strategy import (
-    CheckingStrategy,
     SearchEnded,
-    SelectiveStrategy,
     Strategy,
-    WarmStartingStrategy,
 )
 
 __all__ = [
     "Candidate",
-    "CheckingStrategy",
     "Evaluation",
     "Frenetic",
     "Frenetic2021",
@@ -25,9 +21,7 @@ __all__ = [
     "RandomSearch",
     "Screened",
     "SearchEnded",
-    "SelectiveStrategy",
     "Source",
     "Strategy",
     "Trace",
-    "WarmStartingStrategy",
 ]

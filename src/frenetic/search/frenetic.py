@@ -28,7 +28,7 @@ from frenetic.search.random_search import (
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.speed_model import SpeedModel
-from frenetic.search.strategy import Ledger, options_of, require, require_whole
+from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
 from frenetic.search.variation import MIRROR, OF_FAILURES, OPERATORS, PARAMETERS, SPLICE, draw_child
 
 _ROAD_PER_MAP = 1.45  # m of road for each m of the map's side
@@ -58,7 +58,7 @@ class _Parent(NamedTuple):
     """Number of the operator."""
 
 
-class Frenetic:
+class Frenetic(Strategy):
     """A `Strategy` that looks for failures unlike the known ones, for any driver.
 
     1. *Random roads*: `random_roads` of them at first, or for `random_budget` of the budget if that
@@ -204,7 +204,7 @@ class Frenetic:
         self._is_valid.keep_margin(margin)
 
     def start_from(self, earlier: Sequence[Evaluation]) -> None:
-        """Take roads of earlier campaigns, see `WarmStartingStrategy`."""
+        """Take roads of earlier campaigns, see `Strategy.start_from`."""
         for evaluation in earlier:
             candidate, severity = evaluation.candidate, evaluation.severity
             if not evaluation.outcome.is_driven or severity is None:
@@ -236,7 +236,7 @@ class Frenetic:
         return self._random_road()
 
     def replace(self, candidate: Candidate) -> None:
-        """Take the road that an earlier version proposed instead, see `RevisableStrategy`."""
+        """Take the road that an earlier version proposed instead, see `Strategy.replace`."""
         self._ledger.replace(candidate)
         self._room = np.empty(max(len(self._room), len(candidate.curvatures)))
         self._proposed.add(fingerprint(candidate.curvatures))

@@ -36,7 +36,7 @@ from frenetic.search.random_search import (
     RoadCheck,
 )
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger, options_of, require, require_whole
+from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
 
 _MIX, _SPLICE = "C1", "C2"
 
@@ -57,7 +57,7 @@ class _Siblings:
         self.has_failed = False
 
 
-class Frenetic2021:
+class Frenetic2021(Strategy):
     """A `Strategy` that mutates and crosses the roads on which the driver did worst: Listing 1.
 
     1. *Random phase*, while the largest budget share told so far is below `random_budget`.

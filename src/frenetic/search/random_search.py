@@ -13,7 +13,7 @@ from frenetic.errors import RoadError
 from frenetic.road import MAP_SIZE, MARGIN, Road
 from frenetic.search.operators import CURVATURE_BOUND, MAX_CHANGE, MIN_VALUES, random_curvatures
 from frenetic.search.records import Candidate, Evaluation, Origin
-from frenetic.search.strategy import Ledger, options_of, require, require_whole
+from frenetic.search.strategy import Ledger, Strategy, options_of, require, require_whole
 
 if TYPE_CHECKING:
     from typing import TypeAlias
@@ -181,7 +181,7 @@ class RandomRoads:
         )
 
 
-class RandomSearch:
+class RandomSearch(Strategy):
     """A `Strategy` that proposes random roads and learns nothing.
 
     With the same seed and options, its roads are those of Frenetic's random phase.
@@ -244,7 +244,7 @@ class RandomSearch:
         return self._ledger.issue(self._roads.draw(self._rng), self._roads.step, Origin(RANDOM))
 
     def replace(self, candidate: Candidate) -> None:
-        """Take another road instead, see `RevisableStrategy`."""
+        """Take another road instead, see `Strategy.replace`."""
         self._ledger.replace(candidate)
 
     def tell(self, evaluation: Evaluation) -> None:

@@ -16,11 +16,8 @@ from frenetic.search.approach import approaches, is_near
 from frenetic.search.archive import FAR, Archive, Place, places_of
 from frenetic.search.records import Candidate, Evaluation, Origin
 from frenetic.search.strategy import (
-    CheckingStrategy,
-    RevisableStrategy,
     SearchEnded,
     Strategy,
-    notice_of,
 )
 
 if TYPE_CHECKING:
@@ -71,7 +68,7 @@ class _Prospect:
     """Whether a known failure lies on its way."""
 
 
-class Screened:
+class Screened(Strategy):
     """A `Strategy` that searches in a twin and hands on what promises new failures.
 
     A *scout*, a search of its own, proposes roads that only the twin drives. After each `drawn` of
@@ -97,7 +94,7 @@ class Screened:
 
     def __init__(
         self,
-        strategy: RevisableStrategy,
+        strategy: Strategy,
         scout: Strategy,
         drive: Drive,
         *,
@@ -125,13 +122,12 @@ class Screened:
     def keep_margin(self, margin: float) -> None:
         """Take only roads for valid that keep so many m from the map's edge."""
         for one in (self.strategy, self.scout):
-            if isinstance(one, CheckingStrategy):
-                one.keep_margin(margin)
+            one.keep_margin(margin)
 
     @property
     def notice(self) -> str | None:
         """Why screening stopped, or what the strategy has to say."""
-        return self.stopped or notice_of(self.strategy)
+        return self.stopped or self.strategy.notice
 
     def ask(self) -> Candidate | None:
         """Return the next road for the slow simulator."""

@@ -1,11 +1,12 @@
-"""The protocol between a campaign and a search algorithm."""
+"""What a campaign needs of a search algorithm."""
 
 from __future__ import annotations
 
 import math
 import operator
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, SupportsIndex, runtime_checkable
+from typing import Any, ClassVar, SupportsIndex
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.scalars import without_numpy
@@ -21,8 +22,7 @@ class SearchEnded(Exception):  # noqa: N818 - it is no error
     """
 
 
-@runtime_checkable
-class Strategy(Protocol):
+class Strategy(ABC):
     """A search algorithm: proposes the next road and learns its result.
 
     The contract, which `frenetic.testing.strategy_contract.StrategyContract` tests:
@@ -42,14 +42,18 @@ class Strategy(Protocol):
       looks at no clock.
     - A strategy is used from one thread at a time.
 
-    Your own strategy can leave its bookkeeping to a `Ledger`. Two decisions remain: what to
-    propose, and what to remember.
+    Only `ask` and `tell` are needed. Your own strategy can leave its bookkeeping to a `Ledger`. Two
+    decisions remain: what to propose, and what to remember.
     """
 
+    usual_lookahead: ClassVar[int | None] = None
+    """Candidates outstanding in an ordered campaign; None for the campaign's default."""
+
+    @abstractmethod
     def ask(self) -> Candidate | None:
         """Return the next road to try, None for "tell me first"."""
-        ...
 
+    @abstractmethod
     def tell(self, evaluation: Evaluation) -> None:
         """Learn the result of a candidate.
 
@@ -57,49 +61,37 @@ class Strategy(Protocol):
             ValueError: The candidate was never asked, or was told already; nothing has changed.
 
         """
-        ...
 
+    @property
+    def notice(self) -> str | None:
+        """What a user does not expect of the search: a sentence without a full stop, or None.
 
-@runtime_checkable
-class SelectiveStrategy(Strategy, Protocol):
-    """A strategy that may lose interest in a candidate while others are driven.
+        It changes nothing, and depends only on what was asked and told.
+        """
+        return None
 
-    A campaign asks before a candidate is driven. An unwanted one is told as DROPPED and not driven;
-    it costs no simulation.
-    """
-
-    def is_wanted(self, candidate: Candidate) -> bool:
+    def is_wanted(self, candidate: Candidate) -> bool:  # noqa: ARG002
         """Return whether a candidate that was asked and not yet told is still worth a drive.
 
-        It changes nothing, depends only on what was asked and told, and once False stays False.
+        A campaign asks before a candidate is driven. An unwanted one is told as DROPPED and not
+        driven; it costs no simulation. The answer changes nothing, depends only on what was asked
+        and told, and once False stays False.
         """
-        ...
+        return True
 
-
-@runtime_checkable
-class CheckingStrategy(Strategy, Protocol):
-    """A strategy that checks whether roads fit the map before it proposes them."""
-
-    def keep_margin(self, margin: float) -> None:
+    def keep_margin(self, margin: float) -> None:  # noqa: B027 - most check no roads
         """Take only roads for valid whose centre line keeps ``margin`` m from the map's edge.
 
-        A campaign with another margin than the usual one calls it before it asks for a road.
+        A campaign with another margin than the usual one calls it before it asks for a road. A
+        strategy that checks no roads ignores it.
         """
-        ...
-
-
-@runtime_checkable
-class RevisableStrategy(Strategy, Protocol):
-    """A strategy whose proposals another one may replace, as one that screens roads does."""
 
     def replace(self, candidate: Candidate) -> None:
-        """Take a candidate instead of the one that was asked under its id and not told yet."""
-        ...
+        """Take a candidate instead of the one that was asked under its id and not told yet.
 
-
-@runtime_checkable
-class WarmStartingStrategy(Strategy, Protocol):
-    """A strategy that can start from what earlier campaigns drove."""
+        Screening needs it.
+        """
+        raise NotImplementedError(f"{type(self).__name__} takes no other road than it asked for")
 
     def start_from(self, earlier: Sequence[Evaluation]) -> None:
         """Learn which roads failed in earlier campaigns, or came near failing.
@@ -109,26 +101,12 @@ class WarmStartingStrategy(Strategy, Protocol):
         seen again. All roads fit the map and have the step of the strategy's option ``step``, if
         there is one. The candidates are none that the strategy asked.
         """
-        ...
+        raise NotImplementedError(f"{type(self).__name__} starts from no earlier campaign")
 
 
-@runtime_checkable
-class NotifyingStrategy(Strategy, Protocol):
-    """A strategy that says when its search is not what its user expects."""
-
-    @property
-    def notice(self) -> str | None:
-        """One sentence without a full stop, None if there is nothing to say.
-
-        It changes nothing, and depends only on what was asked and told.
-        """
-        ...
-
-
-def notice_of(strategy: object) -> str | None:
-    """What a strategy has to say about its search, None without."""
-    notice = getattr(strategy, "notice", None)  # asked after every test, so not by isinstance
-    return notice if isinstance(notice, str) else None
+def has_own(strategy: Strategy, name: str) -> bool:
+    """Whether a strategy has a method of its own in place of the default of `Strategy`."""
+    return getattr(type(strategy), name) is not getattr(Strategy, name)
 
 
 class Ledger:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -14,7 +14,7 @@ import pytest
 from frenetic._support.arrays import FloatArray
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate, Evaluation, Trace
-from frenetic.search.strategy import SearchEnded, Strategy, WarmStartingStrategy
+from frenetic.search.strategy import SearchEnded, Strategy, has_own
 
 _TESTS = 150
 """Length of a scripted campaign: long enough for a phase that depends on the budget."""
@@ -31,7 +31,7 @@ class StrategyContract:
 
     No simulator is involved: the outcomes are made up, and depend only on a candidate's id. Finite
     and adaptive strategies are tested as far as they propose without being told. Other strategies
-    pass the tests of a `SelectiveStrategy` trivially: they want every candidate.
+    pass the tests of `is_wanted` trivially: they want every candidate.
     """
 
     def make(self, seed: int) -> Strategy:
@@ -205,7 +205,7 @@ class StrategyContract:
         strategy = self.make(1)
         for step in _campaign(strategy, outstanding=20, dropping=True):
             if step.asked is not None:
-                assert _wants(strategy, step.asked)
+                assert strategy.is_wanted(step.asked)
 
     def test_what_is_not_wanted_any_more_stays_so(self) -> None:
         """Lost interest does not return: the candidate may be gone."""
@@ -217,7 +217,7 @@ class StrategyContract:
                 waiting[step.asked.id] = step.asked
             if step.told is not None:
                 del waiting[step.told.candidate.id]
-            lost = {number for number in waiting if not _wants(strategy, waiting[number])}
+            lost = {number for number in waiting if not strategy.is_wanted(waiting[number])}
             assert unwanted & waiting.keys() <= lost
             unwanted |= lost
 
@@ -233,7 +233,7 @@ class StrategyContract:
             if step.told is not None:
                 del waiting[step.told.candidate.id]
             for candidate in waiting.values():
-                assert _wants(strategy, candidate) == _wants(strategy, candidate)
+                assert strategy.is_wanted(candidate) == strategy.is_wanted(candidate)
 
         _assert_same(asked_often, list(_campaign(self.make(5), outstanding=20)))
 
@@ -249,7 +249,7 @@ class StrategyContract:
                 candidate = waiting.pop(step.told.candidate.id)
                 resumed.tell(replace(step.told, candidate=_copy(candidate)))
             for candidate in waiting.values():
-                assert _wants(strategy, candidate) == _wants(resumed, _copy(candidate))
+                assert strategy.is_wanted(candidate) == resumed.is_wanted(_copy(candidate))
 
     def test_dropped_candidates_are_replayed_like_any_other(self) -> None:
         """DROPPED candidates have their place in the log, and the search goes on after them."""
@@ -270,7 +270,7 @@ class StrategyContract:
         earlier = [told for told in drives if told.outcome.is_driven]
         strategies = [self.make(5), self.make(5)]
         for strategy in strategies:
-            if isinstance(strategy, WarmStartingStrategy):
+            if has_own(strategy, "start_from"):
                 strategy.start_from(earlier)
 
         first, second = (list(_campaign(strategy)) for strategy in strategies)
@@ -315,16 +315,6 @@ def _ask_many(strategy: Strategy, most: int) -> list[Candidate]:
     return list(itertools.islice(iter(lambda: _ask(strategy), None), most))
 
 
-def _wants(strategy: Strategy, candidate: Candidate) -> bool:
-    # Not asked of the protocol, which takes longer than most strategies: it is called often.
-    is_wanted: Callable[[Candidate], bool] = getattr(strategy, "is_wanted", _wants_all)
-    return is_wanted(candidate)
-
-
-def _wants_all(_: Candidate) -> bool:
-    return True
-
-
 def _campaign(
     strategy: Strategy, *, outstanding: int = 7, dropping: bool = False
 ) -> Iterator[_Step]:
@@ -349,7 +339,7 @@ def _campaign(
             told += 1
             candidate = waiting.pop(int(rng.integers(len(waiting))))
             evaluation = _made_up(candidate, told / _TESTS)
-            if dropping and (candidate.id % 11 == 0 or not _wants(strategy, candidate)):
+            if dropping and (candidate.id % 11 == 0 or not strategy.is_wanted(candidate)):
                 evaluation = Evaluation(candidate, Outcome.DROPPED, None, told / _TESTS)
             strategy.tell(evaluation)
             yield _Step(told=evaluation)

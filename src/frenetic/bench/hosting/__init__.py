@@ -1,9 +1,9 @@
 """The environment of a test generator of the official pipeline under `frenetic bench`.
 
 The bench starts ``main.py`` in its own process, with any interpreter. There a generator finds the
-pipeline's modules and an executor whose time is virtual, and runs unmodified. Like the plug-in
-`frenetic.competition`, this package and what it imports of Frenetic need numpy and scipy only and
-work on Python 3.9; functions that return shapely objects need shapely.
+pipeline's modules and an executor whose time is virtual, and runs unmodified. This package and what
+it imports of Frenetic need numpy 1.21 and scipy only and work on Python 3.9; functions that return
+shapely objects need shapely.
 
 | file | holds |
 | --- | --- |
