@@ -128,7 +128,7 @@ def start_thread(marks: Marks) -> None:
 
 
 def start_process(marks: Marks) -> None:
-    child = subprocess.Popen([sys.executable, "-c", f"import time; time.sleep({LIMIT})"])
+    child = subprocess.Popen([sys.executable, "-c", f"import time; time.sleep({10 * LIMIT})"])
     marks.make(f"pid-{child.pid}")
     child.returncode = 0  # nobody is to wait for it, nor to be warned about it
 
