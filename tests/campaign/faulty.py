@@ -22,7 +22,6 @@ from typing import Self
 
 import numpy as np
 
-from frenetic._support.child_processes import Line
 from frenetic.drivers import Driver, DriveSetup
 from frenetic.road import Road
 from frenetic.search import Candidate, Evaluation, Origin
@@ -129,7 +128,7 @@ def start_thread(marks: Marks) -> None:
 
 
 def start_process(marks: Marks) -> None:
-    child = subprocess.Popen([sys.executable, "-c", f"import time; time.sleep({LIMIT})"])
+    child = subprocess.Popen([sys.executable, "-c", f"import time; time.sleep({10 * LIMIT})"])
     marks.make(f"pid-{child.pid}")
     child.returncode = 0  # nobody is to wait for it, nor to be warned about it
 
@@ -161,12 +160,12 @@ def fork_and_leave(marks: Marks) -> None:
 
 def answer_twice(marks: Marks) -> None:
     """From now on its process says everything twice."""
-    for line in gc.get_objects():
-        if isinstance(line, Line):
-            line.send = _twice(line.send)  # type: ignore[method-assign,assignment]
+    for one in gc.get_objects():
+        if isinstance(one, Connection):
+            one.send_bytes = _twice(one.send_bytes)  # type: ignore[method-assign]
 
 
-def _twice(send: Callable[[bytes], None]) -> Callable[[bytes], None]:
+def _twice(send: Callable[..., None]) -> Callable[..., None]:
     def send_twice(data: bytes) -> None:
         send(data)
         send(data)
@@ -225,6 +224,7 @@ def limit_memory(marks: Marks) -> None:
     import resource  # POSIX
 
     resource.setrlimit(resource.RLIMIT_AS, (1, 1))
+    bytearray(10**8)
 
 
 def close_everything(marks: Marks) -> None:
@@ -247,11 +247,6 @@ def write_nonsense(marks: Marks) -> None:
 
 def write_log(marks: Marks) -> None:
     logging.getLogger("frenetic.driver").warning("the road is %s", "wet")
-
-
-def send_modules(connection: Connection) -> None:
-    """Sends the names of all modules that its process has."""
-    connection.send(set(sys.modules))
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from unittest.mock import patch
 from faulty import FaultySimulator
 from pids import LIMIT
 
+from frenetic import worker
 from frenetic._support.child_processes import process_context
 from frenetic.campaign import Budget, Campaign, Progress
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.workers import local as processes
 from frenetic.errors import CampaignError
 from frenetic.search import Frenetic2021
 from frenetic.testing import DummyDriver
@@ -73,7 +73,7 @@ def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | N
     """Runs or resumes a campaign until it ends or the blow comes; each result leaves a byte."""
     if sys.platform == "linux":
         # Forked from this process, which has loaded everything: a server would take a second.
-        processes.process_context = lambda _: multiprocessing.get_context("fork")  # type: ignore
+        worker.process_context = lambda _: multiprocessing.get_context("fork")  # type: ignore
     killer = _Killer(blow)
     sqlite3.connect = killer.connect  # type: ignore[assignment]
     one = campaign(folder, marks, workers=workers, ordered=ordered)

@@ -20,28 +20,15 @@ import faulty
 import killing
 import pytest
 from contents import contents
-from faulty import (
-    Deed,
-    Fault,
-    FaultySimulator,
-    Forking,
-    Marks,
-    Straight,
-    bend,
-    hang,
-    kill,
-    leave,
-    raise_error,
-    refuse_connection,
-)
+from driving import events
+from faulty import Fault, FaultySimulator, Forking, Marks, bend, refuse_connection
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 from small_disk import Bounded
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.log import LOG
 from frenetic.campaign.store import DATABASE
-from frenetic.campaign.workers.local import PREFETCH
+from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
@@ -82,35 +69,7 @@ def one_line(caught: pytest.ExceptionInfo[CampaignError]) -> str:
     return message
 
 
-def events(folder: Path) -> list[dict[str, Any]]:
-    return [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
-
-
 # Faults of simulators and drivers
-
-
-@pytest.mark.parametrize("deed", [kill, leave, raise_error, hang])
-def test_a_fault_that_strikes_once_costs_nothing(tmp_path: Path, marks: Marks, deed: Deed) -> None:
-    """The road is tried again and told once."""
-    campaign(tmp_path / "whole", strategy=Straight(8, 9, 10)).run()
-    simulator = FaultySimulator(marks.folder, drive=Fault(deed, marks.folder, samples=9, times=1))
-    campaign(
-        tmp_path / "c",
-        strategy=Straight(8, 9, 10),
-        simulator=simulator,
-        workers=2,
-        drive_limit=4.0 if deed is hang else None,
-    ).run()
-    with CampaignStore.open(tmp_path / "c") as store:
-        attempts = {r.candidate.id: r.attempts for r in store.tests() if r.attempts != 1}
-        outcomes = {r.candidate.id: r.outcome for r in store.tests()}
-    with CampaignStore.open(tmp_path / "whole") as store:
-        assert outcomes == {r.candidate.id: r.outcome for r in store.tests()}
-    assert list(attempts.values()) == [2]
-    assert next(iter(attempts)) % 3 == 2
-    assert [e["event"] for e in events(tmp_path / "c")].count("test_retried") == 1
-    assert check_campaign(tmp_path / "c").findings == ()
-    until_gone(marks.pids())
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -390,7 +349,7 @@ def test_ctrl_c_finishes_what_runs(tmp_path: Path, marks: Marks) -> None:
         marks.make("go")
         assert running.ends() == 130, running.err.read_text()
     # Five, the two that waited, and what quick workers had got ahead of time.
-    assert 7 <= running.told() <= 5 + 2 * PREFETCH
+    assert 7 <= running.told() <= 5 + 2 * AHEAD
     assert f"Interrupted: {running.told()} simulations" in running.out.read_text()
     assert "Traceback" not in running.err.read_text()
     assert check_campaign(running.folder).findings == ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-import signal
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +12,10 @@ import faulty
 import numpy as np
 import pytest
 from contents import contents
-from faulty import Deed, Fault, FaultyDriver, FaultySimulator, Marks, Straight, bend
-from pids import LIMIT, children, until_gone
+from faulty import Deed, Fault, FaultyDriver, FaultySimulator, Marks
+from pids import LIMIT, until_gone
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.campaign.check import check_campaign
 from frenetic.campaign.log import LOG
 from frenetic.drivers import Delayed, Driver, Noisy, Planner
 from frenetic.errors import CampaignError, FreneticError
@@ -129,87 +128,33 @@ def test_only_drives_of_our_compiled_code_stay_here() -> None:
     assert isolated(Own(), Planner()).drive is not None
 
 
-# Drivers that misbehave, each twice: a road is tried twice
+# Drivers that misbehave; what else they do to such a process: test_workers.py
 
 
 LOST = "the driver's process was lost: "
-FATAL: dict[str, str | tuple[str, ...]] = {
+FATAL = {
     "kill": f"{LOST}it was killed by SIGKILL",
-    "segfault": f"{LOST}it was killed by SIGSEGV",
     "leave": f"{LOST}it ended with exit code 7",
+    "hang": f"{LOST}its drive took more than 3 s",
+    "close_everything": LOST,
     "sys_exit": "the simulator raised SystemExit: 3 (faulty.py:",
-    "press_ctrl_c": "the simulator raised KeyboardInterrupt (faulty.py:",
-    "raise_odd_error": "the simulator raised OddError: so odd (faulty.py:",
-    "hang": f"{LOST}its drive took more than 1 s",
-    "hang_in_c": f"{LOST}its drive took more than 1 s",
-    "swallow_everything": f"{LOST}its drive took more than 1 s",
-    # Who notices it first says so.
-    "close_everything": (
-        f"{LOST}its connection was closed: does the driver close file descriptors",
-        f"{LOST}its connection broke",
-    ),
-    # Whatever asks for memory first finds none: the drive, or what its answer passes.
-    "limit_memory": (LOST, "the simulator raised MemoryError"),
-    "write_nonsense": f"{LOST}its connection broke",
+    "raise_error": faulty.STALLED,
 }
-HARMLESS = (
-    "change_folder",
-    "change_signals",
-    "replace_streams",
-    "close_streams",
-    "print_megabytes",
-    "start_thread",
-    "start_process",
-    "fork",
-    "fork_and_leave",
-    "limit_resources",
-    "answer_twice",
-)
-
-
-def bad(folder: Path, marks: Marks, deed: str) -> Campaign:
-    the_deed: Deed = getattr(faulty, deed)
-    return Campaign(
-        strategy=Straight(8, 9),
-        simulator=IsolatedSimulator(
-            FaultySimulator(marks.folder, drift=bend),
-            drive_limit=1.0 if "took more" in FATAL.get(deed, "") else LIMIT,
-        ),
-        driver=FaultyDriver(Fault(the_deed, marks.folder, times=2)),
-        budget=Budget(simulations=6),
-        folder=folder,
-    )
 
 
 @posix_only
 @pytest.mark.parametrize("deed", FATAL)
-def test_a_driver_that_breaks_its_process_is_an_error_of_its_test(
-    tmp_path: Path, marks: Marks, deed: str
-) -> None:
-    before = set(children(os.getpid()))
-    summary = bad(tmp_path / "c", marks, deed).run()
-    assert (summary.passed, summary.errors) == (5, 1)
-    with CampaignStore.open(tmp_path / "c") as store:
-        record = store.test(1)
-        assert (record.outcome, record.attempts) == (Outcome.ERROR, 2)
-        assert record.reason.startswith(FATAL[deed])
-        assert "\n" not in record.reason
-    assert check_campaign(tmp_path / "c").findings == ()
-    until_gone(set(marks.pids()) - {os.getpid()})
-    assert len(set(children(os.getpid())) - before) <= 2  # the servers of processes
-
-
-@posix_only
-@pytest.mark.parametrize("deed", HARMLESS)
-def test_what_a_driver_does_to_its_process_stays_there(
-    tmp_path: Path, marks: Marks, deed: str
-) -> None:
-    here = Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM)
-    summary = bad(tmp_path / "c", marks, deed).run()
-    assert (summary.passed, summary.errors) == (6, 0)
-    assert check_campaign(tmp_path / "c").findings == ()
-    assert (Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM)) == here
-    until_gone(set(marks.pids()) - {os.getpid()})
+def test_a_driver_that_breaks_its_process_costs_its_drive(marks: Marks, deed: str) -> None:
+    the_deed: Deed = getattr(faulty, deed)
+    inside = FaultySimulator(marks.folder)
+    limit = 3.0 if deed == "hang" else LIMIT
+    with IsolatedSimulator(inside, drive_limit=limit) as simulator:
+        with pytest.raises(BrokenDriveError, match="^" + re.escape(FATAL[deed])) as caught:
+            simulator.drive(ROAD, FaultyDriver(Fault(the_deed, marks.folder)))
+        assert "\n" not in str(caught.value)
+        assert simulator.drive(ROAD, DummyDriver()).error is None
+    assert os.getpid() not in marks.pids()
+    until_gone(marks.pids())
 
 
 def test_a_simulator_that_does_not_start_says_why(marks: Marks) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import signal
@@ -10,59 +9,51 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from multiprocessing import forkserver
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Self, TypeAlias
 
+import faulty
 import pytest
+from driving import await_attempts, await_free, drive_all, drive_one, events
 from faulty import (
     STALLED,
+    Deed,
     FarAway,
     Fault,
     FaultyDriver,
     FaultySimulator,
     Marks,
     NoDrive,
-    answer_twice,
+    Straight,
     await_go,
-    close_everything,
     fork,
-    fork_and_kill,
     fork_and_leave,
     give_go,
     hang,
-    hang_in_c,
     kill,
-    leave,
-    press_ctrl_c,
-    print_megabytes,
     raise_error,
     refuse_connection,
     roads,
-    send_modules,
-    start_process,
-    start_thread,
     straight,
     sys_exit,
     write_log,
-    write_nonsense,
 )
-from pids import LIMIT, is_running, until, until_gone
+from pids import LIMIT, children, is_running, until, until_gone
 
-from frenetic._support import child_processes
-from frenetic.campaign import RoadTester
-from frenetic.campaign.log import LOG, CampaignLog
-from frenetic.campaign.record import Attempt
-from frenetic.campaign.trajectory_codec import decode, encode
+from frenetic import worker
+from frenetic.campaign import Budget, Campaign, CampaignStore, RoadTester
+from frenetic.campaign.check import check_campaign
+from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers
-from frenetic.campaign.workers import local as processes
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
-from frenetic.simulators import Simulator, isolated
+from frenetic.road import Road
+from frenetic.simulators import Drive, Simulator
 from frenetic.testing import DummyDriver, DummySimulator
+from frenetic.worker import Worker
 
 pytest_plugins = ["marked"]
 
@@ -87,161 +78,162 @@ def local(
         yield workers
 
 
-def events(folder: Path) -> list[dict[str, object]]:
-    return [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+# What drivers do to the process that they drive in
+
+LOST = "worker {} was lost: "
+FATAL: dict[str, tuple[str, ...]] = {
+    "kill": (LOST + "it was killed by SIGKILL",),
+    "fork_and_kill": (LOST + "it was killed by SIGKILL",),
+    "segfault": (LOST + "it was killed by SIGSEGV",),
+    "leave": (LOST + "it ended with exit code 7",),
+    "sys_exit": (LOST + "SystemExit: 3 (faulty.py:",),
+    "press_ctrl_c": (LOST + "KeyboardInterrupt (faulty.py:",),
+    "raise_odd_error": (LOST + "OddError: so odd (faulty.py:",),
+    "raise_error": (STALLED,),
+    "hang_in_c": (LOST + "its drive took more than 3 s",),
+    "swallow_everything": (LOST + "its drive took more than 3 s",),
+    "close_everything": (LOST,),
+    "write_nonsense": (LOST,),
+    # Whatever asks for memory first finds none.
+    "limit_memory": (LOST, "the simulator raised MemoryError"),
+}
+"""Reasons of the one test that they cost."""
+HARMLESS = (
+    "change_folder",
+    "change_signals",
+    "replace_streams",
+    "close_streams",
+    "print_megabytes",
+    "start_thread",
+    "start_process",
+    "fork",
+    "fork_and_leave",
+    "limit_resources",
+    "answer_twice",
+)
 
 
-def await_free(workers: Workers, count: int = 1) -> None:
-    deadline = time.monotonic() + LIMIT
-    while workers.free < count:
-        assert time.monotonic() < deadline
-        assert not workers.wait(0.5)
+@posix_only
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("deed", [*FATAL, *HARMLESS])
+def test_a_driver_costs_at_most_its_own_test(
+    tmp_path: Path, marks: Marks, deed: str, workers: int
+) -> None:
+    campaign = Campaign(
+        strategy=Straight(8, 9, 8, 8, 8, 8),
+        simulator=FaultySimulator(
+            marks.folder, drive=Fault(getattr(faulty, deed), marks.folder, samples=9)
+        ),
+        driver=DummyDriver(),
+        budget=Budget(simulations=6),
+        folder=tmp_path / "c",
+        workers=workers,
+        drive_limit=3.0 if "took more" in FATAL.get(deed, ("",))[0] else LIMIT,
+    )
+    campaign.isolate = True
+    here = Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM), os.fstat(1), os.fstat(2)
+    before = set(children(os.getpid()))
+    summary = campaign.run()
+    assert (summary.passed, summary.errors) == ((5, 1) if deed in FATAL else (6, 0))
+    if deed in FATAL:
+        with CampaignStore.open(tmp_path / "c") as store:
+            test = store.test(2)
+        assert (test.outcome, test.attempts) == (Outcome.ERROR, 2)
+        assert "\n" not in test.reason
+        names = range(1, workers + 1)
+        assert test.reason.startswith(tuple(t.format(n) for t in FATAL[deed] for n in names))
+    else:
+        assert len(marks.numbers("end")) == workers  # in peace
+    assert check_campaign(tmp_path / "c").findings == ()
+    assert os.getpid() not in marks.pids()
+    until_gone(marks.pids())
+    assert len(set(children(os.getpid())) - before) <= 2  # the servers of processes
+    assert here[:3] == (Path.cwd(), sys.stdout, signal.getsignal(signal.SIGTERM))
+    assert [s.st_ino for s in here[3:]] == [os.fstat(1).st_ino, os.fstat(2).st_ino]
 
 
-def await_idle(workers: Workers) -> None:
-    deadline = time.monotonic() + LIMIT
-    while {state.state for state in workers.states().values()} != {"idle"}:
-        assert time.monotonic() < deadline
-        assert not workers.wait(0.5)
-
-
-def drive_all(workers: Workers, samples: list[int]) -> dict[int, Attempt]:
-    """Tests straight roads of so many samples, each once; their attempts by candidate."""
-    waiting = roads(samples)
-    done: dict[int, Attempt] = {}
-    deadline = time.monotonic() + LIMIT
-    while len(done) < len(samples):
-        assert time.monotonic() < deadline
-        while waiting and workers.free:
-            workers.submit(waiting.pop(0))
-        for attempt in workers.wait(0.5):
-            assert attempt.candidate_id not in done
-            done[attempt.candidate_id] = attempt
-    return done
+def test_what_a_worker_logs_reaches_the_log(marks: Marks, tmp_path: Path) -> None:
+    driver = FaultyDriver(Fault(write_log, marks.folder, times=1))
+    with local(DummySimulator(), driver, folder=tmp_path) as workers:
+        drive_one(workers)
+    (line,) = [line for line in events(tmp_path) if line["event"] == "log"]
+    assert (line["level"], line["logger"]) == ("warning", "frenetic.driver")
+    assert line["message"] == "worker 1: the road is wet"
 
 
 # What is asked of all workers
 
+WorkersOf: TypeAlias = Callable[..., AbstractContextManager[Workers]]
+
+
+@contextmanager
+def this_process(simulator: Simulator, driver: Driver | None = None) -> Iterator[Workers]:
+    with InProcessWorker(RoadTester(simulator, driver or DummyDriver())) as workers:
+        yield workers
+
 
 @pytest.fixture(params=["this process", "local"])
-def workers_of(request: pytest.FixtureRequest, tmp_path: Path):  # type: ignore[no-untyped-def]
+def workers_of(request: pytest.FixtureRequest, tmp_path: Path) -> WorkersOf:
     """Makes workers of each kind."""
 
-    @contextmanager
-    def this_process(simulator: Simulator, driver: Driver | None = None) -> Iterator[Workers]:
-        with InProcessWorker(RoadTester(simulator, driver or DummyDriver())) as workers:
-            yield workers
-
-    @contextmanager
-    def several(simulator: Simulator, driver: Driver | None = None) -> Iterator[Workers]:
-        with local(simulator, driver, folder=tmp_path, count=2) as workers:
-            yield workers
+    def several(
+        simulator: Simulator, driver: Driver | None = None
+    ) -> AbstractContextManager[Workers]:
+        return local(simulator, driver, folder=tmp_path, count=2)
 
     return this_process if request.param == "this process" else several
 
 
-def test_each_road_comes_back_as_if_tested_here(workers_of, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_each_road_comes_back_as_if_tested_here(workers_of: WorkersOf) -> None:
     samples = [8, 2, 12, 40, 9, 8, 10, 11]  # some are refused
     tester = RoadTester(DummySimulator(), DummyDriver())
     with workers_of(DummySimulator()) as workers:
         attempts = drive_all(workers, samples)
     for candidate in roads(samples):
-        here, there = tester.test(candidate), attempts[candidate.id]
-        assert not there.worker_lost
-        assert attempts[candidate.id].failure is None
-        assert (there.result, there.pose) == (here.result, here.pose)
-        packed = there.pack().packed
-        assert packed == (None if here.trajectory is None else encode(here.trajectory))
-        if packed is not None:
-            assert len(decode(packed)) == len(here.trajectory or ())
+        here, there = tester.test(candidate).pack(), attempts[candidate.id]
+        assert there.failure is None
+        assert (there.result, there.pose, there.packed) == (here.result, here.pose, here.packed)
 
 
-def test_states_say_what_workers_do(workers_of) -> None:  # type: ignore[no-untyped-def]
+def test_states_say_what_workers_do(workers_of: WorkersOf) -> None:
+    def states() -> list[str]:
+        return sorted(state.state for state in workers.states().values())
+
     with workers_of(DummySimulator()) as workers:
-        await_free(workers)
-        count = len(workers.states())
-        await_free(workers, count)
-        assert {state.state for state in workers.states().values()} == {"idle"}
+        await_free(workers, count := len(workers.states()))
+        assert states() == ["idle"] * count
         workers.submit(straight(1))
-        assert sorted(state.state for state in workers.states().values()) == sorted(
-            ["driving"] + ["idle"] * (count - 1)
-        )
-        while not workers.wait(0.5):
-            pass
-        assert {state.state for state in workers.states().values()} == {"idle"}
+        assert states() == ["driving"] + ["idle"] * (count - 1)
+        await_attempts(workers)
+        assert states() == ["idle"] * count
         assert sum(state.tests for state in workers.states().values()) == 1
         assert {state.name for state in workers.states().values()} == set(workers.states())
 
 
-@posix_only
-@pytest.mark.parametrize("deed", [fork, fork_and_leave])
-def test_forks_of_a_driver_end_with_its_drive(  # type: ignore[no-untyped-def]
-    workers_of, marks: Marks, deed: Callable[[Marks], None]
-) -> None:
-    driver = FaultyDriver(Fault(deed, marks.folder))
-    with workers_of(DummySimulator(), driver) as workers:
-        attempts = drive_all(workers, [8, 9, 10, 11])
-        until_gone(marks.pids())
-    assert [attempts[number].result.outcome for number in range(1, 5)] == [Outcome.PASS] * 4
-    assert len(marks.pids()) == 4
-
-
-def test_a_second_answer_is_dropped_and_said(marks: Marks, tmp_path: Path) -> None:
-    driver = FaultyDriver(Fault(answer_twice, marks.folder, times=1))
-    with local(DummySimulator(), driver, folder=tmp_path) as workers:
-        attempts = drive_all(workers, [8, 9, 10, 11])
-    assert sorted(attempts) == [1, 2, 3, 4]
-    warnings = [line["message"] for line in events(tmp_path) if line["level"] == "warning"]
-    assert warnings[0] == (
-        "worker 1 sent what is not counted: it answered task 1, which it does not have; does the"
-        " driver fork, or write to connections that are not its own?"
-    )
-
-
-def test_a_simulator_that_broke_is_started_again(workers_of, marks: Marks) -> None:  # type: ignore[no-untyped-def]
+def test_a_simulator_that_broke_is_started_again(workers_of: WorkersOf, marks: Marks) -> None:
     simulator = FaultySimulator(marks.folder, drive=Fault(raise_error, marks.folder, times=1))
     with workers_of(simulator) as workers:
         await_free(workers, len(workers.states()))
-        workers.submit(straight(1))
-        while not (attempts := workers.wait(0.5)):
-            pass
-        assert attempts[0].failure == STALLED
-        assert "in raise_error\n" in attempts[0].traceback
-        assert not attempts[0].worker_lost
-        assert drive_all(workers, [8])[1].failure is None
+        attempt = drive_one(workers)
+        assert attempt.failure == STALLED
+        assert "in raise_error\n" in attempt.traceback
+        assert not attempt.worker_lost
+        assert drive_one(workers).failure is None
     starts, ends = len(marks.numbers("start")), len(marks.numbers("end"))
     assert starts == ends == len(workers.states()) + 1
 
 
-def test_a_simulator_that_does_not_start_is_one_line(workers_of, marks: Marks) -> None:  # type: ignore[no-untyped-def]
-    simulator = FaultySimulator(marks.folder, start=Fault(refuse_connection, marks.folder))
+class Lacking(DummySimulator):
+    def __enter__(self) -> Self:
+        raise FreneticError('BeamNG is missing: pip install "frenetic-roads[beamng]"')
+
+
+def test_a_missing_extra_is_told_in_its_own_words(workers_of: WorkersOf) -> None:
     with (
-        pytest.raises(CampaignError, match="nobody listens on port 25252") as caught,
-        workers_of(simulator) as workers,
+        pytest.raises(CampaignError, match=r'pip install "frenetic-roads\[beamng\]"'),
+        workers_of(Lacking()) as workers,
     ):
         await_free(workers)
-    assert "\n" not in str(caught.value)
-    assert "ConnectionRefusedError" in str(caught.value)
-    assert len(marks.numbers("start")) <= 2  # a second start would be refused, too
-
-
-def test_a_simulator_that_does_not_start_again_ends_the_workers(workers_of, marks: Marks) -> None:  # type: ignore[no-untyped-def]
-    simulator = Ageing(marks.folder)
-    done: list[Attempt] = []
-    with (  # noqa: PT012
-        pytest.raises(CampaignError, match="nobody listens on port 25252") as caught,
-        workers_of(simulator) as workers,
-    ):
-        await_free(workers)
-        for number in range(1, 10):
-            workers.submit(straight(number))
-            while not workers.free:
-                done += workers.wait(0.5)
-            while not done:
-                done += workers.wait(0.5)
-    assert "\n" not in str(caught.value)
-    # What came before it has come back.
-    assert done[0].failure == STALLED
 
 
 class Ageing(FaultySimulator):
@@ -250,64 +242,74 @@ class Ageing(FaultySimulator):
     def __init__(self, folder: Path) -> None:
         super().__init__(folder, drive=Fault(raise_error, folder))
 
-    def __enter__(self):  # type: ignore[no-untyped-def]
+    def __enter__(self) -> Self:
         if self.marks.are_there("broken"):
             refuse_connection(self.marks)
         return super().__enter__()
 
-    def drive(self, road, driver):  # type: ignore[no-untyped-def]
+    def drive(self, road: Road, driver: Driver) -> Drive:
         self.marks.make("broken")
         return super().drive(road, driver)
 
 
+def test_a_simulator_that_does_not_start_again_ends_the_workers(
+    workers_of: WorkersOf, marks: Marks
+) -> None:
+    with (  # noqa: PT012
+        pytest.raises(CampaignError, match="nobody listens on port 25252") as caught,
+        workers_of(Ageing(marks.folder)) as workers,
+    ):
+        assert drive_one(workers).failure == STALLED
+        for number in range(2, 10):
+            drive_one(workers, number)
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("simulator", [NoDrive(), FarAway()])
-def test_nonsense_of_a_simulator_is_a_failed_attempt(workers_of, simulator: Simulator) -> None:  # type: ignore[no-untyped-def]
+def test_nonsense_of_a_simulator_is_a_failed_attempt(
+    workers_of: WorkersOf, simulator: Simulator
+) -> None:
     with workers_of(simulator) as workers:
-        attempts = drive_all(workers, [8, 9])
-    for attempt in attempts.values():
-        assert attempt.failure is not None or not attempt.worker_lost
-        if attempt.failure is None:
-            assert not attempt.worker_lost
+        for attempt in drive_all(workers, [8, 9]).values():
+            assert attempt.failure is not None
             assert attempt.result.outcome is Outcome.ERROR
 
 
-def test_a_driver_that_calls_sys_exit_ends_nothing_else(workers_of, marks: Marks) -> None:  # type: ignore[no-untyped-def]
-    driver = FaultyDriver(Fault(sys_exit, marks.folder, times=1))
-    with workers_of(DummySimulator(), driver) as workers:
-        await_free(workers)
-        workers.submit(straight(1))
-        while not (attempts := workers.wait(0.5)):
-            pass
-        assert attempts[0].failure is not None
-        assert "SystemExit: 3" in attempts[0].failure
-        assert drive_all(workers, [8])[1].failure is None
-
-
-@pytest.mark.parametrize("deed", [print_megabytes, write_log])
-def test_talkative_drivers_do_no_harm(  # type: ignore[no-untyped-def]
-    workers_of, marks: Marks, deed: Callable[[Marks], None], capfd: pytest.CaptureFixture[str]
+def test_a_simulator_that_does_not_end_well_spoils_nothing(
+    workers_of: WorkersOf, marks: Marks
 ) -> None:
-    with workers_of(DummySimulator(), FaultyDriver(Fault(deed, marks.folder))) as workers:
-        attempts = drive_all(workers, [8, 9, 10])
-    assert all(attempt.failure is None for attempt in attempts.values())
-
-
-def test_a_simulator_that_does_not_end_well_spoils_nothing(workers_of, marks: Marks) -> None:  # type: ignore[no-untyped-def]
     simulator = FaultySimulator(
         marks.folder,
         drive=Fault(raise_error, marks.folder, times=1),
         end=Fault(raise_error, marks.folder),
     )
     with workers_of(simulator) as workers:
-        await_free(workers)
-        workers.submit(straight(1))
-        while not (attempts := workers.wait(0.5)):
-            pass
-        assert attempts[0].failure is not None
+        assert drive_one(workers).failure is not None
         assert drive_all(workers, [8, 9])[2].failure is None
 
 
-# Processes
+# One worker, here
+
+
+@posix_only
+@pytest.mark.parametrize("deed", [fork, fork_and_leave, sys_exit])
+def test_forks_and_exits_of_a_driver_end_nothing_else(marks: Marks, deed: Deed) -> None:
+    driver = FaultyDriver(Fault(deed, marks.folder, times=1))
+    with this_process(DummySimulator(), driver) as workers:
+        attempts = drive_all(workers, [8, 9])
+    until_gone(marks.pids())
+    assert ("SystemExit: 3" in str(attempts[1].failure)) is (deed is sys_exit)
+    assert attempts[2].failure is None
+
+
+def test_this_process_ends_only_what_it_started(marks: Marks) -> None:
+    simulator = FaultySimulator(marks.folder, start=Fault(raise_error, marks.folder))
+    with pytest.raises(CampaignError, match="the engine stalled"), this_process(simulator):
+        pass
+    assert (len(marks.numbers("start")), len(marks.numbers("end"))) == (1, 0)
+
+
+# How processes are replaced
 
 
 def test_a_killed_worker_is_replaced_and_its_road_comes_back(marks: Marks, tmp_path: Path) -> None:
@@ -318,46 +320,33 @@ def test_a_killed_worker_is_replaced_and_its_road_comes_back(marks: Marks, tmp_p
         until(lambda: marks.are_there("await_go-0"), "the drive begins")
         (victim,) = marks.pids()
         os.kill(victim, 9)
-        while not (attempts := workers.wait(0.5)):
-            pass
-        (attempt,) = attempts
+        (attempt,) = await_attempts(workers)
         assert (attempt.candidate_id, attempt.worker_lost) == (1, True)
         assert attempt.failure == "worker 1 was lost: it was killed by SIGKILL"
         assert drive_all(workers, [8])[1].failure is None
         assert not is_running(victim)
     until_gone(marks.pids())
-    assert [line["event"] for line in events(tmp_path)] == [
-        "worker_started",
-        "worker_lost",
-        "worker_started",
-    ]
-    assert events(tmp_path)[1]["test"] == 1
+    lines = events(tmp_path)
+    assert [e["event"] for e in lines] == ["worker_started", "worker_lost", "worker_started"]
+    assert lines[1]["test"] == 1
 
 
-@pytest.mark.parametrize(
-    "deed", [hang, pytest.param(hang_in_c, marks=posix_only)], ids=["in Python", "in C"]
-)
-def test_a_worker_that_hangs_is_replaced(
-    marks: Marks, tmp_path: Path, deed: Callable[[Marks], None]
-) -> None:
-    simulator = FaultySimulator(marks.folder, drive=Fault(deed, marks.folder, times=1))
-    with local(simulator, folder=tmp_path, drive_limit=0.5) as workers:
-        await_free(workers)
-        workers.submit(straight(1))
-        while not (attempts := workers.wait(LIMIT)):
-            pass
-        assert attempts[0].failure is not None
-        assert "its drive took more than " in attempts[0].failure
-        assert attempts[0].seconds >= 0.5
-        await_free(workers)
-    assert len(marks.pids()) == 2
-    until_gone(marks.pids())
+@posix_only
+def test_candidates_that_waited_in_a_lost_worker_are_driven(marks: Marks, tmp_path: Path) -> None:
+    """A worker of quick tests has several at once."""
+    simulator = FaultySimulator(marks.folder, drive=Fault(kill, marks.folder, samples=9, times=1))
+    with local(simulator, folder=tmp_path) as workers:
+        until(lambda: drive_one(workers) and workers.free > 2, "it is quick")
+        for candidate in roads([9, 8, 8]):
+            workers.submit(candidate)
+        attempts = await_attempts(workers, 3)
+    assert {a.candidate_id: a.worker_lost for a in attempts} == {1: True, 2: False, 3: False}
 
 
 def test_a_start_that_hangs_is_given_up(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(processes, "START_LIMIT", 0.3)
+    monkeypatch.setattr(worker, "START_LIMIT", 0.3)
     simulator = FaultySimulator(marks.folder, start=Fault(hang, marks.folder))
     with (
         pytest.raises(CampaignError, match=r"no worker could be started: its start took more"),
@@ -375,69 +364,26 @@ def test_those_that_start_do_the_work_of_those_that_do_not(marks: Marks, tmp_pat
     assert all(attempt.failure is None for attempt in attempts.values())
 
 
-def test_a_worker_that_once_worked_gets_further_chances_to_start(
-    marks: Marks, tmp_path: Path
-) -> None:
-    """Its first road kills it, and its next process finds the port still taken, say."""
-    simulator = Stumbling(marks.folder)
-    with local(simulator, folder=tmp_path) as workers:
-        await_free(workers)
-        workers.submit(straight(1))
-        while not (attempts := workers.wait(0.5)):
-            pass
-        assert attempts[0].worker_lost
-        assert drive_all(workers, [8])[1].failure is None
-
-
 class Stumbling(FaultySimulator):
     """Kills its process in the first drive, and does not start the second time."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(folder, drive=Fault(kill, folder, times=1))
 
-    def __enter__(self):  # type: ignore[no-untyped-def]
+    def __enter__(self) -> Self:
         super().__enter__()
         if self.marks.numbers("start") == [1, 2]:
             refuse_connection(self.marks)
         return self
 
 
-@pytest.mark.parametrize(
-    ("deed", "why"),
-    [
-        (leave, "it ended with exit code 7"),
-        (press_ctrl_c, "KeyboardInterrupt"),
-        pytest.param(write_nonsense, "its connection broke", marks=posix_only),
-        pytest.param(close_everything, "does the driver close file descriptors", marks=posix_only),
-    ],
-)
-def test_a_driver_that_takes_its_worker_with_it(
-    marks: Marks,
-    tmp_path: Path,
-    deed: Callable[[Marks], None],
-    why: str,
-    capfd: pytest.CaptureFixture[str],
+def test_a_worker_that_once_worked_gets_further_chances_to_start(
+    marks: Marks, tmp_path: Path
 ) -> None:
-    driver = FaultyDriver(Fault(deed, marks.folder, times=1))
-    with local(DummySimulator(), driver, folder=tmp_path) as workers:
-        await_free(workers)
-        workers.submit(straight(1))
-        while not (attempts := workers.wait(0.5)):
-            pass
-        assert attempts[0].worker_lost
-        assert why in (attempts[0].failure or "")
-        assert drive_all(workers, [8])[1].failure is None
-    assert "Traceback" not in capfd.readouterr().err
-
-
-@linux_only
-def test_workers_are_forked_with_their_code() -> None:
-    process, connection = child_processes.start_process(
-        child_processes.process_context(), send_modules, name="any"
-    )
-    with connection:
-        assert connection.recv() >= {processes.__name__, isolated.__name__}
-    process.join()
+    """Its first road kills it, and its next process finds the port still taken, say."""
+    with local(Stumbling(marks.folder), folder=tmp_path) as workers:
+        assert drive_one(workers).worker_lost
+        assert drive_one(workers).failure is None
 
 
 @linux_only
@@ -446,12 +392,15 @@ def test_workers_survive_the_end_of_the_server_that_forks_them(
 ) -> None:
     with local(FaultySimulator(marks.folder), folder=tmp_path, count=2) as workers:
         await_free(workers, 2)
-        server = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+        (server,) = [
+            child
+            for child in children(os.getpid())
+            if b"multiprocessing.forkserver" in Path(f"/proc/{child}/cmdline").read_bytes()
+        ]
         os.kill(server, 9)
         until_gone([server])
-        attempts = drive_all(workers, [8, 9, 10, 11])
-        assert len(attempts) == 4
-        await_idle(workers)
+        assert len(drive_all(workers, [8, 9, 10, 11])) == 4
+        await_free(workers, 2)
         assert len(marks.pids()) == 4
     until_gone(marks.pids())
 
@@ -459,20 +408,18 @@ def test_workers_survive_the_end_of_the_server_that_forks_them(
 def test_a_process_that_cannot_be_made_is_a_worker_less(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def refuse(self: Worker) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
     with local(FaultySimulator(marks.folder), folder=tmp_path) as workers:
         await_free(workers)
-
-        def refuse(*_: object, **__: object) -> None:
-            raise BlockingIOError(11, "Resource temporarily unavailable")
-
-        monkeypatch.setattr(processes, "start_process", refuse)
+        monkeypatch.setattr(Worker, "start", refuse)
         (victim,) = marks.pids()
         os.kill(victim, 9)
         with pytest.raises(CampaignError, match="Resource temporarily unavailable"):
             await_free(workers, 2)
     losses = [line["reason"] for line in events(tmp_path) if line["event"] == "worker_lost"]
     assert losses[0] == "it was killed by SIGKILL"
-    assert all("no process for it" in str(reason) for reason in losses[1:])
 
 
 @posix_only
@@ -481,9 +428,8 @@ def test_ctrl_c_is_not_for_workers(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
 ) -> None:
     if method == "spawn":
-        monkeypatch.setattr(
-            processes, "process_context", lambda _: multiprocessing.get_context("spawn")
-        )
+        context = multiprocessing.get_context("spawn")
+        monkeypatch.setattr(worker, "process_context", lambda _: context)
     with local(FaultySimulator(marks.folder), folder=tmp_path, count=2) as workers:
         for process in multiprocessing.active_children():
             if process.name.startswith("worker") and process.pid is not None:
@@ -504,44 +450,11 @@ import frenetic.campaign.workers
 """
 
 
-def test_workers_are_imported_where_there_is_no_server_that_forks(tmp_path: Path) -> None:
+def test_workers_are_imported_where_there_is_no_server_that_forks() -> None:
     subprocess.run([sys.executable, "-c", LIKE_WINDOWS], check=True, timeout=LIMIT)
 
 
-@linux_only
-def test_a_worker_whose_child_holds_its_connection_is_missed(marks: Marks, tmp_path: Path) -> None:
-    """Where the system tells of ended processes, nobody has to wait for the connection's end."""
-    simulator = FaultySimulator(marks.folder, drive=Fault(fork_and_kill, marks.folder, times=1))
-    with local(simulator, folder=tmp_path) as workers:
-        await_free(workers)
-        workers.submit(straight(1))
-        start = time.monotonic()
-        while not (attempts := workers.wait(LIMIT)):
-            pass
-        assert time.monotonic() - start < 0.5 * LIMIT
-        assert attempts[0].failure == "worker 1 was lost: it was killed by SIGKILL"
-        assert drive_all(workers, [8])[1].failure is None
-
-
 # How they end
-
-
-@pytest.mark.parametrize("deed", [start_thread, start_process])
-def test_what_a_driver_started_ends_with_its_worker(
-    marks: Marks,
-    tmp_path: Path,
-    deed: Callable[[Marks], None],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(processes, "CLOSING_LIMIT", LIMIT)
-    driver = FaultyDriver(Fault(deed, marks.folder, times=1))
-    with local(FaultySimulator(marks.folder), driver, folder=tmp_path) as workers:
-        drive_all(workers, [8, 9])
-        start = time.monotonic()
-    assert time.monotonic() - start < 0.5 * LIMIT
-    assert len(marks.numbers("end")) == 1  # in peace
-    assert len(marks.pids()) == (2 if deed is start_process else 1)
-    until_gone(marks.pids())
 
 
 def test_what_runs_is_finished_unless_there_is_an_error(marks: Marks, tmp_path: Path) -> None:
@@ -554,97 +467,67 @@ def test_what_runs_is_finished_unless_there_is_an_error(marks: Marks, tmp_path: 
         await_free(workers, 2)
         workers.submit(straight(1))
         until(lambda: marks.are_there("await_go-0"), "the drive begins")
-    # It could go on only when the other worker had ended, and then it ended in peace.
-    assert len(marks.numbers("end")) == 2
     until_gone(marks.pids())
 
 
+@pytest.mark.parametrize("at", ["start", "drive"])
 def test_after_an_error_nobody_is_waited_for(
-    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
-    monkeypatch.setattr(processes, "CLOSING_LIMIT", LIMIT)
-    simulator = FaultySimulator(marks.folder, drive=Fault(await_go, marks.folder))
-    start = time.monotonic()
+    monkeypatch.setattr(worker, "CLOSING_LIMIT", LIMIT)
+    faults: dict[str, Any] = {at: Fault(await_go, marks.folder)}
     with (  # noqa: PT012
         pytest.raises(KeyboardInterrupt),
-        local(simulator, folder=tmp_path, count=2) as workers,
+        local(FaultySimulator(marks.folder, **faults), folder=tmp_path, count=2) as workers,
     ):
-        await_free(workers, 2)
+        if at == "drive":
+            await_free(workers, 2)
+            workers.submit(straight(1))
+            workers.submit(straight(2))
+        until(lambda: len(marks.pids()) == 2, "both are there")
         start = time.monotonic()
-        workers.submit(straight(1))
-        workers.submit(straight(2))
         raise KeyboardInterrupt
     assert time.monotonic() - start < 0.5 * LIMIT
-    until_gone(marks.pids())
-
-
-def test_a_simulator_that_still_starts_is_not_waited_for(
-    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(processes, "CLOSING_LIMIT", LIMIT)
-    simulator = FaultySimulator(marks.folder, start=Fault(await_go, marks.folder))
-    start = time.monotonic()
-    with local(simulator, folder=tmp_path, count=2):
-        until(lambda: len(marks.pids()) == 2, "both begin to start")
-    assert time.monotonic() - start < 0.5 * LIMIT
+    assert not marks.numbers("end")
     until_gone(marks.pids())
 
 
 def test_a_simulator_that_does_not_end_is_killed(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(processes, "CLOSING_LIMIT", 0.3)
+    monkeypatch.setattr(worker, "CLOSING_LIMIT", 0.3)
     simulator = FaultySimulator(marks.folder, end=Fault(hang, marks.folder))
     with local(simulator, folder=tmp_path, count=2) as workers:
         await_free(workers, 2)
     until_gone(marks.pids())
 
 
-@pytest.mark.parametrize("started", [0, 1])
-def test_an_interrupted_beginning_leaves_nobody(
+@pytest.mark.parametrize("started", [0, 1, 2])
+def test_an_interrupted_start_leaves_nobody(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, started: int
 ) -> None:
-    original = child_processes.start_process
+    """Of the first, the second, or the one that replaces the first."""
+    original = Worker.start
     calls = 0
 
-    def start(*arguments: Any, **options: Any) -> object:
+    def start(self: Worker) -> None:
         nonlocal calls
         calls += 1
         if calls > started:
             raise KeyboardInterrupt
-        return original(*arguments, **options)
+        original(self)
 
-    monkeypatch.setattr(processes, "start_process", start)
-    simulator = FaultySimulator(marks.folder, start=Fault(await_go, marks.folder))
-    with pytest.raises(KeyboardInterrupt), local(simulator, folder=tmp_path, count=2):
-        pass
-    assert not children()
-    until_gone(marks.pids())
-
-
-def children() -> list[str]:
-    """Names of the workers for which this process would wait at its end."""
-    names = (process.name for process in multiprocessing.active_children())
-    return [name for name in names if name.startswith("worker")]
-
-
-def test_an_interrupted_replacement_leaves_nobody(
-    marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    monkeypatch.setattr(Worker, "start", start)
     with (  # noqa: PT012
         pytest.raises(KeyboardInterrupt),
         local(FaultySimulator(marks.folder), folder=tmp_path, count=2) as workers,
     ):
         await_free(workers, 2)
-
-        def interrupted(*_: object, **__: object) -> None:
-            raise KeyboardInterrupt
-
-        monkeypatch.setattr(processes, "start_process", interrupted)
         os.kill(marks.pids()[0], 9)
         while True:
             workers.wait(0.5)
-    assert not children()
+    names = [process.name for process in multiprocessing.active_children()]
+    assert not [name for name in names if name.startswith("worker")]
     until_gone(marks.pids())
 
 
@@ -660,7 +543,6 @@ def test_a_driver_that_cannot_be_pickled_is_one_line(tmp_path: Path) -> None:
     ):
         pass
     assert "\n" not in str(caught.value)
-    assert "with a Campaign of objects and one worker" in str(caught.value)
 
 
 def test_a_driver_that_cannot_be_made_again_is_one_line(tmp_path: Path) -> None:
@@ -746,29 +628,3 @@ def test_a_script_without_a_guard_is_told_what_it_lacks(tmp_path: Path) -> None:
     assert "no worker could be started: it ended with exit code 1" in done.stdout
     assert 'if __name__ == "__main__":' in done.stdout
     assert done.stdout.count("\n") == 1
-
-
-# One worker, here
-
-
-def test_this_process_ends_only_what_it_started(marks: Marks) -> None:
-    simulator = FaultySimulator(marks.folder, start=Fault(raise_error, marks.folder))
-    with (
-        pytest.raises(CampaignError, match="the engine stalled"),
-        InProcessWorker(RoadTester(simulator, DummyDriver())),
-    ):
-        pass
-    assert (len(marks.numbers("start")), len(marks.numbers("end"))) == (1, 0)
-
-
-def test_a_missing_extra_is_told_in_its_own_words(workers_of) -> None:  # type: ignore[no-untyped-def]
-    with (
-        pytest.raises(CampaignError, match=r'pip install "frenetic-roads\[beamng\]"'),
-        workers_of(Lacking()) as workers,
-    ):
-        await_free(workers)
-
-
-class Lacking(DummySimulator):
-    def __enter__(self):  # type: ignore[no-untyped-def]
-        raise FreneticError('BeamNG is missing: pip install "frenetic-roads[beamng]"')

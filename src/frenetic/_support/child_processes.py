@@ -5,7 +5,6 @@ A child is killed with all that it has started. It leaves Ctrl-C to its parent a
 
 from __future__ import annotations
 
-import logging
 import multiprocessing
 import os
 import platform
@@ -19,9 +18,7 @@ from multiprocessing import parent_process
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
-
-from frenetic.errors import reason_of, traceback_of
+from typing import TYPE_CHECKING, Any, Final
 
 if sys.platform == "linux":
     import fcntl
@@ -34,8 +31,6 @@ if TYPE_CHECKING:
 
 LOST_PARENT: Final = 1
 """Exit code of a child whose parent is gone."""
-CLOSED: Final = 81
-"""Exit code of a child in which something has closed its line."""
 FORKED: Final = 82
 """Exit code of a fork that came out of foreign code."""
 
@@ -146,148 +141,11 @@ def ending_of(exit_code: int | None) -> str:
             return f"it was killed by {signal.Signals(-exit_code).name}"
         except ValueError:
             return f"it was killed by signal {-exit_code}"
-    if exit_code == CLOSED:
-        return (
-            "its connection was closed: does the driver close file descriptors that it has not"
-            " opened?"
-        )
     hint = ", see its traceback; a script that starts workers needs 'if __name__ == \"__main__\":'"
     return f"it ended with exit code {exit_code}{hint if exit_code == 1 else ''}"
 
 
 # In the child
-
-
-class LostParentError(Exception):
-    """The parent has gone, or no longer needs this process."""
-
-
-class Line:
-    """A child's line to its parent, which only the child itself uses.
-
-    Foreign code in the child may fork, or close descriptors. A fork has no line. What was closed is
-    noticed, even if another file has its number now.
-    """
-
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
-        self._lock = threading.Lock()
-        self._file = self._look()
-        if hasattr(os, "register_at_fork"):
-            os.register_at_fork(after_in_child=self._hang_up)
-
-    @property
-    def is_closed(self) -> bool:
-        """Whether foreign code has closed it."""
-        return self._look() != self._file
-
-    def send(self, data: bytes) -> None:
-        """Sends bytes, from any thread.
-
-        Raises:
-            LostParentError: the parent has gone, or the line is closed.
-        """
-        with self._lock:
-            if self.is_closed:
-                raise LostParentError
-            try:
-                self._connection.send_bytes(data)
-            except OSError as error:
-                raise LostParentError from error
-
-    def receive(self) -> bytes | None:
-        """The next bytes; None if the parent has gone, or the line is closed."""
-        if self.is_closed:
-            return None
-        try:
-            return self._connection.recv_bytes()
-        except (EOFError, OSError):
-            return None
-
-    def end(self) -> None:
-        """Closes it, which says that all is done; ends the process if foreign code was faster."""
-        if self.is_closed:
-            os._exit(CLOSED)  # its standard streams may be closed, too
-        self._connection.close()
-
-    def _hang_up(self) -> None:
-        """In a fork: leaves the line to its owner."""
-        if not self.is_closed:
-            with suppress(OSError):
-                self._connection.close()
-
-    def _look(self) -> tuple[int, int] | None:
-        """What is open under its descriptor."""
-        if sys.platform == "win32":
-            return None
-        try:
-            status = os.fstat(self._connection.fileno())
-        except OSError:
-            return None
-        return status.st_dev, status.st_ino
-
-
-class Logged(NamedTuple):
-    """A record of Python's logging, for the parent's log."""
-
-    level: int
-    name: str
-    message: str
-
-
-class Failed(NamedTuple):
-    """The process must end: its simulator does not start, or a drive broke it."""
-
-    reason: str
-    traceback: str
-
-
-class LogSender(logging.Handler):
-    """Passes log records on, as messages that can be sent."""
-
-    def __init__(self, send: Callable[[Logged], None]) -> None:
-        super().__init__(logging.INFO)
-        self._send = send
-
-    def attach(self) -> None:
-        """Lets it have the library's records, from INFO on."""
-        logger = logging.getLogger("frenetic")
-        logger.addHandler(self)
-        if logger.level == logging.NOTSET:
-            logger.setLevel(logging.INFO)
-
-    def emit(self, record: logging.LogRecord) -> None:
-        """Sends a record."""
-        try:
-            self._send(Logged(record.levelno, record.name, record.getMessage()))
-        except LostParentError:
-            pass  # and with it the log
-        except Exception:
-            self.handleError(record)
-
-
-@contextmanager
-def serving(connection: Connection, encode: Callable[[Logged | Failed], bytes]) -> Iterator[Line]:
-    """Around all that a child does for its parent; gives its line, which is closed at the end.
-
-    The library's log goes to the parent, and so does any error, as `Failed`. Nothing is raised.
-    """
-    stand_alone()
-    line = Line(connection)
-
-    def send(message: Logged | Failed) -> None:
-        line.send(encode(message))
-
-    LogSender(send).attach()
-    try:
-        yield line
-    except LostParentError:
-        pass
-    except BaseException as error:  # also what a driver's sys.exit() raises
-        with suppress(LostParentError):
-            send(Failed(reason_of(error), traceback_of(error)))
-    finally:
-        line.end()  # which says that the simulator has ended
 
 
 def stand_alone() -> None:

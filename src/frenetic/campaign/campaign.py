@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import platform
 import shlex
@@ -40,7 +41,7 @@ from frenetic.search.screened import Screened
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.simulators.isolated import isolated
+from frenetic.simulators.isolated import IsolatedSimulator
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import (
     MAX_WORKERS,
@@ -56,6 +57,9 @@ from frenetic.spec import (
     sources_of,
 )
 from frenetic.versions import package_versions, version_of
+from frenetic.worker import pack
+
+logger = logging.getLogger(__name__)
 
 CAMPAIGNS: Final = Path("campaigns")
 """Default parent of campaigns' folders."""
@@ -116,7 +120,7 @@ class Campaign(Shown):
             `IsolatedSimulator` does. More are processes on this machine, into which driver and
             simulator are copied.
         cluster: address of a Dask scheduler whose workers drive instead of `workers`; see
-            `frenetic.campaign.workers.dask.workers`.
+            `frenetic.campaign.workers.cluster`.
         ordered: whether results are told in the order of asking, with `lookahead` candidates
             outstanding at once. The campaign then depends on the seed, but not on the number and
             speed of the workers. Otherwise the strategy is asked for as many candidates as there
@@ -206,6 +210,9 @@ class Campaign(Shown):
         """What `resume` has to say about changed parts, and those that it could not compare."""
         self.twin: Twin | None = None
         """Screens its roads for the strategy; entered while the campaign runs."""
+        self.isolate = False
+        """Whether a single worker drives in a process of its own, unless only compiled code of ours
+        drives."""
         self.named: Spec | None = None
         """Names of its parts; None if they came from Python."""
         self._search_so_far: tuple[Tally, dict[int, Candidate]] | None = None
@@ -245,8 +252,6 @@ class Campaign(Shown):
         assert spec.budget is not None
         driver, simulator = spec.make_parts(isolate=False)
         workers = workers or _usual_workers(simulator, spec.lookahead)
-        if isolate and workers == 1 and cluster is None:
-            simulator = isolated(simulator, driver, drive_limit)
         strategy, twin = screened(spec) if spec.screen else (spec.make_strategy(), None)
         campaign = cls(
             strategy=strategy,
@@ -265,7 +270,7 @@ class Campaign(Shown):
             objective=spec.objective,
             start_from=[earlier.folder for earlier in spec.start_from],
         )
-        campaign.named, campaign.twin = spec, twin
+        campaign.named, campaign.twin, campaign.isolate = spec, twin, isolate
         return campaign
 
     def configuration(self) -> dict[str, JSONValue]:
@@ -348,7 +353,7 @@ class Campaign(Shown):
         prepare(self.tester.simulator, is_here=self.cluster is None)
         if self.cluster is not None:
             # An optional extra.
-            from frenetic.campaign.workers.dask.workers import require_scheduler
+            from frenetic.campaign.workers.cluster import require_scheduler
 
             require_scheduler(self.cluster)
         callbacks = _Callbacks(on_progress, on_test, on_start, on_interrupt)
@@ -663,12 +668,31 @@ class Campaign(Shown):
     def _workers(self, log: CampaignLog) -> Workers:
         if self.cluster is not None:
             # An optional extra.
-            from frenetic.campaign.workers.dask.workers import ClusterWorkers
+            from frenetic.campaign.workers.cluster import ClusterWorkers
 
             return ClusterWorkers(self.tester, self.cluster, drive_limit=self.drive_limit, log=log)
-        if self.workers == 1:
+        if self.workers == 1 and not self._isolates():
             return InProcessWorker(self.tester)
-        return LocalWorkers(self.tester, self.workers, drive_limit=self.drive_limit, log=log)
+        return LocalWorkers(
+            self.tester,
+            self.workers,
+            drive_limit=self.drive_limit,
+            log=log,
+            ahead=self.workers > 1 or self.lookahead is not None,
+        )
+
+    def _isolates(self) -> bool:
+        """Whether a single worker, too, drives in a process of its own."""
+        if not self.isolate or isinstance(self.tester.simulator, IsolatedSimulator):
+            return False
+        if capabilities(self.tester.simulator).drives_compiled(self.tester.driver):
+            return False
+        try:
+            pack(self.tester)
+        except CampaignError as error:
+            logger.warning("nothing protects this process from the driver: %s", error)
+            return False
+        return True
 
     @property
     def best_test(self) -> Test | None:

@@ -1,70 +1,69 @@
-"""Workers in their own processes on this machine."""
+"""Workers on this machine."""
 
 from __future__ import annotations
 
 import logging
-import math
-import pickle
-import selectors
 import sys
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
-from typing import Any, Final, NamedTuple, Self, TypeAlias
+from multiprocessing.connection import wait
+from typing import Any, Final, Self
 
-from frenetic._support.child_processes import (
-    Failed,
-    Line,
-    Logged,
-    ending_of,
-    kill_process,
-    process_context,
-    serving,
-    start_process,
-)
 from frenetic.campaign.log import CampaignLog, Event, WorkerState
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester
-from frenetic.campaign.workers.workers import Slot, states_of
 from frenetic.errors import CampaignError, describe_error
-from frenetic.registry import load_user_file, user_files
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import capabilities
-from frenetic.simulators.isolated import pack, unpack
+from frenetic.worker import LostWorkerError, Worker, pack
 
 STARTS: Final = 3
 """Consecutive failed starts after which a worker is given up."""
-START_LIMIT: Final = 600.0
-"""Time that a worker may take to start its simulator, in s."""
-CLOSING_LIMIT: Final = 30.0
-"""Time that workers have to finish their tests and end their simulators, in s."""
-PREFETCH: Final = 8
+AHEAD: Final = 4
 """Most candidates of a worker with quick tests, including the one that it drives: waking an idle
 worker costs more than a fresher proposal gains."""
-PREFETCHED_TIME: Final = 0.02
-"""Time that the candidates waiting in a worker may take, in s; none waits if one takes longer."""
-NEEDED: Final = 3
-"""Candidates that keep such a worker busy until the campaign learns that one is done."""
-MOST_ON_WINDOWS: Final = 60
-"""Most workers on Windows, whose kernel waits for this many objects at once."""
+QUICK: Final = 0.01
+"""Longest time of a quick test, in s; a worker with longer ones has one candidate at a time."""
+MOST_ON_WINDOWS: Final = 30
+"""Most workers on Windows, whose kernel waits for 64 objects at once."""
+_PAUSE: Final = 0.2  # s between two tries to get a process
 
 logger = logging.getLogger(__name__)
 
-_LEAVING_LIMIT: Final = 1.0  # s that a process has to leave when its simulator has ended
-_PAUSE: Final = 0.2  # s between two tries to get a process
 
+class Seat:
+    """A tester in a worker, whose simulator is started again after it broke.
 
-class Task(NamedTuple):
-    """Task of a worker."""
+    Args:
+        tester: not entered.
+    """
 
-    number: int
-    """Number that no other task has, by which its answer is known."""
-    candidate: Candidate
+    def __init__(self, tester: RoadTester) -> None:
+        self._tester = tester
+        self._is_up = False
+
+    def start(self) -> None:
+        """Starts the simulator."""
+        self._tester.simulator.__enter__()
+        self._is_up = True
+
+    def test(self, candidate: Candidate) -> Attempt:
+        """Tests a candidate."""
+        if not self._is_up:
+            self.start()
+        attempt = self._tester.attempt(candidate)
+        if attempt.simulator_broke:
+            self.close()
+        return attempt
+
+    def close(self) -> None:
+        """Ends the simulator."""
+        if self._is_up:
+            self._is_up = False
+            self._tester.simulator.__exit__(None, None, None)
 
 
 class LocalWorkers:
@@ -79,58 +78,64 @@ class LocalWorkers:
         drive_limit: s of wall time after which a worker that tests one candidate counts as hanging
             and is killed.
         log: gets the events of the workers, if given.
+        ahead: whether a worker with quick tests may have several candidates at once.
 
     Raises:
         CampaignError: driver or simulator cannot be copied into another process.
     """
 
     def __init__(
-        self, tester: RoadTester, count: int, *, drive_limit: float, log: CampaignLog | None = None
+        self,
+        tester: RoadTester,
+        count: int,
+        *,
+        drive_limit: float,
+        log: CampaignLog | None = None,
+        ahead: bool = True,
     ) -> None:
-        self._tester = pack(tester)
-        most = capabilities(tester.simulator).workers_at_most
+        able = capabilities(tester.simulator)
+        most = able.workers_at_most
         if most is not None and count > most:
             raise CampaignError(
                 f"{count} workers are too many: the simulator that they are to share serves {most}"
             )
         if sys.platform == "win32" and count > MOST_ON_WINDOWS:
             raise CampaignError(f"{count} workers are too many: Windows allows {MOST_ON_WINDOWS}")
-        self._user_files = user_files()
+        held = pack(Seat(tester))
+        self._seats = [
+            _Seat(Worker(f"worker {number}", held, able.preloads)) for number in range(1, count + 1)
+        ]
         self._drive_limit = drive_limit
         self._log = log
-        self._context = process_context(capabilities(tester.simulator).preloads)
-        self._tasks = 0  # given out
-        self._selector = _selector()
-        self._workers = [_Worker(f"worker {number}") for number in range(1, count + 1)]
-        self._backlog: deque[Task] = deque()  # of workers that were lost before they began
+        self._ahead = AHEAD if ahead else 1
+        self._backlog: deque[Candidate] = deque()  # of workers that were lost before they began
 
     @property
     def free(self) -> int:
         """Number of candidates that can be submitted now."""
-        return max(0, sum(worker.room for worker in self._workers) - len(self._backlog))
+        return max(0, sum(self._room(seat, AHEAD) for seat in self._seats) - len(self._backlog))
 
     @property
     def needed(self) -> int:
         """Number of these that keeps all workers busy: others only wait in them."""
-        short = sum(min(one.room, max(0, NEEDED - len(one.queue))) for one in self._workers)
-        return max(0, short - len(self._backlog))
+        return max(0, sum(self._room(seat, AHEAD - 1) for seat in self._seats) - len(self._backlog))
+
+    def _room(self, seat: _Seat, most: int) -> int:
+        if not seat.is_ready:
+            return 0
+        capacity = min(most, self._ahead) if seat.pace <= QUICK else 1
+        return max(0, capacity - len(seat.candidates))
 
     def states(self) -> Mapping[str, WorkerState]:
         """Activity of each worker, by its name."""
-        return states_of(self._workers)
+        return {seat.worker.name: seat.state() for seat in self._seats}
 
     def submit(self, candidate: Candidate) -> None:
         """Hands a candidate to a free worker."""
-        worker = min(
-            (worker for worker in self._workers if worker.room), key=lambda one: len(one.queue)
-        )
-        self._tasks += 1
-        task = Task(self._tasks, candidate)
-        worker.queue.append(task)
-        if worker.state == "idle":
-            worker.turn("driving", self._drive_limit)
-        with suppress(OSError):  # it has died: `wait` will find out
-            worker.connection.send_bytes(pickle.dumps(task))
+        free = [seat for seat in self._seats if self._room(seat, AHEAD)]
+        seat = min(free, key=lambda seat: len(seat.candidates))
+        seat.candidates.append(candidate)
+        seat.worker.send("test", candidate, limit=self._drive_limit)
 
     def wait(self, timeout: float) -> Sequence[Attempt]:
         """Waits until something happens, for at most so many s; returns finished attempts.
@@ -138,34 +143,50 @@ class LocalWorkers:
         Raises:
             CampaignError: there are no workers left and none can be started.
         """
-        while self._backlog and any(worker.room for worker in self._workers):
-            task = self._backlog.popleft()
-            self.submit(task.candidate)
-        there = [worker for worker in self._workers if worker.state != "lost"]
+        while self._backlog and any(self._room(seat, AHEAD) for seat in self._seats):
+            self.submit(self._backlog.popleft())
+        there = [seat for seat in self._seats if not seat.is_lost]
         if not there:
-            reasons = "; ".join(sorted({worker.loss for worker in self._workers}))
+            reasons = "; ".join(sorted({seat.loss for seat in self._seats}))
             raise CampaignError(f"no worker could be started: {reasons}")
-        deadline = min([time.monotonic() + timeout, *(worker.limit for worker in there)])
-        timeout = max(0.0, deadline - time.monotonic())
-        attempts: list[Attempt] = []
-        while heard := self._hear(timeout):
-            for worker, has_sent in heard.items():
-                attempts += self._read(worker) if has_sent else self._departed(worker)
-            timeout = 0.0
         now = time.monotonic()
-        for worker in self._workers:
-            if worker.state != "lost" and worker.limit <= now:
-                what = "drive" if worker.state == "driving" else "start"
-                attempts += self._lost(
-                    worker, f"its {what} took more than {now - worker.since:.3g} s"
-                )
+        ends = [seat.worker.deadline - now for seat in there]
+        handles = [handle for seat in there for handle in seat.worker.handles]
+        ready = set(wait(handles, max(0.0, min(timeout, *ends))))
+        attempts: list[Attempt] = []
+        for seat in there:
+            if ready.isdisjoint(seat.worker.handles) and time.monotonic() <= seat.worker.deadline:
+                continue
+            try:
+                attempts += [self._answered(seat, one) for one in seat.worker.receive() if one]
+            except LostWorkerError as error:
+                attempts += self._lost(seat, error)
+            else:
+                if not seat.is_ready and not len(seat.worker):
+                    self._ready(seat)
         return attempts
+
+    def _ready(self, seat: _Seat) -> None:
+        seat.is_ready = seat.has_started = True
+        seat.failed_starts = 0
+        if self._log is not None:
+            name = seat.worker.name
+            self._log.write(Event.WORKER_STARTED, f"{name} started", worker=name)
+
+    def _answered(self, seat: _Seat, attempt: Attempt) -> Attempt:
+        if attempt.traceback:
+            text = "%s: %s\n%s"
+            logger.debug(text, seat.worker.name, attempt.result.reason, attempt.traceback)
+        seat.candidates.popleft()
+        seat.tests += 1
+        seat.pace = attempt.seconds
+        return replace(attempt, worker=seat.worker.name)
 
     def __enter__(self) -> Self:
         """Starts the workers without waiting."""
         try:
-            for worker in self._workers:
-                self._start(worker)
+            for seat in self._seats:
+                self._start(seat)
         except BaseException as error:  # Ctrl-C
             self.__exit__(type(error), error, None)
             raise
@@ -173,276 +194,91 @@ class LocalWorkers:
 
     def __exit__(self, _: object, error: BaseException | None, *__: object) -> None:
         """Ends all workers: at once during an error, else when they are done."""
-        there = [worker for worker in self._workers if worker.state != "lost"]
         try:
-            if error is None:
-                # What still starts has nothing to finish.
-                started = [worker for worker in there if worker.state != "starting"]
-                deadline = time.monotonic() + CLOSING_LIMIT
-                for worker in started:
-                    worker.dismiss()
-                for worker in started:
-                    worker.await_end(deadline)
+            for seat in self._seats:
+                if error is None and seat.is_ready:
+                    seat.worker.close()
+        except LostWorkerError as trouble:  # what was driven stands
+            logger.warning("a simulator did not end well: %s", trouble.reason)
         finally:  # also if Ctrl-C is pressed meanwhile
-            if self._selector is not None:
-                self._selector.close()
-            for worker in there:
-                worker.kill()
-            for worker in there:
-                worker.end()
+            for seat in self._seats:
+                seat.worker.kill()
 
-    def _start(self, worker: _Worker) -> None:
+    def _start(self, seat: _Seat) -> None:
         """Starts a worker without waiting, unless that has failed too often."""
-        while worker.failed_starts < STARTS:
+        seat.is_ready, seat.is_lost = False, True
+        while seat.failed_starts < STARTS:
             try:
-                self._start_process(worker)
+                seat.worker.start()
             except (OSError, EOFError) as error:  # too many processes, or their server was killed
-                worker.failed_starts += 1
-                self._note_loss(worker, f"there was no process for it ({describe_error(error)})")
+                seat.failed_starts += 1
+                self._note_loss(seat, f"there was no process for it ({describe_error(error)})")
                 time.sleep(_PAUSE)
             else:
+                seat.is_lost = False
                 return
 
-    def _start_process(self, worker: _Worker) -> None:
-        process, ours = start_process(
-            self._context, serve, self._user_files, self._tester, name=worker.name
-        )
-        worker.begin(process, ours)
-        if self._selector is not None:
-            self._selector.register(ours, selectors.EVENT_READ, worker)
-            self._selector.register(process.sentinel, selectors.EVENT_READ, worker)
-
-    def _hear(self, timeout: float) -> Mapping[_Worker, bool]:
-        """Waits for workers that have sent something (True) or only ended (False)."""
-        if self._selector is None:
-            senders: dict[Any, _Worker] = {
-                one.connection: one for one in self._workers if one.state != "lost"
-            }
-            return {senders[connection]: True for connection in wait(list(senders), timeout)}
-        heard: dict[_Worker, bool] = {}
-        for key, _ in self._selector.select(timeout):
-            worker: _Worker = key.data
-            heard[worker] = heard.get(worker, False) or key.fileobj is worker.connection
-        return heard
-
-    def _read(self, worker: _Worker) -> list[Attempt]:
-        """Reads a worker's message, or the end of its connection."""
-        try:
-            # It comes from our own process.
-            message = pickle.loads(worker.connection.recv_bytes())  # noqa: S301
-        except Exception:  # its end, or nonsense that a driver has written there
-            worker.process.join(1.0)
-            return self._lost(worker, ending_of(worker.process.exitcode))
-        return self._received(worker, message)
-
-    def _departed(self, worker: _Worker) -> list[Attempt]:
-        """Reads the last messages of an ended worker, while another may hold its connection."""
-        attempts: list[Attempt] = []
-        while worker.state != "lost" and worker.connection.poll():
-            attempts += self._read(worker)
-        if worker.state != "lost" and not worker.process.is_alive():
-            attempts += self._lost(worker, ending_of(worker.process.exitcode))
-        return attempts
-
-    def _received(self, worker: _Worker, message: Message) -> list[Attempt]:
-        match message:
-            case Ready() if worker.state != "starting":
-                self._refuse(worker, "it started a second time")
-            case Ready():
-                worker.failed_starts = 0
-                worker.has_started = True
-                self._turn_to_next(worker)
-                if self._log is not None:
-                    text = f"{worker.name} started"
-                    self._log.write(Event.WORKER_STARTED, text, worker=worker.name)
-            case Answer(task) if worker.state != "driving" or worker.queue[0].number != task:
-                self._refuse(worker, f"it answered task {task}, which it does not have")
-            case Answer(_, attempt):
-                if attempt.traceback:
-                    logger.debug(
-                        "%s: %s\n%s", worker.name, attempt.result.reason, attempt.traceback
-                    )
-                worker.finish(attempt.seconds)
-                if attempt.simulator_broke:
-                    worker.turn("starting", START_LIMIT)
-                else:
-                    self._turn_to_next(worker)
-                return [replace(attempt, worker=worker.name)]
-            case Logged(level, name, text):
-                logging.getLogger(name).log(level, "%s: %s", worker.name, text)
-            case Failed(reason, traceback):
-                if not worker.has_started:
-                    worker.failed_starts = STARTS  # that would not change
-                return self._lost(worker, reason, traceback)
-        return []
-
-    def _refuse(self, worker: _Worker, what: str) -> None:
-        """Drops a message of a worker, and says so."""
-        logger.warning(
-            "%s sent what is not counted: %s; does the driver fork, or write to connections that"
-            " are not its own?",
-            worker.name,
-            what,
-        )
-
-    def _turn_to_next(self, worker: _Worker) -> None:
-        if worker.queue:
-            worker.turn("driving", self._drive_limit)
-        else:
-            worker.turn("idle")
-
-    def _lost(self, worker: _Worker, reason: str, traceback: str = "") -> list[Attempt]:
+    def _lost(self, seat: _Seat, error: LostWorkerError) -> list[Attempt]:
         """Replaces a worker; returns the lost attempt."""
-        if traceback:
-            logger.debug("%s: %s\n%s", worker.name, reason, traceback)
+        if error.traceback:
+            logger.debug("%s: %s\n%s", seat.worker.name, error.reason, error.traceback)
+            if not seat.has_started:
+                seat.failed_starts = STARTS  # that would not change
         attempts = []
-        if worker.state == "driving":
-            seconds = time.monotonic() - worker.since
-            candidate_id = worker.queue.popleft().candidate.id
-            loss = self._note_loss(worker, reason, test=candidate_id)
-            attempts.append(Attempt.lost(candidate_id, worker.name, seconds, loss, traceback))
-            worker.failed_starts = 0
+        if seat.is_ready and seat.candidates:
+            lost = seat.candidates.popleft().id
+            loss = self._note_loss(seat, error.reason, test=lost)
+            seconds = time.monotonic() - seat.worker.since
+            name = seat.worker.name
+            attempts.append(Attempt.lost(lost, name, seconds, loss, error.traceback))
+            seat.failed_starts = 0
         else:
-            self._note_loss(worker, reason)
-            worker.failed_starts += 1
-        if self._selector is not None:
-            self._selector.unregister(worker.connection)
-            self._selector.unregister(worker.process.sentinel)
-        worker.end()
-        self._backlog.extend(worker.queue)
-        worker.queue.clear()
-        self._start(worker)
+            self._note_loss(seat, error.reason)
+            seat.failed_starts += 1
+        seat.worker.kill()
+        self._backlog.extend(seat.candidates)
+        seat.candidates.clear()
+        self._start(seat)
         return attempts
 
-    def _note_loss(self, worker: _Worker, reason: str, **fields: JSONValue) -> str:
+    def _note_loss(self, seat: _Seat, reason: str, **fields: JSONValue) -> str:
         """Remembers and logs the reason of a worker's loss; returns it in a sentence."""
-        worker.loss = reason
-        loss = f"{worker.name} was lost: {reason}"
+        seat.loss, name = reason, seat.worker.name
+        loss = f"{name} was lost: {reason}"
         if self._log is not None:
-            fields |= {"worker": worker.name, "reason": reason}
+            fields |= {"worker": name, "reason": reason}
             self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
         return loss
 
 
-class _Worker(Slot):
-    """One worker and its present process."""
+class _Seat:
+    """One worker, as the campaign knows it."""
 
-    process: BaseProcess
-    connection: Connection
-
-    def __init__(self, name: str) -> None:
-        super().__init__(name)
-        self.queue: deque[Task] = deque()
+    def __init__(self, worker: Worker) -> None:
+        self.worker = worker
+        self.candidates: deque[Candidate] = deque()
         """The candidate that it drives, and the waiting ones."""
-        self.capacity = 1
-        """Most candidates that it may have."""
-        self.pace = math.inf
-        """Time of its tests, in s: the longest recent one, forgotten slowly."""
+        self.is_ready = False
+        """Whether its simulator has started."""
+        self.is_lost = True
+        """Whether it has no process."""
         self.has_started = False
         """Whether its simulator ever has."""
         self.failed_starts = 0
         """Number of consecutive failed starts."""
+        self.tests = 0
+        self.pace = float("inf")
+        """Time of its last test, in s."""
+        self.loss = ""
+        """Reason of its last loss."""
 
-    @property
-    def room(self) -> int:
-        """Number of candidates that it can take now."""
-        if self.state not in ("idle", "driving"):
-            return 0
-        return max(0, self.capacity - len(self.queue))
-
-    def finish(self, seconds: float) -> None:
-        """Records a finished test."""
-        self.queue.popleft()
-        self.tests += 1
-        self.pace = max(seconds, 0.9 * self.pace) if self.tests > 1 else seconds
-        self.capacity = min(PREFETCH, 1 + int(PREFETCHED_TIME / max(self.pace, 1e-4)))
-
-    def begin(self, process: BaseProcess, connection: Connection) -> None:
-        self.process, self.connection = process, connection
-        self.turn("starting", START_LIMIT)
-
-    def dismiss(self) -> None:
-        """Lets it end its simulator after its present test."""
-        with suppress(OSError):  # it has died
-            self.connection.send_bytes(pickle.dumps(None))
-
-    def await_end(self, deadline: float) -> None:
-        """Waits until its simulator has ended; messages meanwhile come too late."""
-        with suppress(Exception):  # the connection's end is what is waited for
-            while self.connection.poll(max(0.0, deadline - time.monotonic())):
-                self.connection.recv_bytes()
-        # Not for a driver's threads and processes, which may never end.
-        self.process.join(max(0.0, min(_LEAVING_LIMIT, deadline - time.monotonic())))
-
-    def kill(self) -> None:
-        """Kills its process with all that it has started."""
-        kill_process(self.process)
-
-    def end(self) -> None:
-        """Kills its process and waits until it is gone."""
-        self.kill()
-        self.process.join()
-        self.turn("lost")
-        self.process.close()
-        self.connection.close()
-
-
-def _selector() -> selectors.BaseSelector | None:
-    """Selector for connections and ends of processes; None on Windows.
-
-    Windows waits for few objects at once, and a lost connection also tells of the end.
-    """
-    return None if sys.platform == "win32" else selectors.DefaultSelector()
-
-
-# In a worker's process
-
-
-def serve(connection: Connection, user_files: Sequence[str], tester: bytes) -> None:
-    """Tests candidates from the connection until it ends or a None comes.
-
-    Args:
-        connection: gives candidates, takes messages.
-        user_files: the user's own modules, to load first.
-        tester: a packed `RoadTester`, from the process that started this one.
-    """
-    with serving(connection, pickle.dumps) as line:
-        for file in user_files:
-            load_user_file(file)
-        # Made by our own parent a moment ago and given to us alone, so it may be unpickled.
-        the_tester: RoadTester = unpack(tester)
-        while _serve_one_start(line, the_tester):
-            pass
-
-
-def _serve_one_start(line: Line, tester: RoadTester) -> bool:
-    """Serves while the simulator works; returns whether to start it again."""
-    with tester.simulator:
-        line.send(pickle.dumps(Ready()))
-        while (data := line.receive()) is not None:
-            task: Task | None = pickle.loads(data)  # noqa: S301  # from our own parent
-            if task is None:
-                return False
-            attempt = tester.attempt(task.candidate)
-            line.send(pickle.dumps(Answer(task.number, attempt)))
-            if attempt.simulator_broke:
-                return True
-    return False
-
-
-# Messages
-
-
-class Ready(NamedTuple):
-    """The simulator has started; a candidate may be sent."""
-
-
-class Answer(NamedTuple):
-    """The attempt at a task."""
-
-    task: int
-    """Number of the task."""
-    attempt: Attempt
-
-
-Message: TypeAlias = Ready | Answer | Failed | Logged
+    def state(self) -> WorkerState:
+        """Its activity."""
+        if self.is_lost:
+            status: Any = "lost"
+        elif not self.is_ready:
+            status = "starting"
+        else:
+            status = "driving" if self.candidates else "idle"
+        since = time.monotonic() - self.worker.since
+        return WorkerState(self.worker.name, status, self.tests, since)

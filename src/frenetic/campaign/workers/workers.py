@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import logging
-import math
 import os
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Protocol, Self
 
 from frenetic.campaign.log import WorkerState, WorkerStatus
@@ -51,34 +50,6 @@ class Workers(Protocol):
 
     def __exit__(self, *raised: Any) -> None:
         """Ends all workers: at once during an error, else when they are done."""
-
-
-class Slot:
-    """A worker, as the campaign knows it."""
-
-    def __init__(self, name: str, state: WorkerStatus = "lost", limit: float = math.inf) -> None:
-        self.name = name
-        self.state: WorkerStatus
-        self.since: float
-        """Start of this state."""
-        self.limit: float
-        """End of this state's allowed time, on the monotonic clock."""
-        self.tests = 0
-        self.loss = ""
-        """Reason of its last loss."""
-        self.turn(state, limit)
-
-    def turn(self, state: WorkerStatus, limit: float = math.inf) -> None:
-        """Enters a state, for at most so many s."""
-        self.state = state
-        self.since = time.monotonic()
-        self.limit = self.since + limit
-
-
-def states_of(slots: Iterable[Slot]) -> Mapping[str, WorkerState]:
-    """Activity of each worker, by its name."""
-    now = time.monotonic()
-    return {one.name: WorkerState(one.name, one.state, one.tests, now - one.since) for one in slots}
 
 
 def available_cores() -> int:

@@ -1,1 +1,0 @@
-"""Workers of a Dask cluster, on this machine and others."""
