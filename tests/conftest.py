@@ -135,6 +135,7 @@ def _whoever_calls(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         for name in CALLERS:
             patch.delenv(name, raising=False)
         patch.setenv("FRENETIC_HOME", str(tmp_path_factory.mktemp("home")))
+        patch.setenv("PATH", str(Path(sys.executable).parent), prepend=os.pathsep)  # frenetic's
         for number in ignored:
             # The tests go on under nohup; what they start begins with the default.
             is_ctrl_c = number == signal.SIGINT

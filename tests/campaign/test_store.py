@@ -148,6 +148,7 @@ FULL = Test(
         make_trajectory(1),
         worker="worker 1",
         seconds=0.125,
+        budget_spent=0.5,
     ),
     told=1,
     budget_spent=0.01,
@@ -665,7 +666,7 @@ def test_a_second_writer_is_refused(store: CampaignStore) -> None:
     with pytest.raises(CampaignError, match="is being written by this process"):
         CampaignStore.open(store.folder, readonly=False)
     elsewhere = run_python(OPEN_TO_WRITE, store.folder)  # the refusal left our lock in place
-    assert f"written by another process (process {os.getpid()})" in elsewhere.stdout
+    assert f"is being written by process {os.getpid()}:" in elsewhere.stdout
     assert elsewhere.stdout.count("\n") == 1
     tell(store, 2)
     store.close()
