@@ -212,7 +212,7 @@ ODD: dict[str, Callable[[RoadTest], Any]] = {
     "a negative time": lambda _: ("PASS", "", [Record(-1.0, (0.0, 0.0, 0.0), 1.0)]),
     "exception": raising,
 }
-MIXED = {
+MIXED: dict[str, Callable[[RoadTest], Any]] = {
     "records without a distance": lambda test: (
         "FAIL",
         "",

@@ -314,7 +314,7 @@ def try_out(entrant: Entrant, terms: Terms, seed: int) -> None:
     last = printed.strip().splitlines()[-1:] if is_lost else []
     needs = ""
     if is_lost and entrant.python is not None:
-        needs = "; its interpreter needs Python 3.9 or newer, numpy and scipy"
+        needs = "; its interpreter needs Python 3.9 or newer, numpy 1.21 or newer and scipy"
     raise FreneticError(
         f"{entrant.name} cannot be built: {ending.detail or ending.end}"
         + "".join(f" ({line[:200]})" for line in last)

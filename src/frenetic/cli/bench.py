@@ -169,7 +169,7 @@ def _entrant_option(name: str, *names: str, **how: Any) -> Decorator:
     "--python",
     metavar="FILE",
     help="The interpreter of the generator before it, such as that of its virtual environment"
-    " (3.9 or newer, with numpy and scipy).",
+    " (3.9 or newer, with numpy 1.21 or newer and scipy).",
 )
 @click.option(
     "--simulations",
