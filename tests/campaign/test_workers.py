@@ -471,7 +471,7 @@ def test_what_runs_is_finished_unless_there_is_an_error(marks: Marks, tmp_path: 
     until_gone(marks.pids())
 
 
-@pytest.mark.parametrize("at", ["start", "drive"])
+@pytest.mark.parametrize("at", ["start", "drive", "end"])
 def test_after_an_error_nobody_is_waited_for(
     marks: Marks, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at: str
 ) -> None:
@@ -481,8 +481,9 @@ def test_after_an_error_nobody_is_waited_for(
         pytest.raises(KeyboardInterrupt),
         local(FaultySimulator(marks.folder, **faults), folder=tmp_path, count=2) as workers,
     ):
-        if at == "drive":
+        if at != "start":
             await_free(workers, 2)
+        if at == "drive":
             workers.submit(straight(1))
             workers.submit(straight(2))
         until(lambda: len(marks.pids()) == 2, "both are there")
