@@ -268,13 +268,12 @@ class ClusterWorkers(Workers):
 
     def _restart(self, seat: _Held) -> Attempt | None:
         """Lets its nanny end a hanging worker; one without a nanny is left alone."""
-        reason, until = f"its drive took more than {self._drive_limit:.3g} s", 0.0
+        until = float("inf")
         if self._hosts[seat.address].get("nanny"):
             with suppress(Exception):  # it takes too long
                 self._client.restart_workers([seat.address], timeout=RESTART_LIMIT)
-        else:
-            until = float("inf")
-        return self._lose(seat, reason, until)
+            until = time.monotonic() + RESTART_LIMIT  # it is usually another one then
+        return self._lose(seat, f"its drive took more than {self._drive_limit:.3g} s", until)
 
     def _lose(
         self, seat: _Held, reason: str, until: float = 0.0, traceback: str = ""

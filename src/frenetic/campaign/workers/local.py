@@ -231,7 +231,6 @@ class LocalWorkers:
             seconds = time.monotonic() - seat.worker.since
             name = seat.worker.name
             attempts.append(Attempt.lost(lost, name, seconds, loss, error.traceback))
-            seat.failed_starts = 0
         else:
             self._note_loss(seat, error.reason)
             seat.failed_starts += 1
