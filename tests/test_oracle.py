@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, Result, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -21,8 +21,8 @@ from frenetic.road.geometry import heading_at, project_global, project_near, rea
 from frenetic.road.overlap import share_outside
 
 if TYPE_CHECKING:
+    from frenetic.drive import Drive, Rules
     from frenetic.road import Road
-    from frenetic.simulators.drive import Drive, Rules
 
 Side: TypeAlias = Literal["left", "right"]
 

@@ -55,9 +55,9 @@ from frenetic.versions import (
 # Imports inside functions below are too slow for help.
 
 if TYPE_CHECKING:
+    from frenetic.drive import CarBody, Rules
     from frenetic.drivers import Driver
     from frenetic.search import Strategy
-    from frenetic.simulators.drive import CarBody, Rules
     from frenetic.simulators.simulator import Simulator
 
 logger = logging.getLogger(__name__)
@@ -214,7 +214,7 @@ class Part:
 
 
 def _usual_rules() -> Rules:
-    from frenetic.simulators.drive import Rules  # numba takes its time
+    from frenetic.drive import Rules  # numba takes its time
 
     return Rules()
 
@@ -875,7 +875,7 @@ def _driven_type() -> Any:
 
 def _record_type() -> Any:
     """The type of a campaign's record, which may have other entries, too."""
-    from frenetic.simulators.drive import CarBody, Rules  # numba takes its time
+    from frenetic.drive import CarBody, Rules  # numba takes its time
 
     entries: list[Any] = [
         ("seed", int | float | str | bool | None),

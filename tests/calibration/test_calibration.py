@@ -40,12 +40,12 @@ from frenetic.calibration.driving import (
 from frenetic.calibration.fitting import Journal
 from frenetic.calibration.loss import Logistic, Loss, scores, with_ties
 from frenetic.calibration.validation import UNFITTED, auc_of, found_by, linear_model, verdict_of
+from frenetic.drive import Rules
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
 from frenetic.profile import Figures
 from frenetic.report.calibration import shape_of
 from frenetic.road import Road
-from frenetic.simulators.drive import Rules
 from frenetic.spec import Spec
 
 KNOWN = 7.3

@@ -25,12 +25,12 @@ from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import ASKED, FINISHED, Attempt, Setting, Test
 from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore, JSONValue
 from frenetic.campaign.trajectory_codec import rounded
+from frenetic.drive import CarBody, Rules, Trajectory
 from frenetic.errors import CampaignError, Fault
 from frenetic.oracle import Finding, Result
 from frenetic.outcome import Outcome
 from frenetic.road import Pose
 from frenetic.search.records import Candidate, Origin, Source
-from frenetic.simulators.drive import CarBody, Rules, Trajectory
 
 SETTING = Setting(4.0, 200.0, 1.0, Rules(), CarBody())
 CONFIG: dict[str, JSONValue] = {"strategy": "frenetic", "seed": 7, **to_builtins(SETTING)}

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from frenetic.drive import Drive, Rules
 from frenetic.drivers import BeamngAi
 from frenetic.drivers.layers import compiled_form
 from frenetic.oracle import assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive, Rules
 from frenetic.simulators.embedded import EmbeddedSimulator
 
 BEND = Road(np.array([0, 0, 0, 2, 5, 5, 5, 2, 0, 0, 0]) / 100)

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from frenetic._support.arrays import FloatArray
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.export import SimulationRecord, competition_document, simulation_records
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road, Verdict
 from frenetic.road.files import read_road
 from frenetic.road.validity import interpolate
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.testing import DummyDriver, DummySimulator
 
 ROAD = Road([0.0, 0.01, 0.03, 0.0, -0.02, -0.02], pose=(60.0, 60.0, 1.0))

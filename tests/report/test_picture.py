@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import FreneticError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.report import draw_drive, draw_gallery, draw_road
 from frenetic.road import Pose, Road
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 
 RATE = 20.0  # records per s
 

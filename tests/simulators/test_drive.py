@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from frenetic.drive import Trajectory
 from frenetic.drivers import Planner
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.simulators.drive import Trajectory
 
 
 def test_a_drive_in_a_circle_has_its_centripetal_acceleration() -> None:

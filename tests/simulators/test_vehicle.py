@@ -16,7 +16,7 @@ from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks
 from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
 from frenetic._support.arrays import FloatArray
-from frenetic.simulators.drive import CarBody
+from frenetic.drive import CarBody
 from frenetic.simulators.embedded.vehicle import (
     BRAKE_FADE_SPEED,
     GRAVITY,

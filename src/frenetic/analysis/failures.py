@@ -40,13 +40,13 @@ from frenetic.analysis.segments import (
 from frenetic.campaign.earlier import EarlierTest, read_earlier
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.drive import Drive
 from frenetic.oracle import Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search.approach import SIZE, as_vector, is_near, road_around, states_before
 from frenetic.search.archive import SIDES, places_of
 from frenetic.search.records import Trace
-from frenetic.simulators.drive import Drive
 
 IntArray = npt.NDArray[np.int64]
 

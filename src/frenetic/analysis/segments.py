@@ -14,11 +14,11 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore, Order
+from frenetic.drive import Drive
 from frenetic.oracle import Assessment, Finding, Side, assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.road.geometry import sample_line
-from frenetic.simulators.drive import Drive
 
 REACH: Final = 30.0
 """Length of a failure's segment before and after its place, in m."""

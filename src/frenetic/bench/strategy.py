@@ -19,12 +19,12 @@ from frenetic.campaign.loop import ObservingStrategy
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester, road_through
+from frenetic.drive import Drive
 from frenetic.errors import RoadError
 from frenetic.export.competition import simulation_rows
 from frenetic.road import Road, check_validity
 from frenetic.search import Candidate, Evaluation, Origin, SearchEnded
 from frenetic.search.strategy import Ledger
-from frenetic.simulators.drive import Drive
 
 OPERATOR: Final = "generator"
 """Operator in the origin of a generator's roads."""

@@ -37,10 +37,10 @@ from frenetic.calibration.validation import (
     severities,
     verdict_of,
 )
+from frenetic.drive import Rules
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
 from frenetic.profile import Figures, Fit, Fitted, Link, Profile, Recording, Terms, Validation
-from frenetic.simulators.drive import Rules
 from frenetic.spec import describe
 
 FOLDS: Final = 5

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, Literal, TypeAlias
 
+from frenetic.drive import Rules
 from frenetic.drivers.driver import Driver
 from frenetic.drivers.loading import LAYERS, load_driver
 from frenetic.errors import FreneticError
 from frenetic.registry import arguments_of, hint, options_of
-from frenetic.simulators.drive import Rules
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
 

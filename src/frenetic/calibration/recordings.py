@@ -25,13 +25,13 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.files import require_list
 from frenetic.analysis.groups import find_campaigns
 from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.drive import Rules
 from frenetic.errors import FreneticError, RoadError
 from frenetic.oracle import LEFT_LANE, assess
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.road.files import road_file
 from frenetic.search.records import Trace
-from frenetic.simulators.drive import Rules
 from frenetic.spec import shown
 
 GRID: Final = 2.0

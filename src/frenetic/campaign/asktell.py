@@ -35,13 +35,13 @@ from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import DATABASE
 from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.campaign.workers import Workers
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import LANE, Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
 from frenetic.search.records import Candidate
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 
 WORKER: Final = "client"
 """Name of the worker in a test that was told."""

@@ -14,11 +14,11 @@ from frenetic.campaign.counts import StoredCounts
 from frenetic.campaign.log import told_in_log
 from frenetic.campaign.record import Setting, Test
 from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.drive import Drive, Rules
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Result, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road, check_validity
-from frenetic.simulators.drive import Drive, Rules
 from frenetic.spec import fault_of
 from frenetic.versions import changed_packages
 

@@ -25,13 +25,13 @@ import numpy as np
 from frenetic import trust
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.drive import Drive, Trajectory
 from frenetic.errors import CampaignError, describe_raised
 from frenetic.oracle import Result, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.registry import OBJECTIVES
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation, Trace
-from frenetic.simulators.drive import Drive, Trajectory
 
 Measure: TypeAlias = Callable[[Road, Drive], float]
 """Value of a drive along its road."""

@@ -20,12 +20,12 @@ from msgspec import ValidationError, convert, json, to_builtins
 from frenetic._support.bounds import Count, Finite, Index, NotNegative, Positive, Share
 from frenetic._support.notebook import Shown
 from frenetic.campaign.trajectory_codec import decode, encode, rounded
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.errors import CampaignError
 from frenetic.oracle import Finding, Result
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search.records import Candidate
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,10 @@ from typing import Final
 
 from frenetic.campaign.objective import MOOBD, evaluate
 from frenetic.campaign.tester import RoadTester
+from frenetic.drive import Drive, Rules
 from frenetic.oracle import Result, judge
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation
-from frenetic.simulators.drive import Drive, Rules
 
 _LEAST_RANKED = 5  # controls from which on the twin's order is compared
 

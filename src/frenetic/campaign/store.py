@@ -52,10 +52,10 @@ from frenetic.campaign.record import (
     row_of_finding,
 )
 from frenetic.campaign.trajectory_codec import decode
+from frenetic.drive import Trajectory
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.search.records import Candidate
-from frenetic.simulators.drive import Trajectory
 from frenetic.spec import require_count
 
 Order: TypeAlias = Literal["told", "moobd"]

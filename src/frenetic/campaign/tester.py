@@ -13,6 +13,7 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import one_process
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.campaign.record import Attempt
+from frenetic.drive import Drive, Trajectory
 from frenetic.drivers.driver import Driver
 from frenetic.errors import Fault, RoadError, describe_raised, traceback_of
 from frenetic.oracle import judge
@@ -21,7 +22,6 @@ from frenetic.road import MAP_SIZE, MARGIN, Pose, Road, Verdict, check_validity
 from frenetic.road.road import MAX_COORDINATE, checked_lane_width
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
-from frenetic.simulators.drive import Drive, Trajectory
 from frenetic.simulators.isolated import BrokenDriveError
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import in_conditions, read_conditions

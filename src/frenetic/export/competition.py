@@ -22,12 +22,12 @@ from frenetic.analysis.competition import competition_segment
 from frenetic.analysis.sparseness import competition_sparseness
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.drive import Drive
 from frenetic.errors import RoadError
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road, Verdict
 from frenetic.road.validity import interpolate
-from frenetic.simulators.drive import Drive
 
 GROUND: Final = -28.0
 """Height of the competition's flat map, in m."""

@@ -23,10 +23,10 @@ from frenetic._support.words import text_cell
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import FINISHED, Column, Test, value_at
 from frenetic.campaign.store import CampaignStore
+from frenetic.drive import Trajectory
 from frenetic.errors import FreneticError, RoadError
 from frenetic.oracle import Side
 from frenetic.outcome import Outcome
-from frenetic.simulators.drive import Trajectory
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,6 +17,7 @@ from typing import Final, Unpack
 
 from frenetic.analysis.statistics import spearman
 from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers import Driver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
@@ -31,7 +32,6 @@ from frenetic.redrive.record import (
     redrive_document,
     verdict_document,
 )
-from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import part_text
 from frenetic.versions import SHORT, comparison_key

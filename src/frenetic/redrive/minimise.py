@@ -18,6 +18,7 @@ from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker
+from frenetic.drive import Drive
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import STUCK, Result, assess, judge
 from frenetic.outcome import Outcome
@@ -25,7 +26,6 @@ from frenetic.redrive.record import Match, Redrive
 from frenetic.redrive.shrinking import Answer, Ending, Improvement, Shape, shrink
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Origin
-from frenetic.simulators.drive import Drive
 from frenetic.spec import require_count
 
 MAX_DRIVES: Final = 500

@@ -15,10 +15,10 @@ from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
+from frenetic.drive import CarBody, Rules
 from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation
-from frenetic.simulators.drive import CarBody, Rules
 from frenetic.simulators.worlds import Conditions, read_conditions
 
 

@@ -22,6 +22,7 @@ from typing import Final, Unpack
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.drive import Rules
 from frenetic.drivers import Driver
 from frenetic.outcome import Outcome
 from frenetic.redrive.conditions import Variation, draw_conditions
@@ -44,7 +45,6 @@ from frenetic.redrive.record import (
     verdict_document,
 )
 from frenetic.simulators.capabilities import check_pair
-from frenetic.simulators.drive import Rules
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import QUANTITIES, check_can_vary, in_conditions
 from frenetic.versions import comparison_key, differences

@@ -17,6 +17,7 @@ from matplotlib.patches import Polygon
 
 from frenetic._support.arrays import FloatArray
 from frenetic.campaign.store import CampaignStore
+from frenetic.drive import Drive
 from frenetic.errors import CampaignError
 from frenetic.oracle import Assessment, assess, judge
 from frenetic.redrive.confirm import Confirmation, Names, names_of
@@ -26,7 +27,6 @@ from frenetic.report.orientation import turn_of, turned
 from frenetic.report.scene import OOB_COLOURS, draw_colour_bar, draw_coloured
 from frenetic.report.style import DPI, FAINT, INK, PANEL, QUIET, STYLE, Paper, form_of, write_figure
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive
 from frenetic.spec import part_text
 
 CONFIRMED: Final = "confirmed"

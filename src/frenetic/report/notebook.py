@@ -19,6 +19,7 @@ from frenetic.analysis.failures import Clusters, Failure
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.drive import Drive
 from frenetic.errors import CampaignError
 from frenetic.report.comparison import draw_curves
 from frenetic.report.html.headline import headline
@@ -43,7 +44,6 @@ from frenetic.report.scene import (
 )
 from frenetic.report.style import STYLE, Paper, encode_figure
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive
 
 FAILURES: Final = 6
 """Most failures of a campaign that are drawn."""

@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from frenetic._support.words import signed
+from frenetic.drive import Drive
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
 from frenetic.report.orientation import turn_of
@@ -67,7 +68,6 @@ from frenetic.report.style import (
     write_figure,
 )
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive
 
 MAX_SHEET: Final = 400
 """Most pictures on one contact sheet."""

@@ -25,6 +25,7 @@ from frenetic.analysis.segments import segment_of
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.drive import Drive
 from frenetic.outcome import Outcome
 from frenetic.report.comparison import draw_curves, frame_counts
 from frenetic.report.html.feature_map import choose_mapped
@@ -45,7 +46,6 @@ from frenetic.report.scene import (
 )
 from frenetic.report.style import FAINT, PANEL, QUIET, STYLE, AxesPanel, Paper
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive
 
 SHEET: Final = 12
 """Default number of failures that `plot_failures` draws."""

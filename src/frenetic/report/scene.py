@@ -14,6 +14,7 @@ from matplotlib.colors import ListedColormap, Normalize, to_rgb
 from matplotlib.patches import Rectangle
 
 from frenetic._support.arrays import FloatArray
+from frenetic.drive import Drive, Trajectory
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.report.orientation import edges_of, turned
@@ -27,7 +28,6 @@ from frenetic.report.style import (
     Paper,
 )
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive, Trajectory
 
 _MAX_POINTS: Final = 4000  # more of a path or road than that is not seen
 

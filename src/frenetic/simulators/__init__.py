@@ -1,6 +1,6 @@
 """Simulators, which move the car: the Simulator protocol and its implementations."""
 
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator, Vehicle
 from frenetic.simulators.observing import Observer
 from frenetic.simulators.simulator import Simulator

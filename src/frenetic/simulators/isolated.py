@@ -6,11 +6,11 @@ import logging
 from types import TracebackType
 from typing import Any, Self
 
+from frenetic.drive import CarBody, Drive
 from frenetic.drivers.driver import Driver, under_layers
 from frenetic.errors import CampaignError, FreneticError, describe_raised, traceback_of
 from frenetic.road import Road
 from frenetic.simulators.capabilities import VARIABLE, capabilities
-from frenetic.simulators.drive import CarBody, Drive
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
 from frenetic.worker import LostWorkerError, Worker, pack, unpack

@@ -13,10 +13,10 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic.drive import CarBody, Rules
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Observation
 from frenetic.oracle import RUNNING, assess_record, rules_array
 from frenetic.road import Road
-from frenetic.simulators.drive import CarBody, Rules
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image

@@ -6,9 +6,9 @@ import math
 from types import TracebackType
 from typing import Final, Protocol, Self, runtime_checkable
 
+from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver
 from frenetic.road import Road
-from frenetic.simulators.drive import CarBody, Drive, Rules
 
 
 @runtime_checkable

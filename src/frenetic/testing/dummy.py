@@ -8,12 +8,12 @@ from typing import Self
 
 import numpy as np
 
+from frenetic.drive import CarBody, Drive, Rules, Trajectory
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search.records import Candidate, Evaluation
 from frenetic.search.strategy import Strategy
-from frenetic.simulators.drive import CarBody, Drive, Rules, Trajectory
 
 
 def no_drift(road: Road) -> float:  # noqa: ARG001

@@ -10,12 +10,12 @@ import numpy.typing as npt
 import pytest
 
 from frenetic._support.arrays import FloatArray
+from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers import Driver, DriveSetup, Observation, Stanley
 from frenetic.drivers.driver import AHEAD_POINTS, AHEAD_SPACING, Controls
 from frenetic.oracle import LEFT_LANE, REACHED, RUNNING, STUCK, TIMED_OUT, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
-from frenetic.simulators.drive import CarBody, Drive, Rules
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit

@@ -15,10 +15,10 @@ from PIL import Image as Pictures
 from frenetic._support.arrays import evenly
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import JSONValue
+from frenetic.drive import Trajectory
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
-from frenetic.simulators.drive import Trajectory
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.versions import over_each_other

@@ -10,11 +10,11 @@ from typing import Final
 from frenetic._support.files import write_file
 from frenetic.analysis.segments import segment_of
 from frenetic.campaign.record import Test
+from frenetic.drive import Drive
 from frenetic.report.html.page import Report, made_by, render
 from frenetic.report.html.tests import drive_data_of
 from frenetic.report.scene import look, road_of
 from frenetic.road import Road
-from frenetic.simulators.drive import Drive
 
 SCRIPTS: Final = ("base.js", "road.js", "confirmed.js", "player.js", "replay.js")
 """Files in ``static`` that a replay needs, in this order."""

@@ -12,6 +12,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.segments import Segment
 from frenetic.campaign.record import Test
+from frenetic.drive import Trajectory
 from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Finding, Result, Side
 from frenetic.outcome import Outcome
@@ -23,7 +24,6 @@ from frenetic.road import Road
 from frenetic.road.files import read_road
 from frenetic.search.operators import DOES
 from frenetic.search.records import Origin
-from frenetic.simulators.drive import Trajectory
 
 LETTERS: Final[Mapping[Outcome, str]] = {outcome: str(outcome)[0] for outcome in Outcome}
 """An outcome in one letter."""

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.simulators.drive import CarBody
+from frenetic.drive import CarBody
 
 WHEELBASE_PER_LENGTH: Final = 0.6
 """Assumed share: BeamNG.tech does not report the axles."""

@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
+from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
 from frenetic.drivers import BeamngAi, Driver, DriveSetup, appearance
 from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls, under_layers
 from frenetic.errors import DriverError
@@ -33,7 +34,6 @@ from frenetic.simulators.beamng.scene import (
     scene_of,
 )
 from frenetic.simulators.checks import Check, drive_checks
-from frenetic.simulators.drive import Breakdown, CarBody, Drive, Rules, Trajectory
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 

@@ -16,6 +16,7 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
+from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import Planner
 from frenetic.drivers.appearance import scene_of
 from frenetic.drivers.driver import (
@@ -32,7 +33,6 @@ from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
-from frenetic.simulators.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.simulators.embedded import rollout as kernels
 from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.vehicle import (

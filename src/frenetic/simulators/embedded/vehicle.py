@@ -44,9 +44,9 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
+from frenetic.drive import CarBody, Rules
 from frenetic.drivers.driver import DriveSetup
 from frenetic.road import Road
-from frenetic.simulators.drive import CarBody, Rules
 
 GRAVITY: Final = 9.81
 """m/s²."""

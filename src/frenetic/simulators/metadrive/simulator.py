@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeAlias
 
 import numpy as np
 
+from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Driver, blaming_driver, camera_of, checked_controls
 from frenetic.errors import DriverError, FreneticError, describe_error
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks
-from frenetic.simulators.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.simulators.metadrive.car import (
     PERIOD,
     STEPS_PER_PERIOD,
