@@ -28,6 +28,14 @@ def await_free(workers: Workers, count: int = 1) -> None:
         assert not workers.wait(0.5)
 
 
+def await_all(workers: Workers) -> None:
+    """Waits until every worker is there and idle."""
+    deadline = time.monotonic() + LIMIT
+    while any(one.state != "idle" for one in workers.states().values()):
+        assert time.monotonic() < deadline
+        assert not workers.wait(0.5)
+
+
 def await_attempts(workers: Workers, count: int = 1) -> list[Attempt]:
     """Waits for so many attempts."""
     attempts: list[Attempt] = []

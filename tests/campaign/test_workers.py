@@ -15,7 +15,7 @@ from typing import Any, Self, TypeAlias
 
 import faulty
 import pytest
-from driving import await_attempts, await_free, drive_all, drive_one, events
+from driving import await_all, await_attempts, await_free, drive_all, drive_one, events
 from faulty import (
     STALLED,
     Deed,
@@ -219,6 +219,7 @@ def test_a_simulator_that_broke_is_started_again(workers_of: WorkersOf, marks: M
         assert attempt.failure == STALLED
         assert "in raise_error\n" in attempt.traceback
         assert not attempt.worker_lost
+        await_all(workers)
         assert drive_one(workers).failure is None
     starts, ends = len(marks.numbers("start")), len(marks.numbers("end"))
     assert starts == ends == len(workers.states()) + 1
@@ -401,7 +402,7 @@ def test_workers_survive_the_end_of_the_server_that_forks_them(
         os.kill(server, 9)
         until_gone([server])
         assert len(drive_all(workers, [8, 9, 10, 11])) == 4
-        await_free(workers, 2)
+        await_all(workers)
         assert len(marks.pids()) == 4
     until_gone(marks.pids())
 

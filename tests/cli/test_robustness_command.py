@@ -195,7 +195,7 @@ def test_a_campaign_of_python_needs_its_parts_named(frenetic: Frenetic) -> None:
     ("change", "word"),
     [
         ({"command": 3}, "command"),
-        ({"command": {"driver": "planner"}}, "driver_options"),
+        ({"command": {"driver": "planner"}}, "`strategy`"),
         ({"rules": {"speed_limit": -1.0}}, "rules"),
         ({"map_size": "large"}, "map_size"),
     ],

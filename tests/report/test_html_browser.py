@@ -831,7 +831,7 @@ def test_a_few_failures_are_counted_in_whole_numbers(
     make_empty(tmp_path / "few", searched)
     with CampaignStore.open(searched) as store:
         (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
-        passed = list(store.tests(Outcome.PASS, limit=19))
+        passed = list(store.tests(Outcome.PASS, limit=19, with_trajectory=True))
     with CampaignStore.open(tmp_path / "few", readonly=False) as store:
         for number, like in enumerate([failure, *passed], start=1):
             candidate = replace(like.candidate, id=number, origin=Origin("random"))

@@ -69,8 +69,7 @@ class Seat:
 class LocalWorkers:
     """Processes on this machine, each with a simulator and a driver of its own.
 
-    A worker is replaced if it dies, if a drive exceeds the limit, or if its simulator broke and
-    does not start again.
+    A worker is replaced if it dies, if a drive exceeds the limit, or if its simulator broke.
 
     Args:
         tester: copied into each process, so driver and simulator must be picklable.
@@ -158,7 +157,11 @@ class LocalWorkers:
             if ready.isdisjoint(seat.worker.handles) and time.monotonic() <= seat.worker.deadline:
                 continue
             try:
-                attempts += [self._answered(seat, one) for one in seat.worker.receive() if one]
+                for attempt in filter(None, seat.worker.receive()):
+                    attempts.append(self._answered(seat, attempt))
+                    if attempt.simulator_broke:  # so may have its process, in which others wait
+                        self._replace(seat)
+                        break
             except LostWorkerError as error:
                 attempts += self._lost(seat, error)
             else:
@@ -234,11 +237,15 @@ class LocalWorkers:
         else:
             self._note_loss(seat, error.reason)
             seat.failed_starts += 1
+        self._replace(seat)
+        return attempts
+
+    def _replace(self, seat: _Seat) -> None:
+        """Starts another process for a worker; what waited in it, waits for any."""
         seat.worker.kill()
         self._backlog.extend(seat.candidates)
         seat.candidates.clear()
         self._start(seat)
-        return attempts
 
     def _note_loss(self, seat: _Seat, reason: str, **fields: JSONValue) -> str:
         """Remembers and logs the reason of a worker's loss; returns it in a sentence."""
