@@ -364,9 +364,10 @@ def own_modules() -> Iterator[None]:
     try:
         yield
     finally:
-        for name in sys.modules.keys() - known:
-            if name.startswith(USER_MODULE) or _is_own(name):
-                del sys.modules[name]
+        new = sys.modules.keys() - known
+        # All are looked at first: a package without its parent cannot say where it lies.
+        for name in [name for name in new if name.startswith(USER_MODULE) or _is_own(name)]:
+            del sys.modules[name]
         sys.path[:] = path
         importlib.invalidate_caches()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import shutil
@@ -66,6 +67,8 @@ def versions(made: Path, tmp_path: Path, anew: Frenetic) -> None:
 def write_gains(heading: str) -> None:
     for file in ("gains.py", "laws/gains.py"):
         Path(file).write_text(f"HEADING = {heading}  # rad/rad\n", encoding="utf-8")
+        written = 1_700_000_000 + 100 * float(heading)  # bytecode is told apart by whole seconds
+        os.utime(file, (written, written))
 
 
 def version(folder: str) -> str:
