@@ -7,7 +7,7 @@ import time
 from abc import abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from numbers import Integral
@@ -415,8 +415,7 @@ _used: Final[WeakValueDictionary[int, Strategy]] = WeakValueDictionary()
 
 
 def _mark_used(strategy: Strategy) -> None:
-    with suppress(TypeError):  # its class has __slots__ without a place for weak references
-        _used[id(strategy)] = strategy
+    _used[id(strategy)] = strategy
 
 
 def require_fresh(strategy: Strategy) -> None:

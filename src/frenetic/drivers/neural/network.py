@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
 
 DAVE2: Final = Path(__file__).with_name("dave2.onnx")
 """The network of the driver `Dave2`; ``training/dave2.py`` made it."""
-_BLOCKS: Final = 6
-"""Blocks across the height of an image; an occlusion covers two by two."""
 
 
 class Network:
@@ -162,54 +159,6 @@ class Network:
             limit = min(limit, self.convention.max_speed / 3.6)
         share = min(max(steering / setup.max_steering, -1.0), 1.0)
         return Controls(steering, max(1.0 - share**2 - (observation.speed / limit) ** 2, 0.0))
-
-    def saliency(
-        self, observation: Observation, limit: float | None = None
-    ) -> npt.NDArray[np.float32]:
-        """How much each part of the image matters for the answer: (height, width) in 0..1.
-
-        The image is covered with its mean colour, block after block (occlusion sensitivity:
-        M. D. Zeiler and R. Fergus, ECCV 2014); a pixel's value is the mean change of the first
-        output, over the blocks that cover it, per that of the most important pixel.
-
-        Args:
-            observation: with the image.
-            limit: s after which it is given up; None for no limit.
-
-        Raises:
-            DriverError: as `act`, or it is not done in that time.
-        """
-        image = observation.image
-        if image is None:
-            raise DriverError("there is no image")
-        top, bottom = self.convention.crop
-        height, width = image.shape[0] - top - bottom, image.shape[1]
-        side = max(math.ceil(height / _BLOCKS), 1)
-        mean = image[top : top + height].mean(axis=(0, 1)).round().astype(np.uint8)
-        change, times = np.zeros(image.shape[:2]), np.zeros(image.shape[:2])
-        end = math.inf if limit is None else time.monotonic() + limit
-
-        def answer(shown: Image) -> float:
-            left = end - time.monotonic()
-            if left <= 0.0:
-                raise ValueError(f"where it looked takes more than {limit:.3g} s")
-            return float(self._answer(shown, None if limit is None else left)[0])
-
-        try:
-            usual = answer(image)
-            for row in range(-side, height, side):
-                for column in range(-side, width, side):
-                    rows = slice(top + max(row, 0), top + min(row + 2 * side, height))
-                    block = rows, slice(max(column, 0), column + 2 * side)
-                    covered = image.copy()
-                    covered[block] = mean
-                    change[block] += abs(answer(covered) - usual)
-                    times[block] += 1.0
-        except ValueError as error:
-            raise DriverError(f"{self._path}: {error}") from None
-        change /= np.maximum(times, 1.0)
-        most = change.max()
-        return (change / most if most > 0.0 else change).astype(np.float32)
 
     def _answer(self, image: Image, limit: float | None = None) -> FloatArray:
         """The network's numbers for a camera's image.
