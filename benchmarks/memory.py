@@ -51,7 +51,7 @@ def memory() -> tuple[float, float]:
 
 def run_campaign(tests: int, strategy: str, folder: Path) -> None:
     """The measured process: prints a reading per line, as JSON."""
-    from frenetic.campaign import Budget, Campaign, Progress
+    from frenetic.campaign import Budget, Campaign, Event
     from frenetic.drivers import Planner
     from frenetic.registry import STRATEGIES
     from frenetic.simulators import EmbeddedSimulator
@@ -63,9 +63,9 @@ def run_campaign(tests: int, strategy: str, folder: Path) -> None:
 
     marks = {max(1, round(share * tests)) for share in SHARES}
 
-    def on_progress(progress: Progress) -> None:
-        if progress.tests in marks:
-            read(progress.tests)
+    def on_event(event: Event) -> None:
+        if event.kind == "result" and event.summary.tests in marks:
+            read(event.summary.tests)
 
     compile_kernels()
     start = time.perf_counter()
@@ -77,7 +77,7 @@ def run_campaign(tests: int, strategy: str, folder: Path) -> None:
         driver=Planner(),
         budget=Budget(simulations=tests),
         folder=folder,
-    ).run(on_progress)
+    ).run(on_event=on_event)
     read(summary.tests)
 
 

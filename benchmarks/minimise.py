@@ -26,25 +26,26 @@ import json
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from frenetic.again.minimise import (
+    GUARD,
+    MAX_DRIVES,
+    Ending,
+    FailureReason,
+    Minimised,
+    minimise,
+)
+from frenetic.analysis.failures import THRESHOLD, Failure
 from frenetic.campaign import RoadTester
+from frenetic.drive import Drive
 from frenetic.drivers import Driver, Noisy
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
-from frenetic.redrive.minimise import (
-    GUARD,
-    MAX_DRIVES,
-    FailureReason,
-    Minimised,
-    failure_reason,
-    minimise,
-)
-from frenetic.redrive.shrinking import Ending
 from frenetic.registry import DRIVERS
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic2021
@@ -126,18 +127,15 @@ def measure(
         minimised = minimise(road, tester, max_drives=max_drives, guard=guard)
         seconds.append(time.perf_counter() - start)
         results.append(minimised)
-        again = EmbeddedSimulator().drive(minimised.road, driver)
-        reason, result = failure_reason(minimised.road, again), judge(minimised.road, again)
-        if reason is None or not replace(
-            minimised.smallest, drive=again, result=result, reason=reason
-        ).is_like(minimised.original):
+        if not has_same_failure(minimised, EmbeddedSimulator().drive(minimised.road, driver)):
             sys.exit(f"{minimised.road.curvatures} does not have the same failure any more")
-    before = [result.original.shape for result in results]
-    after = [result.smallest.shape for result in results]
+    before = [result.shapes[0] for result in results]
+    after = [result.shapes[1] for result in results]
 
     def share_after(result: Minimised, drives: int) -> float:
+        length = result.shapes[0].length
         lengths = [i.shape.length for i in result.improvements if i.trials <= drives]
-        return min([result.original.shape.length, *lengths]) / result.original.shape.length
+        return min([length, *lengths]) / length
 
     return Figures(
         guard=guard,
@@ -158,6 +156,23 @@ def measure(
             if mark <= max_drives
         },
     ), results
+
+
+def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
+    """Reason why a drive failed; None if it passed."""
+    result = judge(road, drive)
+    if result.outcome is not Outcome.FAIL:
+        return None
+    side = None if result.departure is None else result.departure.side
+    return FailureReason.of(side, result.duration, drive.rules.timeout(road.length))
+
+
+def has_same_failure(minimised: Minimised, drive: Drive) -> bool:
+    """Whether a drive on the minimised road has the failure of the original."""
+    before = Failure.of_test(minimised.original)
+    after = Failure.of_drive(minimised.road, drive, judge(minimised.road, drive))
+    is_like = before is not None and after is not None and after.difference(before) <= THRESHOLD
+    return is_like and failure_reason(minimised.road, drive) is minimised.reason
 
 
 def changes(make_driver: Callable[[], Driver]) -> dict[str, list[Change]]:
@@ -248,17 +263,17 @@ def main() -> None:
         print("".join(f"  {mark}: {share:.2f}" for mark, share in figures.after_drives.items()))
         print()
     print(f"{'still fails with':36}{'original':>10}{'guarded':>10}{'bare':>10}")
-    robustness = {}
+    still_fails = {}
     for name, ways in changes(make_driver).items():
         shares = [
             still_failing([(r.original.road, r.reason) for r in with_guard], ways),
             still_failing([(r.road, r.reason) for r in with_guard], ways),
             still_failing([(r.road, r.reason) for r in without], ways),
         ]
-        robustness[name] = shares
+        still_fails[name] = shares
         print(f"{name:36}" + "".join(f"{share:10.0%}" for share in shares))
     if options.json is not None:
-        document = {"figures": [asdict(guarded), asdict(bare)], "still_fails": robustness}
+        document = {"figures": [asdict(guarded), asdict(bare)], "still_fails": still_fails}
         options.json.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
 
 

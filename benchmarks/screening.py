@@ -3,8 +3,8 @@
     python benchmarks/screening.py PROFILE --out RUNS [--seeds 1-10] [--simulations 100]
         -- --simulator metadrive --driver metadrive-idm --driver-option target_speed=50 ...
 
-Each seed searches twice with the options after ``--``, once with ``--screen PROFILE``. A run that
-is there is not run again, and one that was interrupted goes on. The profile comes from drives that
+Each seed searches twice with the options after ``--``, once with the strategy ``screened`` over
+PROFILE. A run that is there is not run again, and one that was interrupted goes on. The profile comes from drives that
 no run knows, such as those of a random search:
 
     frenetic run --simulator metadrive ... --strategy random --simulations 200 --out recorded
@@ -26,7 +26,8 @@ import numpy as np
 
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.screening import ScreeningSummary
+from frenetic.campaign.loop import FACTS
+from frenetic.campaign.summary import facts_in_words
 
 
 def search(folder: Path, options: list[str], seed: int, simulations: int) -> None:
@@ -66,12 +67,13 @@ def main() -> None:
     for seed in asked.seeds:
         for how, numbers in found.items():
             folder = asked.out / f"{how}-{seed}"
-            screen = ["--screen", str(asked.profile)] if how == "screened" else []
-            search(folder, [*options, *screen], seed, asked.simulations)
+            screen = ["--strategy", "screened", "--strategy-option", f"profile={asked.profile}"]
+            own = screen if how == "screened" else []
+            search(folder, [*options, *own], seed, asked.simulations)
             with CampaignStore.open(folder) as store:
-                counts, screening = store.counts(), ScreeningSummary.of_store(store)
+                counts, said = store.counts(), facts_in_words(store.fact(FACTS))
                 numbers.append(len(distinct_failures(store)))
-            told = "" if screening is None else f"; {screening.in_words()}"
+            told = f"; {said}" if said else ""
             text = f"seed {seed} {how}: {numbers[-1]} distinct of {counts.failed} failures{told}"
             print(text, flush=True)
     without, screened = (np.array(found[how]) for how in ("without", "screened"))

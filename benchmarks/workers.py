@@ -28,7 +28,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, RoadTester
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
 from frenetic.campaign.workers import Attempt, LocalWorkers
 from frenetic.drivers import Planner
 from frenetic.registry import STRATEGIES
@@ -71,12 +71,14 @@ def measure(strategy: str, workers: int, simulations: int) -> Measured:
         )
         last = 0.0
 
-        def note(_: Progress) -> None:
+        def note(event: Event) -> None:
             nonlocal last
             last = time.perf_counter()
+            if event.kind == "started":
+                marks.append(last)
 
         begin = time.perf_counter()
-        summary = campaign.run(note, on_start=lambda: marks.append(time.perf_counter()))
+        summary = campaign.run(on_event=note)
     return Measured(summary.tests, last - marks[0], marks[0] - begin)
 
 

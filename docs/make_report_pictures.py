@@ -14,9 +14,9 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from frenetic import Budget, Campaign, CampaignStore, EmbeddedSimulator, Frenetic, Planner
+from frenetic.again.conditions import Variation
+from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import distinct_failures
-from frenetic.redrive.conditions import Variation
-from frenetic.redrive.robustness import rerun
 from frenetic.report.html import write_report
 
 IMAGES = Path(__file__).resolve().parent / "images"
@@ -53,8 +53,9 @@ def make_report(folder: Path) -> Path:
         folder,
         EmbeddedSimulator(),
         Planner(),
-        test_ids=worst,
-        variations=[Variation("friction", 0.9, 1.3), Variation("start", -0.2, 0.2)],
+        tests=worst,
+        times=20,
+        vary=[Variation("friction", 0.9, 1.3), Variation("start", -0.2, 0.2)],
     )
     return write_report(folder)
 

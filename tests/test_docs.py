@@ -73,7 +73,7 @@ def tutorial_keeps_its_promises(folder: Path) -> None:
 
 PROMISES = {"index.md": start_keeps_its_promises, "tutorial.md": tutorial_keeps_its_promises}
 """Name of a page -> the check of what it promises, in the folder in which it ran."""
-IN_FULL = {"index.md", "regression.md"}
+IN_FULL = {"index.md", "rerun.md"}
 """Pages whose campaigns are not shortened."""
 DRAWN = {"README.md", "calibrating.md", "files.md"}
 """Pages whose commands draw pictures, of each kind: they take most of a short search's time."""

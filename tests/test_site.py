@@ -43,7 +43,7 @@ QUESTIONS = {
     "opendrive": "exports.html",
     "fail in CI": "command-line.html#ci",
     "same seed": "campaigns.html#same-seed-same-campaign",
-    "failure real": "regression.html",
+    "failure real": "rerun.html",
 }
 """What a new user searches for -> the page, or its part, that answers."""
 

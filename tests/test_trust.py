@@ -73,9 +73,7 @@ def a_failure() -> str:
 FRESH = ("back-to-back", "--fresh", "2", "--top", "0")
 DRIVING: dict[str, Callable[[], tuple[str, ...]]] = {
     "drive": lambda: ("drive", a_failure()),
-    "robustness": lambda: ("robustness", "c", "--times", "2", "--top", "1"),
-    "regression": lambda: ("regression", "c"),
-    "confirm": lambda: ("confirm", "c", "--simulator-option", "friction=0.9", "--top", "1"),
+    "rerun": lambda: ("rerun", "c", "--top", "1"),
     "minimise": lambda: ("minimise", "c", "--max-drives", "3"),
 }
 """Commands that drive, and take another driver."""
@@ -132,7 +130,7 @@ def test_looking_at_a_campaign_runs_nothing_of_it(
     assert not received.exists()
 
 
-@pytest.mark.parametrize("command", ["resume", "robustness", "regression"])
+@pytest.mark.parametrize("command", ["resume", "rerun"])
 def test_a_program_that_a_strangers_simulator_starts_is_refused(
     anew: Frenetic, received: Path, command: str
 ) -> None:

@@ -206,7 +206,7 @@ class Registry:
             f" your own goes as package.module:{word} or path/to/file.py:{word}{files}"
         )
 
-    def make(self, spec: str, **options: Any) -> Any:
+    def make(self, spec: str, /, **options: Any) -> Any:
         """An instance of the part that `spec` names, made with the given options.
 
         Raises:
@@ -256,6 +256,15 @@ class Registry:
         takes = self.option_names(self.load(spec))
         taken = {k: v for k, v in available.items() if takes is None or k in takes}
         return self.make(spec, **options, **taken)
+
+    def needs(self, spec: str) -> list[str]:
+        """Names of the options without which nothing can be made; errors are those of `load`."""
+        try:
+            parameters = inspect.signature(self.load(spec)).parameters.values()
+        except (TypeError, ValueError):
+            return []
+        kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+        return [p.name for p in parameters if p.kind in kinds and p.default is p.empty]
 
     def option_names(self, factory: Callable[..., Any]) -> list[str] | None:
         """Names of a factory's options, None if it takes any or hides them."""
@@ -443,6 +452,11 @@ STRATEGIES: Final = Registry(
             "random roads, then mutants and crossovers of the worst (Castellano et al., 2021)",
         ),
         "random": ("frenetic.search:RandomSearch", "random roads only, the baseline"),
+        "screened": (
+            "frenetic.twin.screening:screened",
+            "another strategy, over a search in the twin of a profile: the simulator gets the one"
+            " of twenty roads that promises most",
+        ),
     },
     ("ask", "tell"),
 )

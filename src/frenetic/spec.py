@@ -247,8 +247,6 @@ class Spec:
     """Name of what the strategy minimises, see `frenetic.campaign.objective`."""
     start_from: tuple[EarlierCampaign, ...] = ()
     """Earlier campaigns that the search starts from."""
-    screen: Mapping[str, Any] = dataclass_field(default_factory=dict)
-    """What screens roads, see `frenetic.campaign.screening`; empty without."""
     budget: Budget | None = None
     """Budget, None without a search."""
     workers: int = 1
@@ -444,12 +442,12 @@ class Spec:
         return [name for name, text in sorted(found.items()) if known.get(name, text) != text]
 
     def make_strategy(self) -> Strategy:
-        """The strategy, with seed and map size if its class takes them.
+        """The strategy, with seed, map size and this spec if its class takes them.
 
         Raises:
             FreneticError: it cannot be made.
         """
-        available = {"seed": self.seed, "map_size": self.map_size}
+        available = {"seed": self.seed, "map_size": self.map_size, "spec": self}
         strategy: Strategy = _made(STRATEGIES, self.strategy, available)
         return strategy
 
@@ -524,8 +522,6 @@ class Spec:
             words += ["--objective", self.objective]
         for earlier in self.start_from:
             words += ["--from", earlier.folder]
-        if self.screen:
-            words += ["--screen", str(self.screen.get("file"))]
         if self.lookahead is None:
             words += ["--unordered"]
         else:
@@ -893,7 +889,6 @@ def _record_type() -> Any:
         ("lookahead", Count | None, None),
         ("objective", str, "moobd"),
         ("start_from", tuple[EarlierCampaign, ...], ()),
-        ("screen", dict[str, Any], {}),
         ("versions", dict[str, str]),
         ("behaviours", dict[str, str], {}),
         ("command", _command_type(*_PARTS) | None, None),

@@ -43,10 +43,10 @@ from frenetic.calibration.validation import UNFITTED, auc_of, found_by, linear_m
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
-from frenetic.profile import Figures
 from frenetic.report.calibration import shape_of
 from frenetic.road import Road
 from frenetic.spec import Spec
+from frenetic.twin.profile import Figures
 
 KNOWN = 7.3
 MODEL_OF = [Asked("lateral_acceleration"), Asked("vehicle.brake_deceleration", 7.0, 9.0)]

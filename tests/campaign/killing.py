@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Any, Literal
 from unittest.mock import patch
 
+from events import on_result
 from faulty import FaultySimulator
 from pids import LIMIT
 
 from frenetic import worker
 from frenetic._support.child_processes import process_context
-from frenetic.campaign import Budget, Campaign, Progress
+from frenetic.campaign import Budget, Campaign, Summary
 from frenetic.campaign.store import DATABASE
 from frenetic.errors import CampaignError
 from frenetic.search import Frenetic2021
@@ -79,12 +80,12 @@ def go_on(folder: Path, marks: Path, workers: int, ordered: bool, blow: Blow | N
     one = campaign(folder, marks, workers=workers, ordered=ordered)
     reported = os.open(marks / "reported", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
 
-    def report(progress: Progress) -> None:
+    def report(progress: Summary) -> None:
         os.write(reported, b".")
         killer.count("result")
 
     killer.count("start")
-    (one.resume if (folder / DATABASE).exists() else one.run)(report)
+    (one.resume if (folder / DATABASE).exists() else one.run)(on_event=on_result(report))
 
 
 def run_until(place: str, folder: Path, arguments: Sequence[str]) -> None:

@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from contents import contents
+from events import on_result
 from faulty import FaultySimulator
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
+from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
 from frenetic.errors import CampaignError
 from frenetic.search import Frenetic2021
 from frenetic.testing import DummyDriver
@@ -68,12 +69,12 @@ class Bounded(sqlite3.Connection):
 def attempt(search: Any, seen: list[int] | None = None) -> str:
     """The message of the error with which a campaign ends, or how many simulations it has."""
 
-    def report(progress: Progress) -> None:
+    def report(progress: Summary) -> None:
         if seen is not None:
             seen.append(progress.tests + progress.dropped)
 
     try:
-        return str(search(report).simulations)
+        return str(search(on_event=on_result(report)).simulations)
     except CampaignError as error:
         return str(error)
 

@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 from contents import contents
+from events import on_result
 
 from frenetic._support.arrays import FloatArray
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, new_folder
+from frenetic.again.conditions import Variation
+from frenetic.again.rerun import read_reruns, rerun
+from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, new_folder
 from frenetic.campaign import campaign as campaign_module
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.loop import ObservingStrategy
@@ -21,8 +24,6 @@ from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, StrategyError
 from frenetic.outcome import Outcome
-from frenetic.redrive.conditions import Variation
-from frenetic.redrive.robustness import read_reruns, rerun, rerun_document
 from frenetic.road import Road
 from frenetic.search import Candidate, Frenetic, Frenetic2021, Origin, RandomSearch, SearchEnded
 from frenetic.search.strategy import Strategy
@@ -71,8 +72,10 @@ def campaign(folder: Path, strategy, budget: Budget, **options) -> Campaign:  # 
 
 def test_tests_are_stored_told_and_counted_in_order(tmp_path: Path) -> None:
     strategy = Scripted(STRAIGHT, LOOP, BENT)
-    seen: list[Progress] = []
-    summary = campaign(tmp_path / "c", strategy, Budget(simulations=4)).run(seen.append)
+    seen: list[Summary] = []
+    summary = campaign(tmp_path / "c", strategy, Budget(simulations=4)).run(
+        on_event=on_result(seen.append)
+    )
 
     outcomes = [Outcome.PASS, Outcome.INVALID, Outcome.FAIL, Outcome.PASS, Outcome.INVALID]
     outcomes += [Outcome.FAIL]
@@ -144,8 +147,8 @@ def test_the_time_for_compiling_is_not_the_budgets(
     order: list[str] = []
     monkeypatch.setattr(campaign_module, "compile_kernels", lambda: order.append("compiled"))
     search = campaign(tmp_path, Scripted(STRAIGHT), Budget(time=60.0, failures=1))
-    search.run(1, on_start=lambda: order.append("started"))
-    assert order == ["compiled", "started"]
+    search.run(1, on_event=lambda event: order.append(event.kind))
+    assert order[:2] == ["compiled", "started"]
 
 
 def test_campaign_of_errors_gives_up_and_keeps_what_it_has(tmp_path: Path) -> None:
@@ -352,17 +355,18 @@ def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
     with CampaignStore.open(tmp_path / "numpy") as store:
         assert store.counts().simulations == 2
         driven = [np.int64(test.id) for test in store.tests(Outcome.PASS)][:1]
-    (one,) = rerun(
+    found = rerun(
         tmp_path / "numpy",
         numpy.tester.simulator,
         numpy.tester.driver,
-        test_ids=driven,  # type: ignore[arg-type]
+        tests=driven,  # type: ignore[arg-type]
         times=np.int64(2),  # type: ignore[arg-type]
         seed=np.int64(3),  # type: ignore[arg-type]
-        variations=[Variation("friction", np.float32(0.9), np.float32(1.1))],  # type: ignore[arg-type]
+        vary=[Variation("friction", np.float32(0.9), np.float32(1.1))],  # type: ignore[arg-type]
     )
-    assert [kept.test_id for kept in read_reruns(tmp_path / "numpy")] == [one.test_id]
-    assert json.loads(json.dumps(rerun_document(one)))["seed"] == 3
+    (kept,) = read_reruns(tmp_path / "numpy")
+    assert [test.id for test in kept.tests] == [int(number) for number in driven]
+    assert json.loads(json.dumps(found.as_json()))["seed"] == 3
 
 
 def test_a_count_that_is_no_number_is_named(tmp_path: Path) -> None:

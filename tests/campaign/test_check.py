@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from checksums import execute
 from contents import contents, everything
+from events import on_result
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
@@ -112,7 +113,7 @@ def test_nothing_is_found_in_a_sound_campaign_and_nothing_changed(folder: Path) 
         assert report.created_at == store.fact("created_at")
     assert seen == [(n, report.counts.told) for n in range(1, report.counts.told + 1)]
     assert report.trajectories == 80
-    assert report.outstanding == report.counts.asked - report.counts.told
+    assert report.outstanding == report.asked - report.counts.told
     for outcome in (Outcome.PASS, Outcome.FAIL, Outcome.INVALID, Outcome.DROPPED):
         assert report.counts.by_outcome[outcome] > 2
     assert report.size == len(before)
@@ -151,7 +152,9 @@ def test_a_campaign_is_sound_while_it_runs_when_it_was_broken_off_and_extended(
             raise Enough
 
     with pytest.raises(Enough):
-        make_campaign(tmp_path, Budget(failures=12), ordered=False).run(stop_after_20)
+        make_campaign(tmp_path, Budget(failures=12), ordered=False).run(
+            on_event=on_result(stop_after_20)
+        )
     assert check_campaign(tmp_path).findings == ()
     make_campaign(tmp_path, Budget(failures=16), ordered=False).resume()
     assert check_campaign(tmp_path).findings == ()
@@ -230,7 +233,7 @@ def test_results_in_a_log_that_was_not_copied_are_missed(tmp_path: Path) -> None
         if progress.tests == 5:  # a reader keeps SQLite from clearing its log away
             readers.append(CampaignStore.open(folder))
 
-    make_campaign(folder, Budget(simulations=12)).run(read_on)
+    make_campaign(folder, Budget(simulations=12)).run(on_event=on_result(read_on))
     assert (folder / f"{DATABASE}-wal").stat().st_size > 0
     for name in (DATABASE, "campaign.log"):
         shutil.copy(folder / name, copied)
@@ -307,7 +310,7 @@ def test_a_changed_row_is_found_and_is_one_line_for_every_reader(
 
 def test_damage_that_no_reader_meets(folder: Path) -> None:
     with CampaignStore.open(folder, readonly=False) as store:
-        last = store.counts().asked + 1
+        last = len(list(store.candidates())) + 1
         store.asked(replace(store.candidate(1), id=last))
     assert check_campaign(folder, quick=True).outstanding == 1
     execute(folder, "UPDATE test SET step = step + 1e-12 WHERE id = ?", last, renew=False)

@@ -21,6 +21,7 @@ from clusters import HERE, ONE_SEAT, Cluster, end, go_on, pause
 from contents import contents
 from distributed import Client
 from driving import await_attempts, await_free, drive_all, drive_one, events
+from events import on_result
 from faulty import (
     STALLED,
     Deed,
@@ -42,7 +43,7 @@ from faulty import (
 )
 from pids import LIMIT, is_running, until
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, RoadTester
+from frenetic.campaign import Budget, Campaign, CampaignStore, RoadTester, Summary
 from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import cluster as cluster_module
 from frenetic.campaign.workers.cluster import ClusterWorkers
@@ -504,7 +505,7 @@ def test_a_cluster_that_loses_its_scheduler(tmp_path: Path) -> None:
     try:
         cluster.start("--no-nanny", *ONE_SEAT)
 
-        def lose(progress: Progress) -> None:
+        def lose(progress: Summary) -> None:
             if progress.tests == 3:
                 end(cluster.scheduler)
 
@@ -512,7 +513,7 @@ def test_a_cluster_that_loses_its_scheduler(tmp_path: Path) -> None:
             folder, cluster.address, DummySimulator(), strategy=Straight(8, 9), simulations=20
         )
         with pytest.raises(CampaignError, match=f"the Dask scheduler {cluster.address} is lost"):
-            search.run(lose)
+            search.run(on_event=on_result(lose))
     finally:
         cluster.close()
         logging.getLogger("distributed.client").removeHandler(said)

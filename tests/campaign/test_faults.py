@@ -21,6 +21,7 @@ import killing
 import pytest
 from contents import contents
 from driving import events
+from events import on_result
 from faulty import Fault, FaultySimulator, Forking, Marks, bend, refuse_connection
 from pids import LIMIT, descendants, ending, is_running, until, until_gone
 from small_disk import Bounded
@@ -111,7 +112,7 @@ def test_a_second_process_is_refused(tmp_path: Path) -> None:
             assert killing.exit_code_of(killing.write_refusals, tmp_path / "c", said) == 0
             answers.extend(said.read_text(encoding="utf-8").splitlines())
 
-    summary = campaign(tmp_path / "c").run(try_elsewhere)
+    summary = campaign(tmp_path / "c").run(on_event=on_result(try_elsewhere))
     assert summary.simulations == 60
     run, resume = answers
     assert "already holds a campaign" in run
@@ -481,7 +482,7 @@ def test_a_second_ctrl_c_within_a_write_loses_nothing(
         if len(reported) == 20:
             Interrupted.left = statement
 
-    summary = campaign(tmp_path).run(report)
+    summary = campaign(tmp_path).run(on_event=on_result(report))
     assert Interrupted.left is None
     assert summary.interrupted
     with CampaignStore.open(tmp_path) as store:

@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from events import on_test
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
-from frenetic.campaign.log import LOG, CampaignLog, Event
+from frenetic.campaign.log import LOG, CampaignLog, LogEvent
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.road import Road
@@ -49,7 +50,7 @@ def lines(folder: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in text.splitlines()]
 
 
-def of(event: Event, folder: Path) -> list[dict[str, Any]]:
+def of(event: LogEvent, folder: Path) -> list[dict[str, Any]]:
     return [line for line in lines(folder) if line["event"] == event]
 
 
@@ -77,15 +78,15 @@ def test_a_campaign_tells_its_events(tmp_path: Path) -> None:
     assert start["strategy"]["class"].endswith(":RandomSearch")
     assert start["process_id"] == os.getpid()
     assert start["host"]
-    failed = {line["test"]: line["moobd"] for line in of(Event.TEST_FAILED, tmp_path)}
+    failed = {line["test"]: line["moobd"] for line in of(LogEvent.TEST_FAILED, tmp_path)}
     assert failed == stored(tmp_path, Outcome.FAIL)
-    broken = of(Event.TEST_ERROR, tmp_path)
+    broken = of(LogEvent.TEST_ERROR, tmp_path)
     assert {line["test"] for line in broken} == set(stored(tmp_path, Outcome.ERROR))
     for line in broken:
         assert line["level"] == "error"
         assert "too sharp for" in line["reason"]
         assert line["traceback"].startswith("Traceback (most recent call last)")
-    assert len(of(Event.TEST_RETRIED, tmp_path)) == len(broken)
+    assert len(of(LogEvent.TEST_RETRIED, tmp_path)) == len(broken)
     assert (progress["event"], progress["budget_spent"], progress["running"]) == ("progress", 1, 0)
     assert (progress["tests"], progress["min_moobd"]) == (summary.tests, summary.min_moobd)
     assert end["event"] == "finished"
@@ -96,14 +97,14 @@ def test_a_campaign_tells_its_events(tmp_path: Path) -> None:
 def test_progress_names_the_workers(tmp_path: Path) -> None:
     one = campaign(tmp_path)
     one.run(10)
-    first = of(Event.PROGRESS, tmp_path)[0]
+    first = of(LogEvent.PROGRESS, tmp_path)[0]
     (worker,) = first["workers"]
     assert (worker["name"], worker["state"], worker["tests"]) == ("this process", "idle", 0)
 
 
 def test_an_interrupted_campaign_and_its_resumption_are_told(tmp_path: Path) -> None:
     first = campaign(tmp_path)
-    first.run(on_test=lambda test: first.stop())
+    first.run(on_event=on_test(lambda test: first.stop()))
     campaign(tmp_path).resume()
     told = [line["event"] for line in lines(tmp_path)]
     kinds = ("started", "interrupted", "resumed", "finished")
@@ -134,7 +135,7 @@ def test_messages_of_the_library_become_lines_while_it_runs(tmp_path: Path) -> N
         except ValueError:
             logger.exception("it broke")
 
-    campaign(tmp_path, simulations=1).run(on_test=complain)
+    campaign(tmp_path, simulations=1).run(on_event=on_test(complain))
     logger.warning("too late")
     flat, broke = (line for line in lines(tmp_path) if line.get("logger") == logger.name)
     assert (flat["level"], flat["event"], flat["message"]) == (
@@ -149,8 +150,8 @@ def test_messages_of_the_library_become_lines_while_it_runs(tmp_path: Path) -> N
 def test_nothing_in_it_disturbs_a_terminal_or_a_reader_of_lines(tmp_path: Path) -> None:
     odd = "\x1b[2J\x07 \x7f\x9b \u2028\u202e \ud800 \n\r end"
     with CampaignLog(tmp_path) as log:
-        log.write(Event.LOG, odd, text=odd)
-        log.write(Event.LOG, "after")
+        log.write(LogEvent.LOG, odd, text=odd)
+        log.write(LogEvent.LOG, "after")
     first, after = lines(tmp_path)
     assert (first["message"], first["text"]) == (odd, odd)
     assert after["message"] == "after"
@@ -165,7 +166,9 @@ def test_two_campaigns_in_two_threads_do_not_mix(tmp_path: Path) -> None:
 
     def run(seed: int) -> None:
         # Their results alternate.
-        campaign(tmp_path / str(seed), seed=seed).run(on_test=lambda test: both.wait(60.0))
+        campaign(tmp_path / str(seed), seed=seed).run(
+            on_event=on_test(lambda test: both.wait(60.0))
+        )
 
     threads = [threading.Thread(target=run, args=(seed,)) for seed in (1, 2)]
     for thread in threads:
@@ -174,10 +177,10 @@ def test_two_campaigns_in_two_threads_do_not_mix(tmp_path: Path) -> None:
         thread.join()
     for seed in (1, 2):
         folder = tmp_path / str(seed)
-        assert [line["seed"] for line in of(Event.STARTED, folder)] == [seed]
-        failed = [line["test"] for line in of(Event.TEST_FAILED, folder)]
+        assert [line["seed"] for line in of(LogEvent.STARTED, folder)] == [seed]
+        failed = [line["test"] for line in of(LogEvent.TEST_FAILED, folder)]
         assert failed == list(stored(folder, Outcome.FAIL))
-        assert len(of(Event.FINISHED, folder)) == 1
+        assert len(of(LogEvent.FINISHED, folder)) == 1
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no forking here")
@@ -185,16 +188,16 @@ def test_a_forked_process_writes_nothing(tmp_path: Path) -> None:
     script = """
 import os, sys
 from pathlib import Path
-from frenetic.campaign.log import CampaignLog, Event
+from frenetic.campaign.log import CampaignLog, LogEvent
 
 with CampaignLog(Path(sys.argv[1])) as log:
-    log.write(Event.NOTICE, "before")
+    log.write(LogEvent.NOTICE, "before")
     child = os.fork()
     if not child:
-        log.write(Event.NOTICE, "child")
+        log.write(LogEvent.NOTICE, "child")
         sys.exit(0)
     os.waitpid(child, 0)
-    log.write(Event.NOTICE, "after")
+    log.write(LogEvent.NOTICE, "after")
 """
     subprocess.run([sys.executable, "-W", "ignore", "-c", script, str(tmp_path)], check=True)
     assert [line["message"] for line in lines(tmp_path)] == ["before", "after"]
@@ -210,13 +213,13 @@ def run_with(folder: Path, mishap: Callable[[], object]) -> Summary:
         if test.told == 10:
             mishap()
 
-    return campaign(folder).run(on_test=report)
+    return campaign(folder).run(on_event=on_test(report))
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="an open file cannot be removed")
 def test_a_log_that_somebody_removed_is_begun_anew(tmp_path: Path) -> None:
     summary = run_with(tmp_path, (tmp_path / LOG).unlink)
-    failed = {line["test"] for line in of(Event.TEST_FAILED, tmp_path)}
+    failed = {line["test"] for line in of(LogEvent.TEST_FAILED, tmp_path)}
     assert failed < set(stored(tmp_path, Outcome.FAIL))
     assert lines(tmp_path)[-1]["tests"] == summary.tests
 

@@ -15,9 +15,10 @@ from typing import Self
 import numpy as np
 import pytest
 from contents import contents
+from events import on_result
 from faulty import STALLED, Fault, FaultySimulator, Straight, Uneven, bend, kill, raise_error
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary
+from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
 from frenetic.campaign.log import CampaignLog, WorkerState
 from frenetic.campaign.loop import MAX_ERRORS_IN_A_ROW
 from frenetic.campaign.record import Attempt
@@ -288,11 +289,11 @@ def test_after_dropping_others_are_asked_at_once(tmp_path: Path) -> None:
     budget = Budget(simulations=9)
     fake = FakeWorkers(3, lambda ids: ids[:1])
 
-    def leave(progress: Progress) -> None:
+    def leave(progress: Summary) -> None:
         raise KeyboardInterrupt
 
     first = Selective(Litters(litter=9, failing=1))
-    assert campaign(tmp_path, first, budget, fake).run(leave).interrupted
+    assert campaign(tmp_path, first, budget, fake).run(on_event=on_result(leave)).interrupted
     assert first.notes == [("ask", 1), ("ask", 2), ("ask", 3), ("PASS", 1)]
     second, alone = Selective(Litters(litter=9, failing=1)), FakeWorkers(1)
     campaign(tmp_path, second, budget, alone).resume()
@@ -386,13 +387,13 @@ def test_in_order_the_campaign_does_not_depend_on_interruptions(
         )
         left = rng.choice([0, 1, 2, 3, 20, 60])
 
-        def stop(progress: Progress) -> None:
+        def stop(progress: Summary) -> None:
             nonlocal left
             left -= 1
             if left < 0:
                 raise KeyboardInterrupt
 
-        summary = (one.resume if attempt else one.run)(stop)
+        summary = (one.resume if attempt else one.run)(on_event=on_result(stop))
         if not summary.interrupted:
             break
     assert contents(tmp_path) == contents(one_by_one[budget])
@@ -465,12 +466,14 @@ def test_only_what_is_stored_is_reported(tmp_path: Path, ordered: bool) -> None:
     fake = FakeWorkers(5, lambda ids: ids)
     stored: list[int] = []
 
-    def report(progress: Progress) -> None:
+    def report(progress: Summary) -> None:
         with CampaignStore.open(tmp_path) as store:
             stored.append(store.counts().told)
         assert progress.tests == len(stored)
 
-    campaign(tmp_path, Straight(8), Budget(simulations=15), fake, ordered=ordered).run(report)
+    campaign(tmp_path, Straight(8), Budget(simulations=15), fake, ordered=ordered).run(
+        on_event=on_result(report)
+    )
     assert stored == [5] * 5 + [10] * 5 + [15] * 5
 
 
@@ -483,7 +486,7 @@ def test_what_came_before_a_strategy_broke_is_stored_and_reported(tmp_path: Path
     reported: list[int] = []
     with pytest.raises(CampaignError, match="the strategy raised KeyError: 'four'"):
         campaign(tmp_path, Breaking(8), Budget(simulations=9), FakeWorkers(5, lambda ids: ids)).run(
-            lambda progress: reported.append(progress.tests)
+            on_event=on_result(lambda summary: reported.append(summary.tests))
         )
     assert reported == [1, 2, 3]
     with CampaignStore.open(tmp_path) as store:
@@ -604,15 +607,15 @@ def test_a_road_that_kills_workers_is_an_error_and_the_rest_is_driven(tmp_path: 
 @pytest.mark.parametrize("ordered", [False, True])
 def test_an_interrupt_finishes_what_runs(tmp_path: Path, ordered: bool) -> None:
     fake = FakeWorkers(3)
-    seen: list[Progress] = []
+    seen: list[Summary] = []
 
-    def interrupt(progress: Progress) -> None:
+    def interrupt(progress: Summary) -> None:
         seen.append(progress)
         if len(seen) == 4:
             os.kill(os.getpid(), signal.SIGINT)
 
     one = campaign(tmp_path, Noted(Straight(8, 9)), Budget(simulations=50), fake, ordered=ordered)
-    summary = one.run(interrupt)
+    summary = one.run(on_event=on_result(interrupt))
     assert summary.interrupted
     assert not fake.running
     assert summary.simulations == len(fake.submitted) == len(seen)

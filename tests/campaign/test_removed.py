@@ -6,6 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from events import on_test
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, Planner, RandomSearch
 from frenetic.campaign.store import DATABASE
@@ -39,5 +40,5 @@ def test_a_removed_database_ends_the_campaign(
                 (folder / DATABASE).write_bytes(b"another file")
 
     with pytest.raises(CampaignError, match=r"was removed or replaced while it was written"):
-        campaign.run(on_test=remove)
+        campaign.run(on_event=on_test(remove))
     assert seen < 20

@@ -15,11 +15,12 @@ import killing
 import numpy as np
 import pytest
 from contents import contents
+from events import on_result
 from faulty import Marks
 from pids import until_gone
 from test_campaign import Scripted
 
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress
+from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
 from frenetic.campaign.campaign import LOOKAHEAD
 from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Planner
@@ -187,12 +188,12 @@ def test_there_has_to_be_a_campaign(tmp_path: Path) -> None:
 def test_killed_after_its_budget_was_extended_it_goes_on_to_that_budget(tmp_path: Path) -> None:
     campaign(tmp_path, simulations=40).run()
 
-    def end(progress: Progress) -> None:
+    def end(progress: Summary) -> None:
         if progress.simulations == 60:
             raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
-        campaign(tmp_path, simulations=70).resume(end)
+        campaign(tmp_path, simulations=70).resume(on_event=on_result(end))
     with CampaignStore.open(tmp_path) as store:
         assert "finished_at" not in store.facts
         assert store.facts["budget"] == {"simulations": 70, "time": None, "failures": None}

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 from contents import contents
+from events import on_result, on_test
 from test_campaign import BENT, LOOP, STRAIGHT, Scripted, fails_when_bent
 
 import frenetic.campaign.campaign as campaign_module
-from frenetic.campaign import Budget, Campaign, CampaignStore, Progress, Summary, Test
+from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test
 from frenetic.campaign.check import check_campaign
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Attempt
@@ -120,8 +121,8 @@ def test_only_stored_tests_are_reported_in_order_and_whole(tmp_path: Path) -> No
             assert store.stored() == test.told
         seen.append(test)
 
-    search.run(2, on_test=look)
-    search.run(2, on_test=look)
+    search.run(2, on_event=on_test(look))
+    search.run(2, on_event=on_test(look))
     assert [test.told for test in seen] == [1, 2, 3, 4, 5, 6]
     outcomes = [Outcome.PASS, Outcome.INVALID, Outcome.FAIL]
     assert [test.outcome for test in seen] == [*outcomes, *outcomes]
@@ -139,22 +140,21 @@ def test_a_callback_stops_a_campaign_which_goes_on_afterwards(
             search.stop()
 
     assert search.run(1).simulations == 1
-    end = search.run(on_test=until_it_fails)
+    end = search.run(on_event=on_test(until_it_fails))
     assert end.interrupted
     assert 1 <= end.failed < 15
     assert search.run().simulations == 30
     search.stop()  # not running: nothing happens
 
 
-@pytest.mark.parametrize("callback", ["on_test", "on_progress"])
-def test_an_error_in_a_callback_is_raised_and_loses_nothing(tmp_path: Path, callback: str) -> None:
+def test_an_error_in_a_callback_is_raised_and_loses_nothing(tmp_path: Path) -> None:
     search = campaign(tmp_path, Budget(simulations=4))
 
     def fail(_: object) -> None:
         raise KeyError("mine")
 
     with pytest.raises(KeyError, match="mine"):
-        search.run(**{callback: fail})  # type: ignore[arg-type]
+        search.run(on_event=on_result(fail))
     with CampaignStore.open(tmp_path) as store:
         assert store.stored() == 1
     assert search.run().simulations == 4
@@ -192,10 +192,10 @@ def test_what_was_stored_with_the_test_at_an_error_is_reported_by_the_next_run(
         raise KeyError("mine")
 
     with pytest.raises(KeyError):
-        search.run(on_test=fail)
+        search.run(on_event=on_test(fail))
     with CampaignStore.open(tmp_path) as store:
         assert store.stored() == 2
-    end = search.run(on_test=lambda test: seen.append(test.told))
+    end = search.run(on_event=on_test(lambda test: seen.append(test.told)))
     assert end.simulations == 4
     assert seen == list(range(1, end.tests + 1))
 
@@ -232,8 +232,8 @@ def test_calls_that_make_no_sense(tmp_path: Path) -> None:
 
 
 def test_progress_may_still_come_first(tmp_path: Path) -> None:
-    seen: list[Progress] = []
-    campaign(tmp_path, Budget(simulations=2)).run(seen.append)
+    seen: list[Summary] = []
+    campaign(tmp_path, Budget(simulations=2)).run(on_event=on_result(seen.append))
     assert [one.simulations for one in seen] == [1, 1, 2]
 
 

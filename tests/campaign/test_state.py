@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from events import on_test
 from paced import campaign, paced
 
 from frenetic.campaign import CampaignStore
 from frenetic.campaign.lock import lock_file
-from frenetic.campaign.log import LOG, CampaignLog, Event, WorkerState
-from frenetic.campaign.progress import Progress
+from frenetic.campaign.log import LOG, CampaignLog, LogEvent, WorkerState
 from frenetic.campaign.state import KEPT, CampaignState, Follower, Status
 from frenetic.campaign.store import DATABASE, LOCK
+from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
 from frenetic.road import Road
 
@@ -52,8 +53,8 @@ def test_a_finished_campaign(tmp_path: Path) -> None:
     state = look(tmp_path)
     assert state.status is Status.FINISHED
     assert (state.rate, state.running, state.workers, state.seconds_left) == (None, 0, (), None)
-    assert state.progress.counts_json() == summary.counts_json()
-    assert state.progress.budget_spent == 1.0
+    assert state.summary.counts_json() == summary.counts_json()
+    assert state.summary.budget_spent == 1.0
     assert summary.failed > KEPT
     assert len(state.failures) == KEPT
     assert state.failures[-1].message.startswith("test ")
@@ -73,7 +74,7 @@ def test_a_running_campaign_is_seen_result_by_result(tmp_path: Path) -> None:
         follower = Follower(tmp_path)
         for told in range(1, 6):
             state = follower.look()
-            assert (state.status, state.progress.told) == (Status.RUNNING, told)
+            assert (state.status, state.summary.told) == (Status.RUNNING, told)
             assert state.start.process_id == process.id
             assert [worker.name for worker in state.workers] == ["this process"]
             process.go_on()
@@ -88,18 +89,18 @@ def test_a_killed_campaign_is_known_at_once_until_it_is_resumed(tmp_path: Path) 
         assert follower.look().status is Status.RUNNING
         process.kill()
         state = follower.look()
-    assert (state.status, state.progress.told, state.workers) == (Status.KILLED, 2, ())
+    assert (state.status, state.summary.told, state.workers) == (Status.KILLED, 2, ())
     (tmp_path / LOG).unlink()
     assert look(tmp_path).status is Status.KILLED
     seen = []
-    campaign(tmp_path).resume(on_test=lambda test: seen.append(follower.look().status))
+    campaign(tmp_path).resume(on_event=on_test(lambda test: seen.append(follower.look().status)))
     assert set(seen) == {Status.RUNNING}
     assert follower.look().status is Status.FINISHED
 
 
 def test_an_interrupted_campaign(tmp_path: Path) -> None:
     one = campaign(tmp_path)
-    one.run(on_test=lambda test: one.stop())
+    one.run(on_event=on_test(lambda test: one.stop()))
     assert look(tmp_path).status is Status.INTERRUPTED
     (tmp_path / LOG).unlink()
     assert look(tmp_path).status is Status.INTERRUPTED
@@ -124,14 +125,14 @@ def test_a_campaign_that_gave_up(tmp_path: Path) -> None:
 
 
 def test_of_another_machine_only_the_log_is_read(finished: Path) -> None:
-    progress = look(finished).progress
+    progress = look(finished).summary
     (finished / DATABASE).write_bytes(b"an open database that another machine writes")
     move_to("elsewhere", finished)
     state = look(finished)
-    assert (state.status, state.progress.failed) == (Status.FINISHED, progress.failed)
+    assert (state.status, state.summary.failed) == (Status.FINISHED, progress.failed)
     move_to("elsewhere", finished, without_end=True)
     state = look(finished)
-    assert (state.status, state.progress.failed) == (Status.UNKNOWN, progress.failed)
+    assert (state.status, state.summary.failed) == (Status.UNKNOWN, progress.failed)
     assert state.last_time
     with lock_file(finished / LOCK):  # which can be seen through some shares
         assert look(finished).status is Status.RUNNING
@@ -145,7 +146,7 @@ def test_without_a_log_the_database_tells_the_counts(finished: Path) -> None:
     (finished / LOG).unlink()
     state = look(finished)
     assert (state.status, state.start.host, state.failures) == (Status.FINISHED, None, ())
-    assert state.progress.counts_json() == with_log.progress.counts_json()
+    assert state.summary.counts_json() == with_log.summary.counts_json()
 
 
 def test_the_rate_is_that_of_the_last_minute_of_a_process(finished: Path) -> None:
@@ -153,14 +154,14 @@ def test_the_rate_is_that_of_the_last_minute_of_a_process(finished: Path) -> Non
         for second in seconds:
             count = 1000 + tests_per_second * (second - seconds.start)
             log.progress(
-                Progress(passed=count, seconds=float(second)),
+                Summary(passed=count, seconds=float(second)),
                 workers={"w": WorkerState("w", "driving", 7, 2.5)},
                 running=1,
             )
 
     follower = Follower(finished)
     with lock_file(finished / LOCK), CampaignLog(finished) as log:
-        log.write(Event.RESUMED, "resumed")
+        log.write(LogEvent.RESUMED, "resumed")
         assert follower.look().rate is None
         steps(range(0, 300, 5), 1)
         assert follower.look().rate == pytest.approx(1.0)
@@ -168,7 +169,7 @@ def test_the_rate_is_that_of_the_last_minute_of_a_process(finished: Path) -> Non
         state = follower.look()
         assert state.rate == pytest.approx(7.0)
         assert (state.running, state.workers) == (1, (WorkerState("w", "driving", 7, 2.5),))
-        log.write(Event.RESUMED, "resumed")
+        log.write(LogEvent.RESUMED, "resumed")
         assert follower.look().rate is None
 
 
@@ -187,7 +188,7 @@ def test_another_log_in_its_place_is_read_from_its_start(finished: Path) -> None
     follower.look()
     (finished / LOG).rename(finished / "old.log")
     with CampaignLog(finished) as log:
-        log.write(Event.NOTICE, "a new log", level="warning")
+        log.write(LogEvent.NOTICE, "a new log", level="warning")
     assert [line.message for line in follower.look().messages] == ["a new log"]
 
 
@@ -213,10 +214,10 @@ def test_lines_that_cannot_be_read_are_skipped(finished: Path, line: str | bytes
     before = look(finished)
     append(finished, line, "\n")
     with CampaignLog(finished) as log:
-        log.write(Event.NOTICE, "after it", level="warning")
+        log.write(LogEvent.NOTICE, "after it", level="warning")
     state = look(finished)
     assert [line.message for line in state.messages] == ["after it"]
-    assert (state.start, state.progress) == (before.start, before.progress)
+    assert (state.start, state.summary) == (before.start, before.summary)
 
 
 @pytest.mark.parametrize(

@@ -163,10 +163,10 @@ def test_two_versions_of_one_file_are_told_apart(
     driven = "--old-driver", "kept/v1.py:Mine", "--driver", "v1/v1.py:Mine", *FEW
     first = frenetic("back-to-back", old, *driven, "--json")
     assert "another version than the campaign's" not in first.err, "that is what was asked for"
-    assert first.json["sets"][0]["changes"]["fixed"] == 0
+    assert first.json["sets"][0]["changes"]["passes now"] == 0
     rewrite(Path("v1/gains.py"), "AGGRESSION = 0.7\n", seconds_later=2)
     second = frenetic("back-to-back", old, *driven, "--json")
-    assert second.json["sets"][0]["changes"]["fixed"] > 0, "an edited neighbour drives anew"
+    assert second.json["sets"][0]["changes"]["passes now"] > 0, "an edited neighbour drives anew"
     rewrite(Path("v1/gains.py"), f"AGGRESSION = {OLD}\n", seconds_later=4)
     edited.write_text(Path("kept/v1.py").read_text())
     assert frenetic("back-to-back", old, *driven).refuses("both versions are the same")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.profile import Profile
+from frenetic.twin.profile import Profile
 
 if TYPE_CHECKING:
     from command_line import Frenetic

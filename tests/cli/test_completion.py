@@ -24,7 +24,7 @@ def values(*words: str) -> list[str]:
 
 
 def test_commands_and_options_are_completed() -> None:
-    assert values("re") == ["regression", "report", "resume"]
+    assert values("re") == ["report", "rerun", "resume"]
     assert "--fail-on-failure" in values("run", "--fail")
     for name in COMMANDS.keys() - {"ask-tell"}:
         assert "--json" in values(name, "--js"), name
@@ -45,7 +45,7 @@ def test_names_of_parts_are_completed() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["show", "resume", "report", "check", "export", "robustness", "regression", "compare"],
+    ["show", "resume", "report", "check", "export", "rerun", "compare"],
 )
 def test_folders_of_campaigns_are_completed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str

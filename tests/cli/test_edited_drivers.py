@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from frenetic.again.versions import as_recorded
 from frenetic.campaign import CampaignStore, RoadTester
-from frenetic.redrive.back_to_back import as_recorded
 from frenetic.registry import own_modules
 from frenetic.spec import Spec
 from frenetic.versions import short_version
@@ -159,9 +159,7 @@ def test_an_edited_driver_is_compared_with_its_old_self(anew: Frenetic, folder: 
 @pytest.mark.parametrize(
     "again",
     [
-        ("robustness", "--times", "2", "--top", "1"),
-        ("regression",),
-        ("confirm", "--simulator-option", "friction=0.9", "--top", "1"),
+        ("rerun",),
         ("minimise", "--max-drives", "5"),
     ],
 )

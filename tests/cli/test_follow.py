@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import pytest
+from events import on_test
 from paced import campaign, paced
 from rich.console import Console
 
@@ -86,7 +87,7 @@ def test_an_interrupted_campaign_is_no_success(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     one = campaign(tmp_path)
-    one.run(on_test=lambda test: one.stop())
+    one.run(on_event=on_test(lambda test: one.stop()))
     code, out, err = call(capsys, str(tmp_path))
     assert (code, err) == (1, "")
     assert "status     interrupted\n" in out
@@ -140,7 +141,7 @@ def test_news_is_printed_once(
     assert code == 1
     news = [line.split()[-1] for line in out.splitlines() if "warning:" in line]
     assert news == ["one", "two"]
-    assert sum(line.startswith(f"{now.progress.in_words()}, best") for line in out.split("\n")) == 3
+    assert sum(line.startswith(f"{now.summary.in_words()}, best") for line in out.split("\n")) == 3
     assert "status     gave up\n" in out
 
 

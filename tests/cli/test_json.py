@@ -27,9 +27,7 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
     "report": ("c",),
     "check": ("c",),
     "export": ("c", "--format", "csv"),
-    "robustness": ("c", "--top", "1", "--times", "2"),
-    "confirm": ("c", "--top", "1", "--simulator-option", "friction=0.9"),
-    "regression": ("c",),
+    "rerun": ("c", "--top", "1", "--times", "2"),
     "back-to-back": ("c", "--driver-option", "aggression=0.5", "--fresh", "20", "--top", "1"),
     "minimise": ("c", "--max-drives", "5"),
     "calibrate": (
@@ -66,7 +64,6 @@ MISTAKES: Final[dict[str, tuple[str, ...]]] = {
     "back-to-back": ("nowhere", "--driver", "planner"),
     "export": ("nowhere", "--format", "csv"),
     "export-road": ("nowhere", "--format", "csv"),
-    "confirm": ("nowhere", "--simulator", "embedded"),
     "doctor": ("--simulator", "nowhere"),
     "rank-service": ("--port", "no"),
     "validate": ("road.json", "--map-size", "1"),

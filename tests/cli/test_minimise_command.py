@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from frenetic.again.minimise import Minimised, minimise_test
 from frenetic.analysis.failures import representative_failures
-from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event
 from frenetic.outcome import Outcome
-from frenetic.redrive.minimise import Minimised, minimise_test
 from frenetic.road import Road, check_validity
 from frenetic.search import RandomSearch
 from frenetic.testing import DummyDriver, DummySimulator
@@ -164,34 +164,17 @@ def test_a_failure_that_is_not_the_recorded_one_is_said_to_be_another(
     assert document["minimised"]["match"] == item["match"]
 
 
-def test_a_shorter_road_that_is_there_stays(frenetic: Frenetic, campaign: None) -> None:
+def test_the_same_command_shows_what_is_there_and_another_guard_drives_anew(
+    frenetic: Frenetic, campaign: None
+) -> None:
     (best,) = frenetic("minimise", "c", "--json").json
-    assert best["written"]
-    written = Path(best["road"]).read_bytes()
     number = str(best["test"])
-    (worse,) = frenetic("minimise", "c", number, "--max-drives", "1", "--json").json
-    assert worse["length"] > best["length"]
-    assert not worse["written"]
-    answer = frenetic("minimise", "c", number, "--max-drives", "1")
-    assert f"The road of {best['length']:.0f} m that an earlier call found stays in" in answer.out
-    assert (
-        "an earlier call found stay"
-        in frenetic("minimise", "c", "--top", "2", "--max-drives", "1").out
-    )
-    assert Path(best["road"]).read_bytes() == written
-    # A stronger guard asks for more than the road that is there keeps.
-    frenetic("minimise", "c", number, "--guard", "0.04")
-    assert Path(best["road"]).read_bytes() != written
-
-
-def test_a_damaged_road_that_is_there_is_replaced(frenetic: Frenetic, campaign: None) -> None:
-    (item,) = frenetic("minimise", "c", "--json").json
-    document = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
-    del document["minimised"]["difference"]  # so that it may be another failure
-    for text in ("no road", "[]", '{"step": 10, "curvatures": [0, 0]}', json.dumps(document)):
-        Path(item["road"]).write_text(text)
-        (again,) = frenetic("minimise", "c", "--max-drives", "1", "--json").json
-        assert again["written"]
+    for drives in ("500", "1"):  # it is there already
+        assert frenetic("minimise", "c", number, "--max-drives", drives, "--json").json == [best]
+    assert len(list(Path("c/again").iterdir())) == 1
+    (other,) = frenetic("minimise", "c", number, "--guard", "0.04", "--json").json
+    assert other["curvatures"] != best["curvatures"]
+    assert len(list(Path("c/again").iterdir())) == 2
 
 
 # Of a road file
@@ -263,11 +246,15 @@ def test_ctrl_c_keeps_the_smallest_road(frenetic: Frenetic) -> None:
 def test_ctrl_c_says_which_failures_are_not_begun(
     frenetic: Frenetic, campaign: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def pressing(*arguments: Any, **options: Any) -> Minimised:
-        os.kill(os.getpid(), signal.SIGINT)
-        return minimise_test(*arguments, **options)
+    def pressing(*arguments: Any, on_event: Callable[[Event], None], **options: Any) -> Minimised:
+        def on_result(event: Event) -> None:
+            on_event(event)
+            if event.kind == "result":
+                os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr("frenetic.redrive.minimise.minimise_test", pressing)
+        return minimise_test(*arguments, on_event=on_result, **options)
+
+    monkeypatch.setattr("frenetic.again.minimise.minimise_test", pressing)
     with CampaignStore.open(Path("c")) as store:
         *_, last = representative_failures(store, 2)
     answer = frenetic("minimise", "c", "--top", "2")

@@ -11,10 +11,10 @@ import pytest
 
 from frenetic.errors import RoadError
 from frenetic.outcome import Outcome
-from frenetic.profile import Profile, Terms
 from frenetic.ranking import Prospect, find_roads, rank
 from frenetic.road import Road
 from frenetic.road.opendrive import to_opendrive
+from frenetic.twin.profile import Profile, Terms
 
 if TYPE_CHECKING:
     from command_line import Frenetic

@@ -16,11 +16,11 @@ import frenetic.ranking.service
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.profile import Profile, Terms
 from frenetic.ranking import Prospect, Twin
 from frenetic.ranking.service import CompetitionTool, serving
 from frenetic.road import Road
 from frenetic.spec import Part, Spec
+from frenetic.twin.profile import Profile, Terms
 
 if TYPE_CHECKING:
     from command_line import Frenetic

@@ -17,6 +17,8 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
 
+from frenetic.again.conditions import Variation
+from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
@@ -29,9 +31,6 @@ from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import assess
 from frenetic.outcome import Outcome
-from frenetic.redrive.conditions import Variation
-from frenetic.redrive.confirm import confirm
-from frenetic.redrive.robustness import rerun
 from frenetic.report.html import (
     Chart,
     Fact,
@@ -429,7 +428,7 @@ def test_the_telling_rerun_of_a_failure_is_shown(searched: Path, tmp_path: Path)
     slow, grip = [Variation("speed", 30.0, 30.0)], [Variation("friction", 1.0, 1.0)]
     for aggression, variations in ((1.0, slow), (0.9, grip), (1.0, ())):
         driver = Planner(aggression=aggression)
-        rerun(folder, EmbeddedSimulator(), driver, test_ids=[first], times=5, variations=variations)
+        rerun(folder, EmbeddedSimulator(), driver, tests=[first], times=5, vary=variations)
     (repeats,) = block_of(page_of(write_report(folder)).data, "gallery")["repeats"]
     assert (repeats["test"], repeats["stability"], repeats["share"]) == (first, "fragile", 0.0)
     assert "speed 30 km/h" in repeats["text"]
@@ -453,7 +452,7 @@ def test_minimised_roads_are_shown(searched: Path, tmp_path: Path) -> None:
 
 def test_damaged_reruns_are_mentioned_and_do_no_harm(searched: Path, tmp_path: Path) -> None:
     folder, failures = copied(searched, tmp_path / "c")
-    rerun(folder, EmbeddedSimulator(), Planner(), test_ids=failures, times=1)
+    rerun(folder, EmbeddedSimulator(), Planner(), tests=failures, times=2)
     spoil(folder)
     warning = block_of(page_of(write_report(folder)).data, "headline")["warning"]
     assert "is damaged" in warning
@@ -468,29 +467,27 @@ def spoil(folder: Path) -> None:
 
 def test_failures_in_other_simulators_are_shown(searched: Path, tmp_path: Path) -> None:
     folder, failures = copied(searched, tmp_path / "c")
-    assert "confirmed" not in [section["id"] for section in sections_of(folder)]
-    there = confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
-    (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
+    assert "elsewhere" not in [section["id"] for section in sections_of(folder)]
+    there = rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
+    (section,) = [one for one in sections_of(folder) if one["id"] == "elsewhere"]
     text, table, pictures = section["blocks"]
-    told = "Planner in EmbeddedSimulator, friction 0.8: 3 failing otherwise (3 elsewhere)."
+    told = "Planner in EmbeddedSimulator, friction 0.8: 3 fail again (3 elsewhere)."
     assert text["text"].startswith(told)
     assert [row[0] for row in table["rows"]] == [str(number) for number in failures]
     assert table["links"] == [f"#test-{number}" for number in failures]
-    assert pictures["kind"] == "confirmed"
+    assert pictures["kind"] == "elsewhere"
     assert (pictures["here"], pictures["there"]) == (
         "EmbeddedSimulator",
         "EmbeddedSimulator, friction 0.8",
     )
     for one, shown in zip(there.tests, pictures["drives"], strict=True):
-        assert (shown["test"], shown["agreement"]) == (one.test_id, one.verdict)
-        assert one.test.trajectory is not None
+        assert (shown["test"], shown["agreement"]) == (one.id, one.verdict)
+        trajectory = one.drives[0].test.trajectory
+        assert trajectory is not None
         x = 0.01 * np.cumsum(np.cumsum(shown["columns"][1]))
-        assert x[0] == pytest.approx(one.test.trajectory.x[0], abs=0.006)
+        assert x[0] == pytest.approx(trajectory.x[0], abs=0.006)
     data = page_of(folder / "report.html").data
     assert set(failures) <= {drive["id"] for drive in data["drives"]}
-    spoil(folder)
-    (section,) = [one for one in sections_of(folder) if one["id"] == "confirmed"]
-    assert "damaged" in section["blocks"][0]["text"]
 
 
 def sections_of(folder: Path) -> list[dict[str, Any]]:

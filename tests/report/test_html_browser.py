@@ -19,13 +19,13 @@ from html_browser import background, low_contrast
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
 from playwright.sync_api import Browser, Page, expect
 
+from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import Clusters, distinct_failures
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.cli import cli
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.outcome import Outcome
-from frenetic.redrive.confirm import confirm
 from frenetic.report import animate
 from frenetic.report.failures import road_document
 from frenetic.report.html import (
@@ -358,7 +358,9 @@ def test_failures_are_chosen_by_robustness(
 ) -> None:
     folder = shutil.copytree(searched, tmp_path / "again")
     arguments = ["--driver", "planner", "--simulator", "embedded", "--top", "2"]
-    assert CliRunner().invoke(cli, ["robustness", str(folder), *arguments]).exit_code == 0
+    assert (
+        CliRunner().invoke(cli, ["rerun", str(folder), "--times", "20", *arguments]).exit_code == 0
+    )
     page = show(write_report(folder))
     everything = heads(page)
     page.select_option("#gallery-robust", "robust")
@@ -464,7 +466,7 @@ def test_all_text_can_be_read(
     folder = shutil.copytree(searched, tmp_path / "again")
     with CampaignStore.open(folder) as store:
         failures = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd", limit=2)]
-    confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
+    rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
     page = show(write_report(folder), color_scheme=theme)
     # What is folded, what is hovered over, and each shade of the map with a number in it.
     page.evaluate(
@@ -499,7 +501,7 @@ def test_all_text_can_be_read(
     page.evaluate("location.hash = '#test-99999'")
     expect(page.locator("#notice")).to_be_visible()
     assert low_contrast(page) == []
-    page.locator("#confirmed .card").first.click()
+    page.locator("#elsewhere .card").first.click()
     expect(page.get_by_role("dialog")).to_be_visible()
     assert low_contrast(page) == []
 
@@ -712,9 +714,9 @@ def test_a_failure_in_another_simulator_is_replayed_beside_the_campaigns(
     folder = make_searched(tmp_path / "searched")
     with CampaignStore.open(folder) as store:
         failures = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd", limit=2)]
-    there = confirm(folder, EmbeddedSimulator(friction=0.8), Planner(), test_ids=failures)
+    there = rerun(folder, EmbeddedSimulator(friction=0.8), Planner(), tests=failures)
     page = show(write_report(folder), viewport={"width": 390, "height": 844}, color_scheme="dark")
-    section = page.locator("#confirmed")
+    section = page.locator("#elsewhere")
     assert section.locator("img").count() == 0  # a picture on white paper would glare
     cards = section.locator(".card")
     expect(cards).to_have_count(2)

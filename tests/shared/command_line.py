@@ -45,8 +45,8 @@ DRAWINGS = (
     "frenetic.report.calibration.draw_calibration",
     "frenetic.report.picture.draw_drive",
     "frenetic.report.picture.draw_gallery",
-    "frenetic.report.confirmation.draw_pair",
-    "frenetic.report.confirmation.draw_pairs",
+    "frenetic.report.elsewhere.draw_pair",
+    "frenetic.report.elsewhere.draw_pairs",
 )
 """What draws pictures into files."""
 

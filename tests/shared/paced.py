@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from events import on_test
+
 from frenetic.campaign import Budget, Campaign
 from frenetic.road import Road
 from frenetic.search import RandomSearch
@@ -79,4 +81,4 @@ def wait_for_word(test: object) -> None:
 
 
 if __name__ == "__main__":
-    campaign(Path(sys.argv[1]), int(sys.argv[2])).run(on_test=wait_for_word)
+    campaign(Path(sys.argv[1]), int(sys.argv[2])).run(on_event=on_test(wait_for_word))

@@ -1,4 +1,4 @@
-"""BeamNG.tech on the command line: its options, a campaign, replay, confirm and doctor."""
+"""BeamNG.tech on the command line: its options, a campaign, reruns and doctor."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from typing import Any
 import pytest
 from beamng_stand_in import DROP, StandIn, program
 
+from frenetic.again.rerun import read_reruns
 from frenetic.campaign import CampaignStore
 from frenetic.cli import main
 from frenetic.outcome import Outcome
-from frenetic.redrive.confirm import read_confirmations
-from frenetic.redrive.record import Agreement
 
 pytestmark = pytest.mark.usefixtures("new_process_server")
 
@@ -177,9 +176,7 @@ def test_its_options_are_for_no_other_simulator(
     ]
 
 
-@pytest.mark.parametrize(
-    "command", ["run", "resume", "drive", "minimise", "regression", "robustness", "confirm"]
-)
+@pytest.mark.parametrize("command", ["run", "resume", "drive", "minimise", "rerun"])
 def test_help_shows_its_options_as_a_group(frenetic: Frenetic, command: str) -> None:
     code, out, _ = frenetic(command, "--help")
     assert code == 0
@@ -221,36 +218,34 @@ def test_drive_draws_what_happened(frenetic: Frenetic, stand_in: StandIn) -> Non
     assert Path("drive.png").read_bytes()[:4] == b"\x89PNG"
 
 
-def test_failures_of_the_embedded_simulator_are_confirmed(
+def test_failures_of_the_embedded_simulator_fail_again(
     frenetic: Frenetic, stand_in: StandIn
 ) -> None:
     search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--delay", "0.05")
     assert frenetic(*search, "--out", "c")[0] == 0
-    code, out, err = frenetic("confirm", "c", *beamng(stand_in), "--top", "3", "--json")
+    code, out, err = frenetic("rerun", "c", *beamng(stand_in), "--top", "3", "--json")
     assert code == 0, err
     document = json.loads(out)
     assert len(document["tests"]) == 3
     assert document["simulator"]["class"].endswith(":BeamngSimulator")
-    (confirmation,) = read_confirmations(Path("c"))
-    assert confirmation.count(Agreement.CONFIRMED) == document["confirmed"]
-    assert confirmation.count(Agreement.NOT_JUDGED) == 0
-    assert confirmation.car.length == 4.508
+    (kept,) = read_reruns(Path("c"))
+    assert kept.car.length == 4.508
     # The stand-in moves the car by the same physics, so the drives are much the same.
-    assert document["confirmed"] == 3
-    assert all(one.test.trajectory is not None for one in confirmation.tests)
+    assert document["matches"]["same failure"] == document["changes"]["fails again"] == 3
+    assert all(one.test.trajectory is not None for one in kept.drives)
 
 
-def test_replay_in_beamng(frenetic: Frenetic, stand_in: StandIn) -> None:
+def test_driving_again_in_beamng(frenetic: Frenetic, stand_in: StandIn) -> None:
     search = ("run", "--failures", "2", "--seed", "3", "--driver", "beamng-ai", "--out", "c")
     assert frenetic(*search, *beamng(stand_in), "--aggression", "0.9")[0] == 0
     with CampaignStore.open(Path("c")) as store:
         failures = store.counts().by_outcome[Outcome.FAIL]
-    code, out, _ = frenetic("regression", "c", "--json")
+    code, out, _ = frenetic("rerun", "c", "--json")
     document = json.loads(out)
-    assert code == 1
+    assert code == 0
     assert document["same"] == failures == 2
     with StandIn() as other:
-        code, out, _ = frenetic("regression", "c", "--beamng-port", str(other.port), "--json")
+        code, out, _ = frenetic("rerun", "c", "--beamng-port", str(other.port), "--json")
         assert json.loads(out)["same"] == 2
 
 

@@ -29,7 +29,6 @@ from frenetic.analysis.features import FEATURES, Feature, features_of
 from frenetic.analysis.segments import Segment, segments_of
 from frenetic.analysis.sparseness import competition_sparseness, diversity
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.progress import Tally
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.outcome import Outcome
@@ -517,12 +516,12 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
         found = [0]
         found_at: dict[int, int] = {}  # id of a failure -> simulations up to and with it
         seconds_to_failure = math.inf
-        tally = Tally()
+        counts = Counts()
         drawn = 0
         failed_by_chance = []
         for record in store.tests():
             outcome = record.outcome
-            tally.count(record.candidate, outcome, record.moobd)
+            counts.add(record.candidate, outcome, record.moobd)
             if outcome.is_simulated:
                 found.append(found[-1] + (outcome is Outcome.FAIL))
                 if record.candidate.origin.operator == RANDOM:
@@ -535,7 +534,6 @@ def measure_campaign(folder: Path | str) -> CampaignMeasures:
                         seconds_to_failure = record.elapsed
         failures = _read_failures(store, found_at)
         facts, seed = store.facts, store.config.get("seed")
-    counts = tally.counts()
     unused = _unused(facts, counts.simulations)
     clusters = cluster_failures(failure.compared for failure in failures)
     expected_failures = expected_distinct = None

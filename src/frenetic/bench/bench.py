@@ -26,7 +26,7 @@ from frenetic.bench.strategy import End
 from frenetic.campaign import campaign
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.objective import MOOBD
-from frenetic.campaign.progress import Progress
+from frenetic.campaign.summary import Summary
 from frenetic.errors import FreneticError
 from frenetic.export.campaigns import Which
 from frenetic.registry import STRATEGIES
@@ -223,12 +223,12 @@ class Bench:
         states = self.states()
         to_do = [state.run for state in states if state.ending is None]
         done = len(states) - len(to_do)
-        progress: dict[Path, Progress] = {}
+        progress: dict[Path, Summary] = {}
         ends: dict[Path, RunState] = {}
         events = run_all(to_do, self.terms, workers=workers, on_interrupt=on_interrupt)
         with closing(events):
             for run, event in events:
-                if isinstance(event, Progress):
+                if isinstance(event, Summary):
                     progress[run.folder] = event
                 else:
                     ends[run.folder] = event

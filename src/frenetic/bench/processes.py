@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.child_processes import process_context, stand_alone
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.runs import Run, RunState, Terms, run_entrant
-from frenetic.campaign.progress import Progress
+from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.registry import load_user_file, user_files
 
@@ -34,7 +34,7 @@ def run_all(
     *,
     workers: int,
     on_interrupt: Callable[[], None] | None = None,
-) -> Generator[tuple[Run, Progress | RunState]]:
+) -> Generator[tuple[Run, Summary | RunState]]:
     """Runs all, several at once; gives the messages of each, at last its state.
 
     After the first Ctrl-C no run begins and running ones are finished; the second ends them at
@@ -82,10 +82,10 @@ def run_all(
                 connection.close()
 
 
-def _message(connection: Connection, run: Run, process: BaseProcess) -> Progress | RunState:
+def _message(connection: Connection, run: Run, process: BaseProcess) -> Summary | RunState:
     """The next message of a run."""
     try:
-        message: Progress | RunState = connection.recv()
+        message: Summary | RunState = connection.recv()
     except Exception:  # its end without a word
         process.join()
         return RunState(run, None, f"its process ended with exit code {process.exitcode}")
@@ -97,7 +97,7 @@ def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, ru
     stand_alone()
     said = 0.0
 
-    def say(progress: Progress) -> None:
+    def say(progress: Summary) -> None:
         nonlocal said
         now = time.monotonic()
         if now - said >= _REPORT:

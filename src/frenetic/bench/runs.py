@@ -29,8 +29,8 @@ from frenetic.bench.strategy import (
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.loop import ask, tell
 from frenetic.campaign.objective import MOOBD, Objective
-from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver
 from frenetic.errors import FreneticError, StrategyError
@@ -58,7 +58,7 @@ _NEVER_COPIED: Final = (".git", "__pycache__")
 FACT: Final = "bench"
 """Name of the campaign's fact with the end of its run in a bench."""
 
-OnProgress = Callable[[Progress], None]
+OnProgress = Callable[[Summary], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -424,8 +424,13 @@ def _campaign(
 
 def _search(campaign: Campaign, on_progress: OnProgress | None) -> Ending | None:
     """Runs a campaign; returns its end, None if its budget was spent."""
+
+    def say(event: Event) -> None:
+        if on_progress is not None and event.kind == "result":
+            on_progress(event.summary)
+
     try:
-        summary = campaign.run(on_progress)
+        summary = campaign.run(on_event=say)
     except StrategyError as error:
         _finish(campaign, str(error))
         return Ending(End.GAVE_UP, str(error))
@@ -444,16 +449,16 @@ class _Clocked(Strategy):
     def __init__(self, strategy: Strategy, clock: VirtualTime) -> None:
         self._strategy = strategy
         self._clock = clock
-        self._tally = Tally()
+        self._summary = Summary()
 
     def ask(self) -> Candidate | None:
         if self._clock.is_over:
             raise SearchEnded("its own time has used up the budget")
-        candidate = ask(self._strategy, self._tally)
-        self._clock.computing = self._tally.strategy_seconds
+        candidate = ask(self._strategy, self._summary)
+        self._clock.computing = self._summary.strategy_seconds
         return candidate
 
     def tell(self, evaluation: Evaluation) -> None:
-        tell(self._strategy, evaluation, self._tally)
+        tell(self._strategy, evaluation, self._summary)
         self._clock.executed += evaluation.outcome.is_simulated
-        self._clock.computing = self._tally.strategy_seconds
+        self._clock.computing = self._summary.strategy_seconds

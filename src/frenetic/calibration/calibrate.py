@@ -40,8 +40,8 @@ from frenetic.calibration.validation import (
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
-from frenetic.profile import Figures, Fit, Fitted, Link, Profile, Recording, Terms, Validation
 from frenetic.spec import describe
+from frenetic.twin.profile import Figures, Fit, Fitted, Link, Profile, Recording, Terms, Validation
 
 FOLDS: Final = 5
 SAMPLE: Final = 300

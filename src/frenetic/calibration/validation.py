@@ -20,8 +20,8 @@ from frenetic.calibration.driving import (
 )
 from frenetic.calibration.loss import with_ties
 from frenetic.calibration.recordings import RecordedDrive
-from frenetic.profile import Figures
 from frenetic.road import Road
+from frenetic.twin.profile import Figures
 
 NEAR: Final = 20.0
 """Distance between two places of departure that count as the same, in m."""

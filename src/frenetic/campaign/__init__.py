@@ -2,9 +2,9 @@
 
 from frenetic.campaign.campaign import LOOKAHEAD, Campaign, new_folder
 from frenetic.campaign.objective import evaluate
-from frenetic.campaign.progress import Progress, Summary
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.spec import Budget
 
@@ -13,7 +13,7 @@ __all__ = [
     "Budget",
     "Campaign",
     "CampaignStore",
-    "Progress",
+    "Event",
     "RoadTester",
     "Summary",
     "Test",

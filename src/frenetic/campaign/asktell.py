@@ -30,9 +30,9 @@ from msgspec import Struct, ValidationError, convert, json
 from frenetic._support.bounds import Count, Finite, NotNegative, Share
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.log import CampaignLog, WorkerState
-from frenetic.campaign.progress import Summary
-from frenetic.campaign.record import Attempt, Test
+from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import DATABASE
+from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.campaign.workers import Workers
 from frenetic.drive import CarBody, Drive, Rules, Trajectory
@@ -344,7 +344,7 @@ class ToldCampaign(Campaign):
         """
         exists = (self.folder / DATABASE).is_file()
         search = self.resume if exists else self.run
-        summary = search(on_test=self._say_told)
+        summary = search(on_event=self._say_told)
         is_stopped = summary.interrupted and not self._client.has_ended
         reason = summary.ended or ("it was stopped" if is_stopped else "the budget is spent")
         for _ in range(self._client.free):
@@ -357,6 +357,7 @@ class ToldCampaign(Campaign):
         self._answer({"summary": summary.as_json()})
         return summary
 
-    def _say_told(self, test: Test) -> None:
-        if test.attempt.worker == WORKER:
+    def _say_told(self, event: Event) -> None:
+        test = event.test
+        if test is not None and test.attempt.worker == WORKER:
             self._answer({"told": test.id, "budget_spent": test.budget_spent})

@@ -11,8 +11,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,14 +23,21 @@ from frenetic._support.json_value import plain
 from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
 from frenetic.campaign.earlier import fact_of, read_earlier, stored_earlier, take_earlier
-from frenetic.campaign.log import CampaignLog, Event
-from frenetic.campaign.loop import Dispatcher, ObservingStrategy, replay, require_fresh, start
+from frenetic.campaign.log import CampaignLog, LogEvent
+from frenetic.campaign.loop import (
+    FACTS,
+    Dispatcher,
+    ObservingStrategy,
+    facts_of,
+    replay,
+    require_fresh,
+    start,
+)
 from frenetic.campaign.objective import MOOBD, Objective, objectives
-from frenetic.campaign.progress import Progress, Summary, Tally
 from frenetic.campaign.record import Test
-from frenetic.campaign.screening import ScreeningSummary, Twin, screened
 from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
 from frenetic.drivers.driver import Driver
@@ -37,7 +45,6 @@ from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_o
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
-from frenetic.search.screened import Screened
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.embedded import compile_kernels
@@ -208,17 +215,15 @@ class Campaign(Shown):
         self.description = dict(description or {})
         self.notes: tuple[str, ...] = ()
         """What `resume` has to say about changed parts, and those that it could not compare."""
-        self.twin: Twin | None = None
-        """Screens its roads for the strategy; entered while the campaign runs."""
         self.isolate = False
         """Whether a single worker drives in a process of its own, unless only compiled code of ours
         drives."""
         self.named: Spec | None = None
         """Names of its parts; None if they came from Python."""
-        self._search_so_far: tuple[Tally, dict[int, Candidate]] | None = None
+        self._search_so_far: tuple[Summary, dict[int, Candidate]] | None = None
         """Results told and candidates outstanding, while the strategy knows exactly these."""
-        self._unreported: deque[tuple[int, Progress]] = deque()
-        """Stored tests of which no callback knows as yet, since one has raised."""
+        self._unreported: deque[tuple[int, Summary]] = deque()
+        """Stored tests of which the caller does not know as yet, since its `on_event` raised."""
         self._interrupt: Interrupt | None = None  # while it runs
 
     @classmethod
@@ -252,9 +257,8 @@ class Campaign(Shown):
         assert spec.budget is not None
         driver, simulator = spec.make_parts(isolate=False)
         workers = workers or _usual_workers(simulator, spec.lookahead)
-        strategy, twin = screened(spec) if spec.screen else (spec.make_strategy(), None)
         campaign = cls(
-            strategy=strategy,
+            strategy=spec.make_strategy(),
             simulator=simulator,
             driver=driver,
             budget=spec.budget,
@@ -270,7 +274,7 @@ class Campaign(Shown):
             objective=spec.objective,
             start_from=[earlier.folder for earlier in spec.start_from],
         )
-        campaign.named, campaign.twin, campaign.isolate = spec, twin, isolate
+        campaign.named, campaign.isolate = spec, isolate
         return campaign
 
     def configuration(self) -> dict[str, JSONValue]:
@@ -284,7 +288,7 @@ class Campaign(Shown):
         named = self.named or Spec(driver=Part(), simulator=Part(), seed=self.seed)
         return replace(
             named,
-            strategy=replace(named.strategy, made=self._described_strategy()),
+            strategy=replace(named.strategy, made=describe(self.strategy)),
             simulator=replace(named.simulator, made=describe(simulator)),
             driver=replace(named.driver, made=describe(driver)),
             rules=simulator.rules,
@@ -302,20 +306,11 @@ class Campaign(Shown):
             behaviours=describe_terms() | self._objective_version(),
         )
 
-    def _described_strategy(self) -> dict[str, JSONValue]:
-        searching = self.strategy
-        if isinstance(searching, Screened):
-            searching = searching.strategy
-        return describe(searching)
-
     def run(
         self,
-        simulations: int | Callable[[Progress], None] | None = None,
-        on_progress: Callable[[Progress], None] | None = None,
+        simulations: int | None = None,
         *,
-        on_test: Callable[[Test], object] | None = None,
-        on_start: Callable[[], None] | None = None,
-        on_interrupt: Callable[[], None] | None = None,
+        on_event: Callable[[Event], object] | None = None,
     ) -> Summary:
         """Searches until the budget is spent or Ctrl-C is pressed, and stores every test.
 
@@ -329,13 +324,10 @@ class Campaign(Shown):
         Args:
             simulations: most drives of this call. A budget with fewer simulations grows to allow
                 them, a limit of time or failures stays. None: all that is left of the budget.
-            on_progress: called after every test; it may come first, in place of a number.
-            on_test: called with every test as it is stored, in the order of telling. It may `stop`
-                the campaign. What it raises ends the run and is raised; all results are stored, and
-                the next `run` begins with the tests that were stored together with that one.
-            on_start: called when the folder is made and the simulator has started; the budget's
-                time begins here.
-            on_interrupt: called at the first Ctrl-C.
+            on_event: called with each `Event`: the start, every result, the first Ctrl-C. It may
+                `stop` the campaign. What it raises ends the run and is raised; all results are
+                stored, and the next `run` begins with the tests that were stored together with
+                that one.
 
         Raises:
             ValueError: there is neither a budget nor a number of simulations, or the number is not
@@ -345,8 +337,6 @@ class Campaign(Shown):
                 that fits, no worker can be started, or only broken drives or refused roads come.
                 Stored results stay.
         """
-        if callable(simulations):
-            simulations, on_progress = None, simulations
         limit = self._allow(simulations)
         if not self.started:
             require_fresh(self.strategy)
@@ -356,16 +346,15 @@ class Campaign(Shown):
             from frenetic.campaign.workers.cluster import require_scheduler
 
             require_scheduler(self.cluster)
-        callbacks = _Callbacks(on_progress, on_test, on_start, on_interrupt)
         if self._search_so_far is not None:
-            return self._go_on(*self._search_so_far, limit, callbacks)
+            return self._go_on(*self._search_so_far, limit, on_event)
         self._keep_margin()
         folders = [earlier.folder for earlier in self.start_from]
         step = (options_of(self.strategy) or {}).get("step")
         self.start_from, taken = take_earlier(folders, self.tester, self.objective, step)
         configuration = self.configuration()
         with ExitStack() as stack:
-            self._enter_twin(stack)
+            stack.enter_context(self.strategy)
             store = stack.enter_context(
                 CampaignStore.create(
                     self.folder, configuration, {SOURCES: self._sources()} | fact_of(taken)
@@ -373,14 +362,14 @@ class Campaign(Shown):
             )
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
-            tally = Tally()
-            _log_start(log, Event.STARTED, tally, configuration)
+            summary = Summary(seed=self.seed, folder=self.folder)
+            _log_start(log, LogEvent.STARTED, summary, configuration)
             self.notes = tuple(f"starts from {earlier}" for earlier in self.start_from)
             for note in self.notes:
-                log.write(Event.LOG, note, logger=__name__)
-            start(self.strategy, read_earlier(store), tally)
-            stack.enter_context(_saying_what_is_stored(store, tally))
-            return self._search(store, log, tally, {}, limit, callbacks)
+                log.write(LogEvent.LOG, note, logger=__name__)
+            start(self.strategy, read_earlier(store), summary)
+            stack.enter_context(_saying_what_is_stored(store, summary))
+            return self._search(store, log, summary, {}, limit, on_event)
 
     def _allow(self, simulations: int | None) -> int | None:
         """The number of simulations at which to stop, which the budget allows; None for no other.
@@ -405,31 +394,31 @@ class Campaign(Shown):
 
     def _go_on(
         self,
-        tally: Tally,
+        summary: Summary,
         outstanding: dict[int, Candidate],
         limit: int | None,
-        callbacks: _Callbacks,
+        on_event: Callable[[Event], object] | None,
     ) -> Summary:
         """Searches on after an earlier `run` or `resume` of this object."""
         with ExitStack() as stack:
             store = stack.enter_context(CampaignStore.open(self.folder, readonly=False))
-            if sum(store.by_outcome().values()) != tally.told:
+            if sum(store.by_outcome().values()) != summary.told:
                 raise CampaignError(
                     f"{self.folder} was written by another process since: resume() a campaign with"
                     " a fresh strategy"
                 )
-            self._enter_twin(stack)
-            tally.spend(self._required_budget, tally.seconds)
+            stack.enter_context(self.strategy)
+            summary.spend(self._required_budget, summary.seconds)
             store.reopen(budget=asdict(self._required_budget))
             log = stack.enter_context(CampaignLog(self.folder))
-            _log_start(log, Event.RESUMED, tally, self.configuration())
-            stack.enter_context(_saying_what_is_stored(store, tally))
-            return self._search(store, log, tally, outstanding, limit, callbacks)
+            _log_start(log, LogEvent.RESUMED, summary, self.configuration())
+            stack.enter_context(_saying_what_is_stored(store, summary))
+            return self._search(store, log, summary, outstanding, limit, on_event)
 
     def stop(self) -> None:
         """Stops the campaign after the running tests, like the first Ctrl-C.
 
-        Called from `on_test` or `on_progress`, or from another thread. `run` goes on again. Nothing
+        Called from `on_event`, or from another thread. `run` goes on again. Nothing
         happens unless it runs.
         """
         if self._interrupt is not None:
@@ -440,14 +429,7 @@ class Campaign(Shown):
         assert self.budget is not None, "`_allow` or `resume` has seen to it"
         return self.budget
 
-    def resume(
-        self,
-        on_progress: Callable[[Progress], None] | None = None,
-        *,
-        on_test: Callable[[Test], object] | None = None,
-        on_start: Callable[[], None] | None = None,
-        on_interrupt: Callable[[], None] | None = None,
-    ) -> Summary:
+    def resume(self, *, on_event: Callable[[Event], object] | None = None) -> Summary:
         """Resumes the campaign in the folder, whatever ended it.
 
         The strategy must be fresh; the log is replayed to it. If it proposes other roads than the
@@ -456,10 +438,7 @@ class Campaign(Shown):
         uninterrupted one. Time spent before counts. Without a budget, that of the folder holds.
 
         Args:
-            on_progress: called after every test.
-            on_test: as for `run`, with tests that are new.
-            on_start: called when the log is replayed and the simulator has started.
-            on_interrupt: called at the first Ctrl-C.
+            on_event: as for `run`, with results that are new.
 
         Raises:
             CampaignError: there is no such campaign, another process writes it, it was made with
@@ -475,37 +454,20 @@ class Campaign(Shown):
             configuration = self.configuration()
             self._check_same(store, configuration)
             store.require_sound()
-            self._enter_twin(stack)
-            tally, outstanding = replay(
-                store,
-                self.strategy,
-                self.budget,
-                self.objective,
-                earlier=taken,
+            stack.enter_context(self.strategy)
+            summary, outstanding = replay(
+                store, self.strategy, self.budget, self.objective, earlier=taken
             )
+            summary.seed, summary.folder = self.seed, self.folder
             # However this process ends, the campaign is resumed to this budget.
             store.reopen(budget=asdict(self.budget))
             log = stack.enter_context(CampaignLog(self.folder))
             self.started = True
-            _log_start(log, Event.RESUMED, tally, configuration)
+            _log_start(log, LogEvent.RESUMED, summary, configuration)
             for note in self.notes:
-                log.write(Event.LOG, note, level="warning", logger=__name__)
-            stack.enter_context(_saying_what_is_stored(store, tally))
-            callbacks = _Callbacks(on_progress, on_test, on_start, on_interrupt)
-            return self._search(store, log, tally, outstanding, None, callbacks)
-
-    def _enter_twin(self, stack: ExitStack) -> None:
-        """Starts the twin until the stack is closed.
-
-        Raises:
-            CampaignError: it does not start.
-        """
-        if self.twin is None:
-            return
-        try:
-            stack.enter_context(self.twin)
-        except Exception as error:
-            raise CampaignError(f"the twin does not start: {reason_of(error)}") from error
+                log.write(LogEvent.LOG, note, level="warning", logger=__name__)
+            stack.enter_context(_saying_what_is_stored(store, summary))
+            return self._search(store, log, summary, outstanding, None, on_event)
 
     def _is_interruption(self, error: BaseException) -> bool:
         """Whether an error of a search comes of Ctrl-C."""
@@ -567,34 +529,39 @@ class Campaign(Shown):
 
     def _sources(self) -> dict[str, JSONValue]:
         """The user's own source of its parts: name of a file -> its text."""
-        strategy = self.strategy
-        parts = [self.tester.driver, self.tester.simulator, strategy, self.objective.measure]
-        if isinstance(strategy, Screened):
-            parts[2] = strategy.strategy
+        parts = [self.tester.driver, self.tester.simulator, self.strategy, self.objective.measure]
         return {name: text for part in parts for name, text in sources_of(part).items()}
 
     def _search(
         self,
         store: CampaignStore,
         log: CampaignLog,
-        tally: Tally,
+        summary: Summary,
         outstanding: dict[int, Candidate],
         limit: int | None,
-        callbacks: _Callbacks,
+        on_event: Callable[[Event], object] | None,
     ) -> Summary:
         """Tests until the budget is spent; the common part of `run` and `resume`."""
         interrupted = False
         self._search_so_far = None
-        start = time.perf_counter() - tally.seconds
+        start = time.perf_counter() - summary.seconds
+
+        def say(kind: EventKind, now: Summary, test_id: int | None = None) -> None:
+            if on_event is not None:
+                read = None if test_id is None else partial(store.test, test_id)
+                on_event(Event(kind, now, read))
+
+        def told() -> None:
+            say("interrupted", summary.now(time.perf_counter() - start))
+
         try:
-            with catch_interrupt(callbacks.on_interrupt) as interrupt:
+            with catch_interrupt(told) as interrupt:
                 self._interrupt = interrupt
                 with self._workers(log) as workers:
                     compile_kernels()  # which the strategy needs here, while they start
                     _await_start(workers, interrupt)
-                    if callbacks.on_start is not None:
-                        callbacks.on_start()
-                    start = time.perf_counter() - tally.seconds
+                    say("started", summary.now(summary.seconds))
+                    start = time.perf_counter() - summary.seconds
                     dispatcher = Dispatcher(
                         strategy=self.strategy,
                         workers=workers,
@@ -605,65 +572,51 @@ class Campaign(Shown):
                         objective=self.objective,
                         lookahead=self.lookahead,
                         interrupt=interrupt,
-                        tally=tally,
+                        summary=summary,
                         outstanding=outstanding,
                         unreported=self._unreported,
                     )
-                    for candidate_id, progress in dispatcher.tests():
+                    for test_id, now in dispatcher.tests():
                         try:
-                            callbacks.report(store, candidate_id, progress)
+                            say("result", now, test_id)
                         except Exception:
-                            self._search_so_far = tally, outstanding
+                            self._search_so_far = summary, outstanding
                             raise
                 is_stopped = interrupt.requested or (
-                    limit is not None and tally.simulations >= limit
+                    limit is not None and summary.simulations >= limit
                 )
-                interrupted = is_stopped and tally.budget_spent < 1.0 and not tally.ended
-                self._search_so_far = tally, outstanding
+                interrupted = is_stopped and summary.budget_spent < 1.0 and not summary.ended
+                self._search_so_far = summary, outstanding
         except (KeyboardInterrupt, Exception) as error:
             interrupted = self._is_interruption(error)
             if not interrupted:
-                log.progress(tally.progress(time.perf_counter() - start))
+                log.progress(summary.now(time.perf_counter() - start))
                 cause: dict[str, Any] = {}
                 if trace := traceback_of(error):
                     cause["traceback"] = trace
-                log.write(Event.GAVE_UP, reason_of(error), level="error", **cause)
+                log.write(LogEvent.GAVE_UP, reason_of(error), level="error", **cause)
                 raise
         finally:
             self._interrupt = None
-            tally.seconds = time.perf_counter() - start
+            summary.seconds = time.perf_counter() - start
+        summary.notice, summary.facts = self.strategy.notice or "", facts_of(self.strategy, summary)
         # What is stored counts, also when an interrupt came between storing and counting.
-        stored = store.counts()
-        summary = Summary.of(
-            stored.by_outcome,
-            stored.min_moobd,
-            stored.roads,
-            seconds=tally.seconds,
-            budget_spent=tally.budget_spent,
-            seed=self.seed,
-            folder=self.folder,
-            interrupted=interrupted,
-            ended=tally.ended,
-            notice=self.strategy.notice or "",
-            objective=tally.objective,
-            best=tally.best,
-            screening=ScreeningSummary.of_store(store),
-        )
+        end = replace(summary, interrupted=interrupted, **asdict(store.counts()))
         store.finish(
-            seconds=round(summary.seconds, 3),
+            seconds=round(end.seconds, 3),
             interrupted=interrupted,
-            ended=tally.ended,
-            strategy_seconds=round(tally.strategy_seconds, 4),
+            ended=end.ended,
+            notice=end.notice,
+            strategy_seconds=round(end.strategy_seconds, 4),
             budget=asdict(self._required_budget),
+            **{FACTS: end.facts},
         )
-        log.progress(summary)
-        fields: dict[str, Any] = summary.as_json()
+        log.progress(end)
+        fields: dict[str, Any] = end.as_json()
         log.write(
-            Event.INTERRUPTED if interrupted else Event.FINISHED,
-            summary.in_words(),
-            **fields,
+            LogEvent.INTERRUPTED if interrupted else LogEvent.FINISHED, end.in_words(), **fields
         )
-        return summary
+        return end
 
     def _workers(self, log: CampaignLog) -> Workers:
         if self.cluster is not None:
@@ -717,23 +670,6 @@ class Campaign(Shown):
             return f"<Campaign {self.folder}: nothing stored yet>"
 
 
-@dataclass(frozen=True)
-class _Callbacks:
-    """The functions of a user that a campaign calls, see `Campaign.run`."""
-
-    on_progress: Callable[[Progress], None] | None
-    on_test: Callable[[Test], object] | None
-    on_start: Callable[[], None] | None
-    on_interrupt: Callable[[], None] | None
-
-    def report(self, store: CampaignStore, candidate_id: int, progress: Progress) -> None:
-        """Reports a stored test."""
-        if self.on_test is not None:
-            self.on_test(store.test(candidate_id))
-        if self.on_progress is not None:
-            self.on_progress(progress)
-
-
 def _usual_workers(simulator: Simulator, lookahead: int | None) -> int:
     """Number of workers that are of use, by default one per core."""
     usual = capabilities(simulator).usual_workers or available_cores()
@@ -755,15 +691,15 @@ _LOGGED: Final = (
 
 
 def _log_start(
-    log: CampaignLog, event: Event, tally: Tally, configuration: Mapping[str, JSONValue]
+    log: CampaignLog, event: LogEvent, summary: Summary, configuration: Mapping[str, JSONValue]
 ) -> None:
     fields: dict[str, Any] = {name: configuration[name] for name in _LOGGED}
-    text = f"{event} after {tally.told} results" if tally.told else str(event)
+    text = f"{event} after {summary.told} results" if summary.told else str(event)
     log.write(event, text, process_id=os.getpid(), host=platform.node(), **fields)
 
 
 @contextmanager
-def _saying_what_is_stored(store: CampaignStore, tally: Tally) -> Iterator[None]:
+def _saying_what_is_stored(store: CampaignStore, summary: Summary) -> Iterator[None]:
     """Adds to an error how far the campaign came."""
     try:
         yield
@@ -771,7 +707,7 @@ def _saying_what_is_stored(store: CampaignStore, tally: Tally) -> Iterator[None]
         with suppress(CampaignError):  # the disk is full, say
             store.write()
         stored = counted(store.stored(), "result")
-        spent = f"{tally.budget_spent:.0%} of the budget spent"
+        spent = f"{summary.budget_spent:.0%} of the budget spent"
         # A strategy's fault stays one: a bench goes on with the others.
         raise type(error)(f"{error}; {stored} stored, {spent}") from error
 

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic.campaign.asktell import WORKER
-from frenetic.campaign.counts import StoredCounts
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.log import told_in_log
 from frenetic.campaign.record import Setting, Test
 from frenetic.campaign.store import DATABASE, CampaignStore
@@ -59,7 +59,9 @@ class CheckReport:
     folder: Path
     created_at: str
     """Time of its creation, UTC, ISO 8601; empty if unknown."""
-    counts: StoredCounts
+    counts: Counts
+    asked: int
+    """Number of candidates."""
     trajectories: int
     size: int
     """Bytes on disk."""
@@ -76,7 +78,7 @@ class CheckReport:
     @property
     def outstanding(self) -> int:
         """Number of candidates asked and not told."""
-        return self.counts.asked - self.counts.told
+        return self.asked - self.counts.told
 
 
 def check_campaign(
@@ -100,17 +102,18 @@ def check_campaign(
     with CampaignStore.open(folder) as store:
         findings = list(_findings(store, quick, on_test))
         files = (folder / f"{DATABASE}{suffix}" for suffix in ("", "-wal"))
-        created_at, counts, trajectories = "", StoredCounts(), 0
+        created_at, counts, asked, trajectories = "", Counts(), 0, 0
         try:
             created_at = str(store.fact("created_at") or "")
             counts = store.counts()
-            ((trajectories,),) = store.rows("SELECT count(trajectory) FROM test")
+            ((asked, trajectories),) = store.rows("SELECT count(*), count(trajectory) FROM test")
         except CampaignError as error:
             findings.append(str(error))
         return CheckReport(
             folder,
             created_at,
             counts,
+            asked,
             trajectories,
             sum(file.stat().st_size for file in files if file.is_file()),
             _versions(store),

@@ -21,7 +21,7 @@ _NAMES: Final[Mapping[Outcome, str]] = {
 """Outcome -> name of its number, here and in JSON."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Counts:
     """Numbers of tests by outcome, of different roads among them, and the lowest MOOBD."""
 
@@ -36,13 +36,24 @@ class Counts:
     roads: int = 0
     """Number of different roads among the tests: a repeated one counts once."""
 
+    def __post_init__(self) -> None:
+        self._keys: set[int] = set()  # of the roads that were added
+
     @classmethod
-    def of(
-        cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None, roads: int, **more: Any
-    ) -> Self:
-        """The counts of a number per outcome; more fields are those of a subclass."""
+    def of(cls, by_outcome: Mapping[Outcome, int], min_moobd: float | None, roads: int) -> Self:
+        """The counts of a number per outcome."""
         numbers = {name: by_outcome[outcome] for outcome, name in _NAMES.items()}
-        return cls(**numbers, min_moobd=min_moobd, roads=roads, **more)
+        return cls(**numbers, min_moobd=min_moobd, roads=roads)
+
+    def add(self, candidate: Candidate, outcome: Outcome, moobd: float | None) -> None:
+        """Counts one more result."""
+        name = _NAMES[outcome]
+        setattr(self, name, getattr(self, name) + 1)
+        if outcome.is_test:
+            self._keys.add(key_of(candidate))
+            self.roads = len(self._keys)
+        if moobd is not None:
+            self.min_moobd = moobd if self.min_moobd is None else min(self.min_moobd, moobd)
 
     @property
     def simulations(self) -> int:
@@ -99,14 +110,6 @@ class Counts:
             f" {self.passed} passed, {self.failed} failed, {self.invalid} invalid,"
             f" {counted(self.errors, 'error')}; {self.dropped} dropped"
         )
-
-
-@dataclass(frozen=True)
-class StoredCounts(Counts):
-    """Counts of a campaign's database."""
-
-    asked: int = 0
-    """Number of candidates that were asked and recorded."""
 
 
 def road_key(step: object, curvatures: object, points: object) -> int:

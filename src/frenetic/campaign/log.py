@@ -34,8 +34,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
 if TYPE_CHECKING:
-    from frenetic.campaign.progress import Progress
     from frenetic.campaign.store import JSONValue
+    from frenetic.campaign.summary import Summary
 
 Level: TypeAlias = Literal["info", "warning", "error"]
 WorkerStatus: TypeAlias = Literal["starting", "idle", "driving", "lost"]
@@ -44,7 +44,7 @@ LOG: Final = "campaign.log"
 """Name of the log in a campaign's folder."""
 
 
-class Event(StrEnum):
+class LogEvent(StrEnum):
     """Event of a line of the log, with its fields.
 
     The last line of a campaign's process is one of FINISHED, INTERRUPTED and GAVE_UP; without one,
@@ -106,7 +106,7 @@ class CampaignLog:
         self._file = _LogFile(folder / LOG)
 
     def write(
-        self, event: Event, message: str, *, level: Level = "info", **fields: JSONValue
+        self, event: LogEvent, message: str, *, level: Level = "info", **fields: JSONValue
     ) -> None:
         """Writes a line.
 
@@ -121,28 +121,28 @@ class CampaignLog:
 
     def progress(
         self,
-        progress: Progress,
+        summary: Summary,
         *,
         workers: Mapping[str, WorkerState] | None = None,
         running: int = 0,
     ) -> None:
-        """Writes the campaign's progress.
+        """Writes the campaign's summary.
 
         Args:
-            progress: of the campaign.
+            summary: of the campaign so far.
             workers: their activities, by name.
             running: number of running tests.
         """
-        best = "" if progress.min_moobd is None else f", best MOOBD {progress.min_moobd:.2f} m"
+        best = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
         self.write(
-            Event.PROGRESS,
-            f"{progress.in_words()}{best}{progress.best_in_words},"
-            f" {progress.budget_spent:.1%} of the budget spent",
-            **progress.counts_json(),
-            **progress.objective_json,
-            seconds=round(progress.seconds, 3),
-            budget_spent=round(progress.budget_spent, 6),
-            tests_per_second=round(progress.tests_per_second, 3),
+            LogEvent.PROGRESS,
+            f"{summary.in_words()}{best}{summary.best_in_words},"
+            f" {summary.budget_spent:.1%} of the budget spent",
+            **summary.counts_json(),
+            **summary.objective_json,
+            seconds=round(summary.seconds, 3),
+            budget_spent=round(summary.budget_spent, 6),
+            tests_per_second=round(summary.tests_per_second, 3),
             running=running,
             workers=[
                 asdict(worker) | {"seconds_in_state": round(worker.seconds_in_state, 1)}
@@ -199,7 +199,7 @@ class _JSONLine(logging.Formatter):
         line: dict[str, Any] = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
-            "event": getattr(record, "event", Event.LOG),
+            "event": getattr(record, "event", LogEvent.LOG),
             "message": record.getMessage(),
         }
         line |= getattr(record, "fields", {"logger": record.name})

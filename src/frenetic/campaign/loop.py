@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import time
 from abc import abstractmethod
@@ -18,14 +19,14 @@ import numpy as np
 
 from frenetic._support.child_processes import one_process
 from frenetic._support.interrupt import Interrupt
-from frenetic._support.json_value import JSONValue
+from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.words import present_moment
 from frenetic.campaign.earlier import EarlierTest
-from frenetic.campaign.log import CampaignLog, Event
+from frenetic.campaign.log import CampaignLog, LogEvent
 from frenetic.campaign.objective import Objective, evaluation_of
-from frenetic.campaign.progress import Progress, Tally
 from frenetic.campaign.record import Attempt, Test
 from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.summary import Summary
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, StrategyError, describe_raised
 from frenetic.outcome import Outcome
@@ -47,6 +48,9 @@ MAX_INVALID_IN_A_ROW: Final = 5_000
 """Consecutive refused roads after which a campaign gives up."""
 PROGRESS_INTERVAL: Final = 5.0
 """Time between two lines of progress in the log, in s."""
+
+FACTS: Final = "search"
+"""Fact with what the strategy tells of its search, see `frenetic.Strategy.facts`."""
 
 _SURE, _DOUBTFUL, _DOOMED = range(3)  # prospects of a waiting candidate
 _HEARTBEAT: Final = 1.0  # s between two looks at the clock while nothing comes back
@@ -85,9 +89,9 @@ class Dispatcher:
         objective: Objective,
         lookahead: int | None,
         interrupt: Interrupt,
-        tally: Tally,
+        summary: Summary,
         outstanding: dict[int, Candidate],
-        unreported: deque[tuple[int, Progress]],
+        unreported: deque[tuple[int, Summary]],
     ) -> None:
         self._strategy = strategy
         self._is_selective = has_own(strategy, "is_wanted")
@@ -100,29 +104,29 @@ class Dispatcher:
         self._objective = objective
         self._lookahead = lookahead
         self._interrupt = interrupt
-        self._tally = tally
+        self._summary = summary
         self._outstanding = outstanding  # asked and not told, in the order of asking
         self._waiting = set(outstanding)  # ids of those that wait for a worker
         self._running: set[int] = set()  # ids
         self._tries: Counter[int] = Counter()
         self._ended: dict[int, Attempt] = {}  # tested or lost for good, not told
-        self._unwritten: list[tuple[Test, Progress]] = []  # told
+        self._unwritten: list[tuple[Test, Summary]] = []  # told
         self._unreported = unreported  # written
         self._waits_for_result = False  # the strategy, before it proposes another road
         self._broken = self._refused = 0  # in a row
         self._start = 0.0
         self._next_line = 0.0  # of progress
 
-    def tests(self) -> Iterator[tuple[int, Progress]]:
+    def tests(self) -> Iterator[tuple[int, Summary]]:
         """Tests until the budget is spent or the interrupt requested.
 
-        Yields after every result, which is stored then, the candidate's id and the progress.
+        Yields after every result, which is stored then, the candidate's id and the summary.
 
         Raises:
             CampaignError: the strategy or all workers broke, or only broken drives or refused roads
                 come.
         """
-        self._start = time.perf_counter() - self._tally.seconds
+        self._start = time.perf_counter() - self._summary.seconds
         self._log_progress()
         try:
             yield from self._rounds()
@@ -130,7 +134,7 @@ class Dispatcher:
             yield from self._report()  # what was told before
             raise
 
-    def _rounds(self) -> Iterator[tuple[int, Progress]]:
+    def _rounds(self) -> Iterator[tuple[int, Summary]]:
         while True:
             self._ask()
             self._hand_out()
@@ -149,28 +153,28 @@ class Dispatcher:
             yield from self._report()
             self._log_progress()
 
-    def _report(self) -> Iterator[tuple[int, Progress]]:
+    def _report(self) -> Iterator[tuple[int, Summary]]:
         """Writes all told results in one transaction, and only then reports them."""
         if self._unwritten:
             self._store.write()
             written, self._unwritten = self._unwritten, []
-            for test, progress in written:
+            for test, summary in written:
                 self._log_result(test)
-                self._unreported.append((test.id, progress))
+                self._unreported.append((test.id, summary))
         while self._unreported:
             yield self._unreported.popleft()
 
     @property
     def _is_spent(self) -> bool:
         """Whether the budget is spent, or the limit within it reached."""
-        if self._limit is not None and self._tally.simulations >= self._limit:
+        if self._limit is not None and self._summary.simulations >= self._limit:
             return True
-        return self._tally.budget_spent >= 1.0
+        return self._summary.budget_spent >= 1.0
 
     def _is_over(self) -> bool:
         if self._is_spent and self._lookahead:
             return True  # what still runs comes too late, however fast the workers are
-        if self._tally.ended and not self._outstanding:
+        if self._summary.ended and not self._outstanding:
             return True
         return (self._is_spent or self._interrupt.requested) and not self._running
 
@@ -178,9 +182,9 @@ class Dispatcher:
         """Asks for candidates up to the allowed number."""
         while self._may_ask():
             try:
-                candidate = ask(self._strategy, self._tally)
+                candidate = ask(self._strategy, self._summary)
             except SearchEnded as end:
-                self._tally.ended = str(end) or "the strategy has nothing left to propose"
+                self._summary.ended = str(end) or "the strategy has nothing left to propose"
                 return
             if candidate is None:
                 if not self._outstanding:
@@ -195,9 +199,9 @@ class Dispatcher:
             self._waiting.add(candidate.id)
 
     def _may_ask(self) -> bool:
-        if self._is_spent or self._tally.ended or self._waits_for_result:
+        if self._is_spent or self._summary.ended or self._waits_for_result:
             return False
-        if self._tally.told_share is None and self._would_exceed(self._budget.simulations):
+        if self._summary.told_share is None and self._would_exceed(self._budget.simulations):
             return False
         if self._lookahead:
             # Also after an interrupt or within a limit: asking must not depend on its moment.
@@ -210,7 +214,7 @@ class Dispatcher:
 
     def _would_exceed(self, simulations: int | None) -> bool:
         """Whether one more candidate may be more than so many simulations."""
-        told_or_out = self._tally.simulations + len(self._outstanding)
+        told_or_out = self._summary.simulations + len(self._outstanding)
         return simulations is not None and told_or_out >= simulations
 
     def _hand_out(self) -> None:
@@ -270,7 +274,7 @@ class Dispatcher:
             return
         self._waiting.add(candidate_id)
         self._log.write(
-            Event.TEST_RETRIED,
+            LogEvent.TEST_RETRIED,
             f"test {candidate_id} is tried again: {attempt.failure}",
             level="warning",
             test=candidate_id,
@@ -306,15 +310,15 @@ class Dispatcher:
         self._tell(candidate, Attempt.undriven(candidate.id, Outcome.DROPPED, reason))
 
     def _tell(self, candidate: Candidate, attempt: Attempt) -> None:
-        tally, result = self._tally, attempt.result
-        tally.count(candidate, result.outcome, result.moobd)
+        summary, result = self._summary, attempt.result
+        summary.add(candidate, result.outcome, result.moobd)
         elapsed = time.perf_counter() - self._start
-        tally.spend(self._budget, elapsed, attempt.budget_spent)
+        summary.spend(self._budget, elapsed, attempt.budget_spent)
         test = Test(
             candidate=candidate,
             attempt=attempt,
-            told=tally.told,
-            budget_spent=tally.budget_spent,
+            told=summary.told,
+            budget_spent=summary.budget_spent,
             attempts=self._tries.pop(candidate.id, 0),
             elapsed=elapsed,
             finished_at=present_moment(),
@@ -326,12 +330,11 @@ class Dispatcher:
         test = replace(test, objective=self._objective.value_of(evaluation))
         self._store.told(test)
         del self._outstanding[candidate.id]
-        tally.measure(self._objective, evaluation)
-        tell(self._strategy, evaluation, tally)
+        summary.measure(self._objective, evaluation)
+        tell(self._strategy, evaluation, summary)
         self._waits_for_result = False
         self._log_notice()
-        progress = tally.progress(time.perf_counter() - self._start)
-        self._unwritten.append((test, progress))
+        self._unwritten.append((test, summary.now(time.perf_counter() - self._start)))
         self._give_up_if_hopeless(test)
 
     def _is_wanted(self, candidate: Candidate) -> bool:
@@ -356,7 +359,7 @@ class Dispatcher:
             self._broken, self._refused = self._broken + 1, 0
         elif test.outcome.is_driven:
             self._broken = self._refused = 0
-        if self._broken >= MAX_ERRORS_IN_A_ROW and self._tally.told_share is None:
+        if self._broken >= MAX_ERRORS_IN_A_ROW and self._summary.told_share is None:
             raise CampaignError(
                 f"the last {self._broken} drives broke, so the campaign gives up: {test.reason}"
             )
@@ -368,21 +371,21 @@ class Dispatcher:
 
     def _log_notice(self) -> None:
         """Logs what the strategy has to say about its search, once."""
-        before, self._tally.notice = self._tally.notice, self._strategy.notice or ""
-        if _without_numbers(self._tally.notice) not in ("", _without_numbers(before)):
-            self._log.write(Event.NOTICE, self._tally.notice, level="warning")
+        before, self._summary.notice = self._summary.notice, self._strategy.notice or ""
+        if _without_numbers(self._summary.notice) not in ("", _without_numbers(before)):
+            self._log.write(LogEvent.NOTICE, self._summary.notice, level="warning")
 
     def _log_result(self, test: Test) -> None:
         if test.outcome is Outcome.FAIL:
             self._log.write(
-                Event.TEST_FAILED,
+                LogEvent.TEST_FAILED,
                 f"test {test.id} failed: {test.reason}",
                 test=test.id,
                 moobd=test.moobd,
             )
         elif test.outcome is Outcome.ERROR:
             self._log.write(
-                Event.TEST_ERROR,
+                LogEvent.TEST_ERROR,
                 f"test {test.id} broke: {test.reason}",
                 level="error",
                 test=test.id,
@@ -396,8 +399,12 @@ class Dispatcher:
         if now >= self._next_line:
             self._next_line = now + PROGRESS_INTERVAL
             self._store.require_there()
-            progress = self._tally.progress(time.perf_counter() - self._start)
-            self._log.progress(progress, workers=self._workers.states(), running=len(self._running))
+            facts = facts_of(self._strategy, self._summary)
+            if facts != self._summary.facts:
+                self._summary.facts = facts
+                self._store.keep(**{FACTS: facts})
+            summary = self._summary.now(time.perf_counter() - self._start)
+            self._log.progress(summary, workers=self._workers.states(), running=len(self._running))
 
 
 def _without_numbers(notice: str) -> str:
@@ -439,7 +446,7 @@ def require_fresh(strategy: Strategy) -> None:
         )
 
 
-def start(strategy: Strategy, earlier: Sequence[EarlierTest], tally: Tally) -> None:
+def start(strategy: Strategy, earlier: Sequence[EarlierTest], summary: Summary) -> None:
     """Tells the strategy what earlier campaigns drove, if anything; its time is counted.
 
     Raises:
@@ -453,11 +460,11 @@ def start(strategy: Strategy, earlier: Sequence[EarlierTest], tally: Tally) -> N
             " has no start_from"
         )
     _mark_used(strategy)
-    with _own_time(tally, CampaignError):
+    with _own_time(summary, CampaignError):
         strategy.start_from([test.evaluation for test in earlier])
 
 
-def ask(strategy: Strategy, tally: Tally) -> Candidate | None:
+def ask(strategy: Strategy, summary: Summary) -> Candidate | None:
     """The strategy's next candidate, None if it has to be told first; its time is counted.
 
     Raises:
@@ -465,7 +472,7 @@ def ask(strategy: Strategy, tally: Tally) -> Candidate | None:
         CampaignError: the strategy raised, or its proposal is no candidate that can be stored.
     """
     _mark_used(strategy)
-    with _own_time(tally, SearchEnded):
+    with _own_time(summary, SearchEnded):
         candidate = strategy.ask()
     if candidate is None:
         return None
@@ -511,18 +518,30 @@ def _is_whole(value: object, least: int) -> bool:
     return isinstance(value, Integral) and least <= int(value) < 2**63
 
 
-def tell(strategy: Strategy, evaluation: Evaluation, tally: Tally) -> None:
+def tell(strategy: Strategy, evaluation: Evaluation, summary: Summary) -> None:
     """Tells the strategy; its time is counted.
 
     Raises:
         CampaignError: the strategy raised.
     """
-    with _own_time(tally, CampaignError):  # a damaged trajectory
+    with _own_time(summary, CampaignError):  # a damaged trajectory
         strategy.tell(evaluation)
 
 
+def facts_of(strategy: Strategy, summary: Summary) -> dict[str, JSONValue]:
+    """What the strategy tells of its search; its time is counted.
+
+    Raises:
+        StrategyError: it raised, or they are no plain values.
+    """
+    with _own_time(summary, StrategyError):
+        text = json.dumps(dict(strategy.facts()), default=plain, allow_nan=False)
+    facts: dict[str, JSONValue] = json.loads(text)
+    return facts
+
+
 @contextmanager
-def _own_time(tally: Tally, passing: type[Exception]) -> Iterator[None]:
+def _own_time(summary: Summary, passing: type[Exception]) -> Iterator[None]:
     """Counts the strategy's time; what it raises is its fault, but for ``passing``."""
     began = time.perf_counter()
     try:
@@ -533,7 +552,7 @@ def _own_time(tally: Tally, passing: type[Exception]) -> Iterator[None]:
     except Exception as error:
         raise _raised(error) from error
     finally:
-        tally.strategy_seconds += time.perf_counter() - began
+        summary.strategy_seconds += time.perf_counter() - began
 
 
 def _raised(error: Exception) -> StrategyError:
@@ -550,7 +569,7 @@ def replay(
     objective: Objective,
     *,
     earlier: Sequence[EarlierTest] = (),
-) -> tuple[Tally, dict[int, Candidate]]:
+) -> tuple[Summary, dict[int, Candidate]]:
     """Replays the log to a fresh strategy, asking and telling in the same order.
 
     Args:
@@ -573,8 +592,8 @@ def replay(
             " exactly; start a new campaign"
         )
     require_fresh(strategy)
-    tally = Tally()
-    start(strategy, earlier, tally)
+    summary = Summary()
+    start(strategy, earlier, summary)
     asked = store.candidates()
     following = next(asked, None)
     outstanding: dict[int, Candidate] = {}
@@ -583,31 +602,31 @@ def replay(
         nonlocal following
         while following is not None and following[1] <= told:
             logged = following[0]
-            if not _is_same(logged, _proposed(strategy, tally)):
+            if not _is_same(logged, _proposed(strategy, summary)):
                 raise _differs(store, logged)
             outstanding[logged.id] = logged
             following = next(asked, None)
 
     for test in store.tests():
-        ask_until(tally.told)
+        ask_until(summary.told)
         candidate = outstanding.pop(test.id, None)
         if candidate is None:
             raise CampaignError(
                 f"{store.folder} is damaged: candidate {test.id} was told before it was asked"
             )
         evaluation = evaluation_of(test, partial(store.trajectory, test.id), objective)
-        tell(strategy, evaluation, tally)
-        tally.count(candidate, test.outcome, test.moobd)
-        tally.measure(objective, evaluation)
-        tally.seconds = test.elapsed
-        tally.spend(budget, tally.seconds, test.attempt.budget_spent)
-    ask_until(tally.told)
-    return tally, outstanding
+        tell(strategy, evaluation, summary)
+        summary.add(candidate, test.outcome, test.moobd)
+        summary.measure(objective, evaluation)
+        summary.seconds = test.elapsed
+        summary.spend(budget, summary.seconds, test.attempt.budget_spent)
+    ask_until(summary.told)
+    return summary, outstanding
 
 
-def _proposed(strategy: Strategy, tally: Tally) -> Candidate | None:
+def _proposed(strategy: Strategy, summary: Summary) -> Candidate | None:
     try:
-        return ask(strategy, tally)
+        return ask(strategy, summary)
     except SearchEnded:
         return None
 

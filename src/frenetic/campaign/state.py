@@ -16,10 +16,11 @@ from msgspec import Struct
 from msgspec.json import decode
 
 from frenetic._support.words import printable
+from frenetic.campaign.counts import Counts
 from frenetic.campaign.lock import holder
-from frenetic.campaign.log import LOG, Event, WorkerState
-from frenetic.campaign.progress import Progress
+from frenetic.campaign.log import LOG, LogEvent, WorkerState
 from frenetic.campaign.store import LOCK, CampaignStore, find_database
+from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
 from frenetic.spec import Budget, decode_budget
 
@@ -81,10 +82,14 @@ class Line(Struct):
 
 
 class _Present(Struct):
-    """Fields of a line of progress beside those of `Progress`."""
+    """Fields of a line of progress beside the counts."""
 
     running: int
     workers: tuple[WorkerState, ...]
+    seconds: float = 0.0
+    budget_spent: float = 0.0
+    objective: str = ""
+    best: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +97,7 @@ class CampaignState:
     """State of a campaign at one moment."""
 
     status: Status
-    progress: Progress
+    summary: Summary
     rate: float | None
     """Road tests per s over the last minute; None if it does not run or has just begun."""
     start: Line
@@ -110,7 +115,7 @@ class CampaignState:
     @property
     def seconds_left(self) -> float | None:
         """Estimated time left, in s; None when it has ended, or while nothing is known."""
-        return None if self.status.has_ended else self.progress.seconds_left
+        return None if self.status.has_ended else self.summary.seconds_left
 
     def as_json(self) -> dict[str, Any]:
         """The state as one JSON object."""
@@ -123,12 +128,12 @@ class CampaignState:
             "budget": self.start.budget,
             "host": self.start.host,
             "process_id": self.start.process_id,
-            **self.progress.counts_json(),
-            **self.progress.objective_json,
-            "seconds": self.progress.seconds,
-            "budget_spent": self.progress.budget_spent,
+            **self.summary.counts_json(),
+            **self.summary.objective_json,
+            "seconds": self.summary.seconds,
+            "budget_spent": self.summary.budget_spent,
             "seconds_left": self.seconds_left,
-            "tests_per_second": self.progress.tests_per_second,
+            "tests_per_second": self.summary.tests_per_second,
             "tests_per_second_now": self.rate,
             "running": self.running,
             "workers": [asdict(worker) for worker in self.workers],
@@ -159,7 +164,7 @@ class Follower:
         self._start = self._last = Line("")
         self._ending = ""
         self._present = _Present(0, ())
-        self._progress = Progress()
+        self._summary = Summary()
         self._recent: deque[tuple[float, int]] = deque()  # s, tests
         self._failures: deque[Line] = deque(maxlen=KEPT)
         self._messages: deque[Line] = deque(maxlen=KEPT)
@@ -179,16 +184,16 @@ class Follower:
         if self._start.host not in (None, platform.node()):
             without_end = Status.RUNNING if is_held else Status.UNKNOWN
             status = Status(self._ending.replace("_", " ")) if self._ending else without_end
-            progress = self._progress
+            summary = self._summary
         else:
             with CampaignStore.open(self._folder) as store:
                 status = self._status(store, is_held)
-                progress = self._stored_progress(store)
+                summary = self._stored(store)
         is_running = status is Status.RUNNING
         present = self._present if is_running else _Present(0, ())
         return CampaignState(
             status=status,
-            progress=progress,
+            summary=summary,
             rate=self._rate() if is_running else None,
             start=self._start,
             last_time=self._last.time,
@@ -203,18 +208,16 @@ class Follower:
             return Status.RUNNING
         if "finished_at" in store.facts:
             return Status.INTERRUPTED if store.facts.get("interrupted") else Status.FINISHED
-        return Status.GAVE_UP if self._ending == Event.GAVE_UP else Status.KILLED
+        return Status.GAVE_UP if self._ending == LogEvent.GAVE_UP else Status.KILLED
 
-    def _stored_progress(self, store: CampaignStore) -> Progress:
-        counts, seconds = store.counts(), max(store.elapsed(), self._progress.seconds)
-        return Progress.of(
-            counts.by_outcome,
-            counts.min_moobd,
-            counts.roads or 0,
+    def _stored(self, store: CampaignStore) -> Summary:
+        counts, seconds = store.counts(), max(store.elapsed(), self._summary.seconds)
+        return Summary.over(
+            counts,
             seconds=seconds,
             budget_spent=stored_budget(store).spent(counts.simulations, seconds, counts.failed),
-            objective=self._progress.objective,
-            best=self._progress.best,
+            objective=self._summary.objective,
+            best=self._summary.best,
         )
 
     def _new_lines(self) -> Iterator[bytes]:
@@ -233,19 +236,26 @@ class Follower:
     def _add(self, text: bytes) -> None:
         line = decode(text, type=Line)
         self._last = line
-        if line.event == Event.PROGRESS:
-            self._present, self._progress = decode(text, type=_Present), decode(text, type=Progress)
-            self._recent.append((self._progress.seconds, self._progress.tests))
+        if line.event == LogEvent.PROGRESS:
+            self._present = present = decode(text, type=_Present)
+            self._summary = Summary.over(
+                decode(text, type=Counts),
+                seconds=present.seconds,
+                budget_spent=present.budget_spent,
+                objective=present.objective,
+                best=present.best,
+            )
+            self._recent.append((self._summary.seconds, self._summary.tests))
             while self._recent[-1][0] - self._recent[0][0] > RATE_WINDOW:
                 self._recent.popleft()
-        elif line.event in (Event.STARTED, Event.RESUMED):
+        elif line.event in (LogEvent.STARTED, LogEvent.RESUMED):
             self._start, self._ending = line, ""
-            if line.event == Event.STARTED:
-                self._progress = Progress()
+            if line.event == LogEvent.STARTED:
+                self._summary = Summary()
             self._recent.clear()  # the time in between belongs to nobody
-        elif line.event in (Event.FINISHED, Event.INTERRUPTED, Event.GAVE_UP):
+        elif line.event in (LogEvent.FINISHED, LogEvent.INTERRUPTED, LogEvent.GAVE_UP):
             self._ending = line.event
-        elif line.event == Event.TEST_FAILED:
+        elif line.event == LogEvent.TEST_FAILED:
             self._failures.append(line)
         if line.level not in ("debug", "info"):
             self._messages.append(line)

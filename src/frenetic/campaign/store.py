@@ -38,7 +38,7 @@ from frenetic._support.json_value import JSONValue as JSONValue
 from frenetic._support.json_value import plain
 from frenetic._support.notebook import Shown
 from frenetic._support.words import present_moment
-from frenetic.campaign.counts import StoredCounts, road_key
+from frenetic.campaign.counts import Counts, road_key
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import (
     FINDING,
@@ -99,7 +99,7 @@ _INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({', '.join('?' * (len(FIN
 _REPLACE_FACT: Final = "INSERT OR REPLACE INTO fact VALUES (?, ?, ?)"
 _SELECT: Final = f"SELECT {_VALUES}, asked_after, checksum FROM test WHERE id IN "  # noqa: S608
 _SELECT_FINDINGS: Final = f"SELECT test, number, {_FINDING} FROM finding WHERE test IN "  # noqa: S608
-_ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended")
+_ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
 _FIXED: Final = ("config", "created_at", "earlier", "sources")
 _UNLISTED: Final = ("config", "earlier", "sources")  # large, or shown elsewhere
 
@@ -306,7 +306,11 @@ class CampaignStore(Shown):
             CampaignError: it cannot be written, or the database was removed.
         """
         self.require_there()
-        self._add_facts({"finished_at": present_moment()} | facts)
+        self.keep(**{"finished_at": present_moment(), **facts})
+
+    def keep(self, **facts: JSONValue) -> None:
+        """Adds or replaces facts about the whole campaign; errors are those of `finish`."""
+        self._add_facts(facts)
 
     def reopen(self, **facts: JSONValue) -> None:
         """Replaces the facts about the campaign's end by others; errors are those of `finish`."""
@@ -588,7 +592,7 @@ class CampaignStore(Shown):
         """The number of results per outcome; every outcome is present."""
         return self._count_by_outcome()[0]
 
-    def counts(self) -> StoredCounts:
+    def counts(self) -> Counts:
         """The number of tests per outcome and of different roads, and the lowest MOOBD.
 
         Reads the roads of all tests: where numbers are enough, `by_outcome` is faster.
@@ -596,8 +600,7 @@ class CampaignStore(Shown):
         by_outcome, min_moobd = self._count_by_outcome()
         select = "SELECT step, curvatures, points FROM test WHERE outcome <> 'DROPPED'"
         roads = {road_key(*row) for row in self.rows(select)}
-        ((asked,),) = self._select("SELECT count(*) FROM test")
-        return StoredCounts.of(by_outcome, min_moobd, len(roads), asked=asked)
+        return Counts.of(by_outcome, min_moobd, len(roads))
 
     def _count_by_outcome(self) -> tuple[dict[Outcome, int], float | None]:
         """The number of results per outcome, and the lowest MOOBD in m."""

@@ -49,11 +49,8 @@ COMMANDS: Final = {
         "check:check", "Check that a campaign's database is sound, and say what it holds."
     ),
     "export": Row("export:export", "Write a campaign as tables, or for the competition's tools."),
-    "robustness": Row("robustness:robustness", "Say how often failures repeat, and what matters."),
-    "confirm": Row("confirm:confirm", "Drive a campaign's failures in another simulator."),
-    "regression": Row(
-        "regression:regression",
-        "Drive a campaign's failures again, with another driver or simulator.",
+    "rerun": Row(
+        "rerun:rerun", "Drive failures again: as before, otherwise, elsewhere, by another driver."
     ),
     "back-to-back": Row(
         "back_to_back:back_to_back", "Say whether a new version of a driver is better."

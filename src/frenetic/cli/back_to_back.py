@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from frenetic._support.words import capitalised, counted
+from frenetic.cli.again import interrupted, recorded_spec, shown_driving
 from frenetic.cli.console import Log, print_table, two_digits
 from frenetic.cli.options import (
     CampaignFolder,
@@ -25,12 +26,12 @@ from frenetic.cli.options import (
     workers_option,
 )
 from frenetic.cli.parts import moved, part_choice, place_options
-from frenetic.cli.redrive import interrupted, recorded_spec, shown_driving
 from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
-    from frenetic.redrive.back_to_back import Plan
-    from frenetic.redrive.paired import BackToBack, Version
+    from frenetic.again.paired import BackToBack, Version
+    from frenetic.again.versions import Plan
+    from frenetic.campaign import Event
     from frenetic.spec import Spec
 
 _LISTED: Final = 10
@@ -90,9 +91,9 @@ def back_to_back(
     The exit code is 0 if the new version is better, 1 if it is worse, 3 if that cannot be told, 2
     if something is wrong with the command.
     """
-    from frenetic.redrive.back_to_back import as_recorded
-    from frenetic.redrive.back_to_back import plan as plan_roads
-    from frenetic.redrive.paired import Version, back_to_back_document
+    from frenetic.again.paired import Version, back_to_back_document
+    from frenetic.again.versions import as_recorded
+    from frenetic.again.versions import plan as plan_roads
 
     if new is None and driver is None and not driver_options:
         raise click.UsageError(
@@ -128,7 +129,7 @@ def _spec(
         if store.config.get("command") is None:
             raise CampaignError(
                 f"{folder} was started from Python, so its parts have no names: compare the"
-                " versions there, with frenetic.redrive.back_to_back"
+                " versions there, with frenetic.again.versions"
             )
         given = {"driver": driver, "driver_options": options}
         spec = recorded_spec(store, given, checked=checked)
@@ -148,7 +149,7 @@ def _driven(
     workers: int,
     drive_limit: float | None,
 ) -> BackToBack:
-    from frenetic.redrive.back_to_back import (
+    from frenetic.again.versions import (
         Driving,
         check_differ,
         drive_new,
@@ -172,33 +173,33 @@ def _driven(
     if plan.new is not None and (note := other_version("driver", new_spec.driver.made, made[1])):
         log.print(f"Note: {plan.new}: {note}", markup=False)
 
-    def driving(spec: Spec, hooks: Mapping[str, Any]) -> Driving:
+    def driving(spec: Spec, on_event: Callable[[Event], None]) -> Driving:
         driver = spec.make_driver()
         place = isolated(simulator, driver, drive_limit) if workers == 1 else simulator
-        return Driving(place, driver, workers, drive_limit, **hooks)
+        return Driving(place, driver, workers, drive_limit, on_event)
 
     with (
         own_modules(),
         old_version() as spec,
-        shown_driving(log, "Driving the old version") as hooks,
+        shown_driving(log, "Driving the old version", plan.drives) as on_event,
     ):
-        old = drive_old(plan, driving(spec, hooks), spec)
+        old = drive_old(plan, driving(spec, on_event), spec)
     to_go = "{} to go; the same command goes on"
     if old.missing:
         raise interrupted(log, to_go.format(counted(old.missing + plan.drives, "drive")))
-    with own_modules(), shown_driving(log, "Driving the new version") as hooks:
-        new = drive_new(plan, driving(new_spec, hooks), old)
+    with own_modules(), shown_driving(log, "Driving the new version", plan.drives) as on_event:
+        new = drive_new(plan, driving(new_spec, on_event), old)
     if new.missing:
         raise interrupted(log, to_go.format(counted(new.missing, "drive")))
     return pair_up(plan, old, new)
 
 
 def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
-    from frenetic.redrive.paired import Version
-    from frenetic.redrive.record import Change
+    from frenetic.again.paired import Version
+    from frenetic.again.verdicts import Change
     from frenetic.versions import innermost, short_version
 
-    shown = [Change.FIXED, Change.NEWLY_FAILING, Change.STILL_FAILING, Change.STILL_PASSING]
+    shown: list[Change] = [change for change in Change if change is not Change.NOT_JUDGED]
     if any(roads.count(Change.NOT_JUDGED) for roads in result.sets):
         shown.append(Change.NOT_JUDGED)
     click.echo(result.answer)
@@ -227,7 +228,7 @@ def _print(result: BackToBack, specs: Mapping[Version, Spec]) -> None:
 
 
 def _print_distinct(result: BackToBack) -> None:
-    from frenetic.redrive.paired import Fate
+    from frenetic.again.paired import Fate
 
     distinct = result.distinct
     if not distinct:

@@ -33,7 +33,7 @@ from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
     from frenetic.calibration import Calibration, Model, Recordings
-    from frenetic.profile import Figures
+    from frenetic.twin.profile import Figures
 
 
 class Fits(Range):

@@ -68,7 +68,7 @@ def _as_json(report: CheckReport) -> dict[str, Any]:
         "is_sound": report.is_sound,
         "findings": list(report.findings),
         "created_at": report.created_at,
-        "asked": report.counts.asked,
+        "asked": report.asked,
         "told": report.counts.told,
         **report.counts.counts_json(),
         "by_outcome": dict(report.counts.by_outcome),

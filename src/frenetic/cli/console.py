@@ -20,7 +20,7 @@ from frenetic.cli import silence
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
-    from frenetic.campaign import CampaignStore, Progress
+    from frenetic.campaign import CampaignStore, Summary
     from frenetic.campaign.counts import Counts
     from frenetic.oracle import Result
 
@@ -83,7 +83,7 @@ def announced_compilation(log: Console) -> Iterator[Callable[[], None]]:
         over.set()
 
 
-def progress_text(progress: Progress) -> str:
+def progress_text(progress: Summary) -> str:
     """Progress of a search in one line."""
     least = "-" if progress.min_moobd is None else f"{progress.min_moobd:.2f} m"
     left = progress.seconds_left
@@ -95,7 +95,7 @@ def progress_text(progress: Progress) -> str:
 
 
 @contextmanager
-def live_progress(log: Console) -> Iterator[Callable[[Progress], None]]:
+def live_progress(log: Console) -> Iterator[Callable[[Summary], None]]:
     """Shows the progress of a search."""
     with live_line(log) as show:
         yield lambda progress: show(progress.budget_spent, lambda: progress_text(progress))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from frenetic.cli.again import file_spec
 from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
 from frenetic.cli.options import (
     GroupedCommand,
@@ -19,7 +20,6 @@ from frenetic.cli.options import (
     lane_option,
 )
 from frenetic.cli.parts import recorded_options
-from frenetic.cli.redrive import file_spec
 
 if TYPE_CHECKING:
     from frenetic.oracle import Result

@@ -89,7 +89,7 @@ def _print(follower: Follower, folder: Path) -> Status | None:
         if state.status is not status:
             print_facts(_facts(state, folder))
         elif now >= next_progress:
-            click.echo(progress_text(state.progress))
+            click.echo(progress_text(state.summary))
         if state.status is not status or now >= next_progress:
             next_progress = now + PLAIN_INTERVAL
         for line in state.messages:
@@ -106,7 +106,7 @@ def screen(state: CampaignState, folder: Path, width: int) -> RenderableType:
     style = _STYLES.get(state.status, _BAD)
     budget = Table.grid(padding=(0, 2))
     budget.add_row(
-        ProgressBar(total=1.0, completed=state.progress.budget_spent, width=width // 3),
+        ProgressBar(total=1.0, completed=state.summary.budget_spent, width=width // 3),
         facts["budget"],
     )
     parts: list[RenderableType] = [budget, facts["results"], facts["rate"]]
@@ -149,7 +149,7 @@ def _table_of_workers(workers: Sequence[WorkerState]) -> RenderableType:
 
 def _facts(state: CampaignState, folder: Path) -> list[tuple[str, str]]:
     """The state in words."""
-    progress, start = state.progress, state.start
+    progress, start = state.summary, state.start
     status = str(state.status)
     if state.status is Status.UNKNOWN:
         status += f" since {_clock(state.last_time)}: {start.host} may write it"

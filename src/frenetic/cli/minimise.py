@@ -15,6 +15,7 @@ import click
 
 from frenetic._support.words import counted
 from frenetic.cli import complain
+from frenetic.cli.again import file_spec, interrupted, recorded_spec
 from frenetic.cli.console import (
     Log,
     announced_compilation,
@@ -32,13 +33,12 @@ from frenetic.cli.options import (
     json_option,
 )
 from frenetic.cli.parts import given_options, recorded_options
-from frenetic.cli.redrive import file_spec, interrupted, recorded_spec
 from frenetic.errors import FreneticError
 from frenetic.spec import Spec, drive_record
 
 if TYPE_CHECKING:
-    from frenetic.campaign import RoadTester, Test
-    from frenetic.redrive.minimise import Minimised, MinimiseProgress
+    from frenetic.again.minimise import Minimised
+    from frenetic.campaign import Event, RoadTester, Test
     from frenetic.report.minimised import MinimisedFiles
     from frenetic.road import Road
 
@@ -74,8 +74,6 @@ class Done:
     minimised: Minimised
     repeat: str
     """The command line that drives it again."""
-    there: float | None
-    """Length of an older, shorter road that stays, in m; None if this one is written."""
 
     @property
     def ending(self) -> str:
@@ -124,14 +122,13 @@ def minimise(
 
     The tests of a CAMPAIGN are driven as it drove them unless options change that; a ROAD file is
     driven as by 'frenetic drive'. Each road becomes a file, beside a picture of its drive and one
-    of before and after, unless a shorter one that fails alike exists. The failure is the same if
-    its reason is, and road, offsets and speeds before it differ by at most 2 m, as within one
-    distinct failure. Ctrl-C keeps the smallest road found so far.
+    of before and after. The failure is the same if its reason is, and road, offsets and speeds
+    before it differ by at most 2 m, as within one distinct failure. Ctrl-C keeps the smallest road
+    found so far; the same command goes on with a campaign's test, and shows a complete one.
     """
-    from frenetic._support.interrupt import catch_interrupt
+    from frenetic.again.rerun import campaign_tester
     from frenetic.campaign import CampaignStore, RoadTester
-    from frenetic.redrive.drives import warn_of_versions
-    from frenetic.report.minimised import minimised_document, shorter_there, write_minimised
+    from frenetic.report.minimised import minimised_document, write_minimised
     from frenetic.spec import describe
 
     if source.is_dir():
@@ -141,33 +138,23 @@ def minimise(
     else:
         spec, works = _of_file(context, source, out)
     driver, simulator = spec.make_parts(isolate=True)
-    with as_usage_error():
-        tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
     if source.is_dir():
         with CampaignStore.open(source) as store:
-            warn_of_versions(store, simulator, driver)
+            tester = campaign_tester(store, simulator, driver)
+    else:
+        with as_usage_error():
+            tester = RoadTester(simulator, driver, spec.map_size, spec.margin, spec.lane_width)
     for work in works:  # before hours are spent on what cannot be written
         work.files.prepare()
 
     done: list[Done] = []
     left = works
-    failed = False
+    failed = is_interrupted = False
     log = Log()
-
-    def stopping() -> None:
-        log.print("Stopping after this drive; press Ctrl-C again to leave at once.")
-
-    with (
-        catch_interrupt(stopping) as interrupt,
-        announced_compilation(log) as compiled,
-        tester.simulator,
-    ):
-        compiled()
+    with announced_compilation(log) as compiled:
         for number, work in enumerate(works, start=1):
             try:
-                minimised = _minimise(
-                    work, tester, max_drives, guard, log, lambda: interrupt.requested
-                )
+                minimised = _minimise(work, tester, max_drives, guard, log, compiled)
                 document = minimised_document(
                     minimised,
                     driver=describe(tester.driver),
@@ -175,10 +162,8 @@ def minimise(
                     test_id=work.test_id,
                     driven=drive_record(spec.with_limit().to_json()),
                 )
-                there = shorter_there(work.files.road, document)
-                if there is None:
-                    with log.status(f"Drawing {work.name}"):
-                        write_minimised(minimised, work.files, document, name=work.name)
+                with log.status(f"Drawing {work.name}"):
+                    write_minimised(minimised, work.files, document, name=work.name)
             except FreneticError as error:
                 if len(works) == 1:
                     raise
@@ -187,9 +172,10 @@ def minimise(
             else:
                 words = shlex.join(spec.drive_words(brief=True))
                 repeat = f"frenetic drive {shell(work.files.road)} {words}".rstrip()
-                done.append(Done(work, minimised, repeat, there))
+                done.append(Done(work, minimised, repeat))
+                is_interrupted = minimised.ending == "stopped" and minimised.trouble is None
             left = works[number:]
-            if interrupt.requested:
+            if is_interrupted:
                 break
     if as_json:
         click.echo(json.dumps([_as_json(item) for item in done]))
@@ -197,7 +183,7 @@ def minimise(
         _print_one(done[0])
     elif done:
         _print_many(done)
-    if interrupt.requested:
+    if is_interrupted:
         if left:
             which = ", ".join(str(work.test_id) for work in left)
             raise interrupted(log, f"{counted(len(left), 'failure')} not begun: {which}")
@@ -278,54 +264,68 @@ def _minimise(
     max_drives: int,
     guard: float,
     log: Log,
-    should_stop: Callable[[], bool],
+    compiled: Callable[[], None],
 ) -> Minimised:
     """Minimises one road and shows the progress."""
-    from frenetic.redrive.minimise import minimise, minimise_test
+    from frenetic.again.minimise import minimise, minimise_test
 
-    how: dict[str, Any] = {"max_drives": max_drives, "guard": guard, "should_stop": should_stop}
-    with _live(log, work) as show, as_usage_error():
+    with _live(log, work, max_drives) as show, as_usage_error():
+
+        def on_event(event: Event) -> None:
+            if event.kind == "started":
+                compiled()
+            elif event.kind == "interrupted":
+                log.print("Stopping after this drive; press Ctrl-C again to leave at once.")
+            else:
+                show(event)
+
+        how: dict[str, Any] = {"max_drives": max_drives, "guard": guard, "on_event": on_event}
         if work.campaign is not None and work.record is not None:
-            minimised = minimise_test(work.campaign, work.record, tester, on_progress=show, **how)
+            minimised = minimise_test(work.campaign, work.record, tester, **how)
         else:
-            minimised = minimise(work.road, tester, on_progress=show, **how)
+            minimised = minimise(work.road, tester, **how)
     if is_another(minimised):
         recorded = "" if work.record is None else f", not: {work.record.reason}"
         log.print(
             f"{work.name} is a different failure than recorded ({minimised.match}):"
-            f" {minimised.original.result.reason}{recorded}",
+            f" {minimised.original.reason}{recorded}",
             markup=False,
         )
     return minimised
 
 
 @contextmanager
-def _live(log: Log, work: Work) -> Iterator[Callable[[MinimiseProgress], None]]:
+def _live(log: Log, work: Work, max_drives: int) -> Iterator[Callable[[Event], None]]:
     """Shows the progress of a road."""
 
-    def text(now: MinimiseProgress) -> str:
-        return (
-            f"{work.name}: drive {now.drives} of at most {now.max_drives},"
-            f" {work.road.length:.0f} m -> {now.length:.0f} m, curves {now.curves}, {now.doing}"
+    def text(event: Event) -> str:
+        notes = {} if event.test is None else event.test.candidate.notes
+        smaller = (
+            f", {work.road.length:.0f} m -> {notes['length']:.0f} m, curves {notes['curves']},"
+            f" {notes['pass']}"
+            if notes
+            else ""
         )
+        drives = event.summary.simulations
+        return f"{work.name}: drive {drives} of at most {max_drives}{smaller}"
 
     with live_line(log) as show:
-        yield lambda now: show(now.drives / now.max_drives, lambda: text(now))
+        yield lambda event: show(event.summary.budget_spent, lambda: text(event))
 
 
 def is_another(minimised: Minimised) -> bool:
     """Whether the original now has another failure than its campaign recorded."""
-    from frenetic.redrive.record import Match
+    from frenetic.again.verdicts import Match
 
     return minimised.match not in (None, Match.SAME, Match.SAME_PLACE)
 
 
 def _print_one(done: Done) -> None:
     minimised, files = done.minimised, done.work.files
-    before, after = minimised.original, minimised.smallest
+    before, after = minimised.shapes
     click.echo(
-        f"{done.work.name}: {before.road.length:.0f} m -> {after.road.length:.0f} m,"
-        f" {counted(before.shape.curves, 'curve')} -> {after.shape.curves},"
+        f"{done.work.name}: {before.length:.0f} m -> {after.length:.0f} m,"
+        f" {counted(before.curves, 'curve')} -> {after.curves},"
         f" {counted(minimised.drives, 'drive')}, {done.ending}"
     )
     if minimised.improvements:
@@ -347,16 +347,11 @@ def _print_one(done: Done) -> None:
         )
     if minimised.note:
         click.echo(minimised.note)
-    if done.there is not None:
-        click.echo(
-            f"The road of {done.there:.0f} m that an earlier call found stays in {files.road};"
-            " the one described here is not written"
-        )
     print_facts(
         [
-            ("fails", after.result.reason),
+            ("fails", minimised.smallest.reason),
             ("failure", _failure(minimised)),
-            ("curvatures", " ".join(f"{v:g}" for v in after.shape.values)),
+            ("curvatures", " ".join(f"{v:g}" for v in after.values)),
             ("road", str(files.road)),
             ("picture", str(files.picture)),
             ("compared", str(files.comparison)),
@@ -379,7 +374,7 @@ def _print_many(done: list[Done]) -> None:
     rows = []
     for item in done:
         minimised = item.minimised
-        before, after = minimised.original.shape, minimised.smallest.shape
+        before, after = minimised.shapes
         rows.append(
             (
                 item.work.test_id,
@@ -394,29 +389,27 @@ def _print_many(done: list[Done]) -> None:
         )
     numbers = (">test", ">length (m)", ">curves", ">drives", "reason", ">difference (m)")
     print_table((*numbers, "recorded", "minimal"), rows)
-    different = len({(item.minimised.reason, item.minimised.smallest.shape) for item in done})
+    different = len({(item.minimised.reason, item.minimised.shapes[1]) for item in done})
     come = f"{counted(len(done), 'failure')} {'comes' if len(done) == 1 else 'come'}"
     click.echo(f"{come} down to {counted(different, 'different road')}")
     if unguarded := [item.work.name for item in done if item.minimised.note]:
         click.echo(f"Not found to hold the guard: {', '.join(unguarded)}")
-    if stay := [item.work.name for item in done if item.there is not None]:
-        click.echo(f"Shorter roads that an earlier call found stay: {', '.join(stay)}")
     click.echo(f"Roads:       {done[0].work.files.road.parent}")
     click.echo(f"Repeat one:  {done[0].repeat}")
 
 
 def _as_json(done: Done) -> dict[str, Any]:
     minimised, files = done.minimised, done.work.files
-    before, after = minimised.original, minimised.smallest
+    before, after = minimised.shapes
     return {
         "name": done.work.name,
         "test": done.work.test_id,
         "reason": str(minimised.reason),
-        "description": after.result.reason,
-        "length_before": before.road.length,
-        "length": after.road.length,
-        "curves_before": before.shape.curves,
-        "curves": after.shape.curves,
+        "description": minimised.smallest.reason,
+        "length_before": before.length,
+        "length": after.length,
+        "curves_before": before.curves,
+        "curves": after.curves,
         "drives": minimised.drives,
         "ending": str(minimised.ending),
         "trouble": minimised.trouble,
@@ -424,13 +417,12 @@ def _as_json(done: Done) -> dict[str, Any]:
         "note": minimised.note,
         "difference": minimised.difference,
         "match": minimised.match,
-        "step": after.shape.step,
-        "curvatures": list(after.shape.values),
+        "step": after.step,
+        "curvatures": list(after.values),
         "road": str(files.road),
         "picture": str(files.picture),
         "comparison": str(files.comparison),
         "repeat": done.repeat,
-        "written": done.there is None,
         "improvements": [
             {
                 "pass": found.by,

@@ -204,7 +204,7 @@ def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) 
     Args:
         spec: what holds otherwise.
         given: values of the options of `driver_options` or `part_options`, None if not given.
-        has_roads: as for `frenetic.profile.Profile.over`.
+        has_roads: as for `frenetic.twin.profile.Profile.over`.
 
     Raises:
         FreneticError: the profile cannot be read, or an option is out of range.
@@ -212,7 +212,7 @@ def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) 
     path = given.get(PROFILE)
     if path is None:
         return spec.replaced(given)
-    from frenetic.profile import Profile  # msgspec takes its time
+    from frenetic.twin.profile import Profile  # msgspec takes its time
 
     return Profile.read(path).over(spec, given, has_roads=has_roads)
 

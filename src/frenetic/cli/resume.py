@@ -68,6 +68,11 @@ def resume(
             f"{campaign} is a run of a bench, which keeps its budget: what a bench lacks is run by"
             " 'frenetic bench --resume --out BENCH'"
         )
+    if "again" in config:
+        raise click.UsageError(
+            f"{campaign} drives the roads of another campaign again: the command that began it,"
+            " 'frenetic rerun', 'minimise' or 'back-to-back', goes on with it"
+        )
     if config.get("command") is None:
         raise click.UsageError(
             f"{campaign} was started from Python: resume it there, with Campaign.resume()"

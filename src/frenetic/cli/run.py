@@ -14,7 +14,6 @@ from frenetic.cli.options import (
     GroupedCommand,
     as_usage_error,
     count_option,
-    file_option,
     folder_option,
     json_option,
     objective_option,
@@ -55,11 +54,6 @@ DEFAULT_SIMULATIONS: Final = 1000
     help="Start from an earlier campaign, such as one of the driver's last version: what failed"
     " there is driven again first; may be repeated.",
 )
-@file_option(
-    "--screen",
-    "Search with the twin of this profile ('frenetic calibrate'): it drives twenty roads for each"
-    " that the simulator gets, the one that promises most.",
-)
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @folder_option("Folder for the results. [default: a new one under campaigns/]")
 @fail_on_failure_option
@@ -78,7 +72,6 @@ def run(
     lookahead: int | None,
     objective: str,
     start_from: tuple[Path, ...],
-    screen: Path | None,
     seed: int | None,
     out: Path | None,
     fail_on_failure: bool,
@@ -92,7 +85,6 @@ def run(
     so does Ctrl-C, and nothing found is lost.
     """
     from frenetic.campaign import LOOKAHEAD, new_folder
-    from frenetic.campaign.screening import with_screen
     from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
 
     if simulations is None and seconds is None and failures is None:
@@ -115,8 +107,6 @@ def run(
         start_from=tuple(EarlierCampaign(str(folder)) for folder in start_from),
         lookahead=(lookahead or usual or LOOKAHEAD) if ordered else None,
     )
-    if screen is not None:
-        spec = with_screen(spec, screen)
     campaign = make_campaign(
         spec, new_folder() if out is None else out, workers, cluster, drive_limit
     )

@@ -28,7 +28,7 @@ from frenetic.spec import number_word
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
-    from frenetic.campaign import Campaign, CampaignStore, Summary
+    from frenetic.campaign import Campaign, CampaignStore, Event, Summary
     from frenetic.spec import Spec
 
 _TO_GO_ON: Final = ("workers", "cluster", "drive_limit")
@@ -146,15 +146,20 @@ def search(
     summary: Summary | None = None
     with announced_compilation(log) as compiled, live_progress(log) as show:
 
-        def started() -> None:
-            compiled()
-            log.print(f"{announcement}, results in {folder}", markup=False)
-            for note in campaign.notes:
-                log.print(f"Note: {note}", markup=False)
+        def on_event(event: Event) -> None:
+            if event.kind == "interrupted":
+                log.stopping()
+            elif event.kind == "result":
+                show(event.summary)
+            else:
+                compiled()
+                log.print(f"{announcement}, results in {folder}", markup=False)
+                for note in campaign.notes:
+                    log.print(f"Note: {note}", markup=False)
 
         try:
             with redirect_stdout(sys.stderr):  # a strategy's prints, say
-                summary = how(show, on_start=started, on_interrupt=log.stopping)
+                summary = how(on_event=on_event)
         except CampaignError as error:
             # Show what was stored until then.
             if not campaign.started:
@@ -221,6 +226,8 @@ def _write_report(
 
 
 def _print_summary(summary: Summary, error: str, known: str) -> None:
+    from frenetic.campaign.summary import facts_in_words
+
     least = "" if summary.min_moobd is None else f", best MOOBD {summary.min_moobd:.2f} m"
     stopped = "Interrupted: " if summary.interrupted else ""
     click.echo(
@@ -231,8 +238,8 @@ def _print_summary(summary: Summary, error: str, known: str) -> None:
     click.echo(summary.in_words())
     if known:
         click.echo(known)
-    if summary.screening is not None:
-        click.echo(f"Screening:   {summary.screening.in_words()}")
+    if told := facts_in_words(summary.facts):
+        click.echo(f"Search:      {told}")
     if error:
         click.echo(f"The first error: {error}")
     if summary.ended:

@@ -189,21 +189,20 @@ def _list_tests(
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
     from frenetic.campaign.earlier import still_failing
+    from frenetic.campaign.loop import FACTS
     from frenetic.campaign.objective import in_words, objectives
-    from frenetic.campaign.screening import ScreeningSummary, screen_text
+    from frenetic.campaign.summary import facts_in_words
 
     counts = store.counts()
     config, facts = store.config, store.facts
     clusters = distinct_failures(store)
     found = clusters if counts.failed else nearest_misses(store)
-    screening = ScreeningSummary.of_store(store)
     if as_json:
         document = {
             "folder": str(store.folder),
             **counts.counts_json(),
             "distinct_failures": clusters_json(clusters),
             "near_misses": [] if counts.failed else clusters_json(found),
-            **({} if screening is None else {"screening": screening.as_json()}),
             "facts": dict(facts),
             "config": dict(config),
         }
@@ -225,7 +224,6 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("strategy", _part(config.get("strategy"))),
             ("driver", _part(config.get("driver"))),
             ("simulator", _part(config.get("simulator"))),
-            *([("screened by", screen_text(config))] if screening is not None else []),
             (
                 "rules",
                 f"{limits.get('speed_limit')} km/h, {limits.get('oob_tolerance')} of the car may"
@@ -236,7 +234,8 @@ def _show_campaign(store: CampaignStore, as_json: bool) -> None:
             ("budget", spent),
             ("results", counts.in_words()),
             *([("known before", text)] if (text := still_failing(store)) else []),
-            *([("screening", screening.in_words())] if screening is not None else []),
+            *([("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
+            *([("note", str(facts["notice"]))] if facts.get("notice") else []),
             *([("error", f"the first: {error}")] if (error := first_error(store)) else []),
         ]
     )

@@ -19,10 +19,10 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.failures import THRESHOLD, Failure
 from frenetic.analysis.segments import segment_of
-from frenetic.campaign import screening
 from frenetic.oracle import Side, assess
 from frenetic.outcome import Outcome
 from frenetic.road import Road
+from frenetic.twin import twin
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class RankedRoad:
     """Rank of the first road that promises the same problem, None if this is the first."""
 
 
-class Twin(screening.Twin):
+class Twin(twin.Twin):
     """A twin that ranks roads."""
 
     def prospect(self, name: str, road: Road, *, anyway: bool = False) -> Prospect:

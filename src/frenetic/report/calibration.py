@@ -17,7 +17,6 @@ from frenetic.calibration import Calibration
 from frenetic.calibration.driving import FAILED, OFFSET_MEDIAN, SHARE
 from frenetic.calibration.recordings import GRID
 from frenetic.calibration.validation import NEAR, found_by
-from frenetic.profile import Figures
 from frenetic.report.html.blocks import (
     Block,
     Chart,
@@ -34,6 +33,7 @@ from frenetic.report.html.blocks import (
 from frenetic.report.html.headline import Headline, Tile
 from frenetic.report.html.page import Report, made_by, write_page
 from frenetic.report.style import DPI, INK, QUIET, STYLE, WIDTH, form_of, write_figure
+from frenetic.twin.profile import Figures
 
 TWIN: Final = "twin"
 _COLOURS: Final = ("#b3262c", "#0b5fa5", "#1b8a6b", "#e07b1a")

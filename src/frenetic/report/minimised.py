@@ -9,13 +9,11 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import check_writable, write_file
-from frenetic.analysis.failures import THRESHOLD
+from frenetic.again.minimise import OPERATOR, Minimised
 from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
-from frenetic.redrive.minimise import OPERATOR, Minimised
 from frenetic.report.failures import road_entries, verdict_entries
 from frenetic.spec import DRIVEN
-from frenetic.versions import differences
 
 MINIMISED: Final = "minimised"
 """Folder in a campaign's folder for its minimised roads."""
@@ -73,7 +71,8 @@ def minimised_document(
         test_id: of the campaign's test that was minimised, if it was one.
         driven: its `frenetic.spec.drive_record`, if the parts have names.
     """
-    smallest = minimised.smallest
+    smallest, drive = minimised.smallest, minimised.smallest.drive
+    assert drive is not None
     parents: list[int] = [] if test_id is None else [test_id]
     return {
         **({} if test_id is None else {"id": test_id}),
@@ -83,7 +82,7 @@ def minimised_document(
         "origin": {"operator": OPERATOR, "parents": parents},
         "driver": driver,
         "simulator": simulator,
-        "rules": asdict(smallest.drive.rules),
+        "rules": asdict(drive.rules),
         **({} if driven is None else {DRIVEN: driven}),
         "minimised": {
             "reason": str(minimised.reason),
@@ -96,32 +95,6 @@ def minimised_document(
         },
         **road_entries(smallest.road),
     }
-
-
-def shorter_there(path: Path, document: Mapping[str, Any]) -> float | None:
-    """Length of the road in a file, in m, if it is better than a `minimised_document`.
-
-    A better road is shorter, and the same driver has the same failure on it in the same simulator,
-    with a guard that is not weaker.
-    """
-    document = json.loads(json.dumps(document))  # as it would be read
-    try:
-        there = json.loads(path.read_text(encoding="utf-8"))
-        length = _length(there)
-        is_like = there["rules"] == document["rules"] and not any(
-            differences(kind, there[kind], document[kind]) for kind in ("driver", "simulator")
-        )
-        how, ours = there["minimised"], document["minimised"]
-        is_like = is_like and all(how[key] == ours[key] for key in ("reason", "match"))
-        is_like = is_like and how["guard"] >= ours["guard"] and how["difference"] <= THRESHOLD
-    except (OSError, ValueError, LookupError, TypeError, RecursionError):
-        return None
-    return length if is_like and length < _length(document) else None
-
-
-def _length(document: Mapping[str, Any]) -> float:
-    """Length of a document's road, in m."""
-    return float(document["step"]) * (len(document["curvatures"]) - 1)
 
 
 def write_minimised(
@@ -142,6 +115,8 @@ def write_minimised(
 
     write_file(files.road, json.dumps(document) + "\n", remedy=_REMEDY)
     before, after = minimised.original, minimised.smallest
+    assert before.drive is not None
+    assert after.drive is not None
     draw_drive(after.road, after.drive, files.picture, title=f"{name}, minimised")
     draw_gallery(
         [("Before", before.road, before.drive), ("After", after.road, after.drive)],

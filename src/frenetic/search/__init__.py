@@ -6,7 +6,6 @@ from frenetic.search.frenetic import Frenetic
 from frenetic.search.frenetic_2021 import Frenetic2021
 from frenetic.search.random_search import RandomSearch
 from frenetic.search.records import Candidate, Evaluation, Origin, Source, Trace
-from frenetic.search.screened import Screened
 from frenetic.search.strategy import (
     SearchEnded,
     Strategy,
@@ -19,7 +18,6 @@ __all__ = [
     "Frenetic2021",
     "Origin",
     "RandomSearch",
-    "Screened",
     "SearchEnded",
     "Source",
     "Strategy",

@@ -6,7 +6,8 @@ import math
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, SupportsIndex
+from types import TracebackType
+from typing import Any, ClassVar, Self, SupportsIndex
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.scalars import without_numpy
@@ -69,6 +70,25 @@ class Strategy(ABC):
         It changes nothing, and depends only on what was asked and told.
         """
         return None
+
+    def facts(self) -> Mapping[str, Any]:
+        """Return what else the search has to tell: a few names in words -> plain values.
+
+        The campaign stores them; reports and `frenetic show` print them as they are.
+        """
+        return {}
+
+    def __enter__(self) -> Self:
+        """Take what the search needs while a campaign runs, such as a process."""
+        return self
+
+    def __exit__(  # noqa: B027 - most have taken nothing
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Give it back."""
 
     def is_wanted(self, candidate: Candidate) -> bool:  # noqa: ARG002
         """Return whether a candidate that was asked and not yet told is still worth a drive.

@@ -25,7 +25,7 @@ from types import ModuleType
 from typing import Any, Final, NoReturn, Self
 from weakref import WeakSet, finalize
 
-from frenetic.campaign.log import CampaignLog, Event, WorkerState, WorkerStatus
+from frenetic.campaign.log import CampaignLog, LogEvent, WorkerState, WorkerStatus
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat
@@ -244,7 +244,9 @@ class ClusterWorkers(Workers):
         if error is None:
             seat.state, seat.since = "idle", time.monotonic()
             self._has_started = True
-            self._log.write(Event.WORKER_STARTED, f"worker {seat.name} started", worker=seat.name)
+            self._log.write(
+                LogEvent.WORKER_STARTED, f"worker {seat.name} started", worker=seat.name
+            )
         elif isinstance(error, TakenError):
             self._seats.remove(seat)
             again = time.monotonic() + TAKEN_INTERVAL
@@ -289,7 +291,7 @@ class ClusterWorkers(Workers):
         if seat.call is not None:
             seat.call.release()
             fields["test"] = seat.candidate
-        self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
+        self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
         if seat.call is None:
             return None
         seconds = time.monotonic() - seat.since

@@ -11,7 +11,7 @@ from dataclasses import replace
 from multiprocessing.connection import wait
 from typing import Any, Final, Self
 
-from frenetic.campaign.log import CampaignLog, Event, WorkerState
+from frenetic.campaign.log import CampaignLog, LogEvent, WorkerState
 from frenetic.campaign.record import Attempt
 from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester
@@ -174,7 +174,7 @@ class LocalWorkers:
         seat.failed_starts = 0
         if self._log is not None:
             name = seat.worker.name
-            self._log.write(Event.WORKER_STARTED, f"{name} started", worker=name)
+            self._log.write(LogEvent.WORKER_STARTED, f"{name} started", worker=name)
 
     def _answered(self, seat: _Seat, attempt: Attempt) -> Attempt:
         if attempt.traceback:
@@ -253,7 +253,7 @@ class LocalWorkers:
         loss = f"{name} was lost: {reason}"
         if self._log is not None:
             fields |= {"worker": name, "reason": reason}
-            self._log.write(Event.WORKER_LOST, loss, level="warning", **fields)
+            self._log.write(LogEvent.WORKER_LOST, loss, level="warning", **fields)
         return loss
 
 

@@ -11,20 +11,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.segments import Segment, segment_of
 from frenetic.campaign.counts import Counts, key_of
 from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
-from frenetic.campaign.screening import ScreeningSummary
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.redrive.robustness import Rerun, read_reruns, telling_reruns
 from frenetic.report.html.blocks import Section
 from frenetic.report.html.camera import PICTURES_SIZE, DriverCamera
-from frenetic.report.html.confirmed import confirmations_of, confirmed_sections
+from frenetic.report.html.elsewhere import elsewhere_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
 from frenetic.report.html.gallery import family_section, gallery_section, misses_section
 from frenetic.report.html.headline import headline
@@ -103,21 +102,14 @@ def campaign_report(
     mapped = [test.id for test in choose_mapped(tests)]
     config, facts = store.config, store.facts
     reruns, trouble = _reruns(store)
-    confirmations, damage = confirmations_of(store)
-    confirmed = [test.test_id for one in confirmations for test in one.tests]
-    drives, measured = _look(store, _to_show(tests, by_id, found, confirmed), mapped)
+    own, there = own_repeats(reruns, config, store.setting.rules), elsewhere(reruns, config)
+    driven_there = [test.id for one in there for test in one.tests]
+    drives, measured = _look(store, _to_show(tests, by_id, found, driven_there), mapped)
     opened = {drive.id for drive in drives}
     spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
     table = TestTable.of(test for test in tests if test.id in spoken_of)
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
     elapsed = store.elapsed()
-    screening = ScreeningSummary.of_store(store)
-    trouble = " ".join(
-        [
-            *([screening.stopped] if screening is not None and screening.stopped else []),
-            trouble,
-        ]
-    )
     top = headline(
         config,
         facts,
@@ -129,20 +121,19 @@ def campaign_report(
         objectives=objectives(store),
         known=still_failing(store),
         trouble=trouble,
-        screening=screening,
     )
     return Report(
         title=top.title,
         sections=(
             Section("summary", top.title, (top,)),
             timeline_section(tests, clusters),
-            gallery_section(found, moobds, opened, reruns, failures)
+            gallery_section(found, moobds, opened, own, failures)
             if failures
             else misses_section(found, counts, moobds, opened),
             map_section(table.ids, measured, tests),
             family_section(found, opened),
             operators_section(tests, clusters),
-            *confirmed_sections(store, confirmations, damage),
+            *elsewhere_sections(store, there),
             repeat_section(config, facts),
             *sections,
         ),
@@ -229,7 +220,7 @@ def _to_show(
     tests: Sequence[TestSummary],
     by_id: dict[int, TestSummary],
     clusters: Clusters,
-    confirmed: Sequence[int],
+    elsewhere: Sequence[int],
 ) -> list[int]:
     """Ids of the tests to show, the most important first.
 
@@ -242,20 +233,15 @@ def _to_show(
         (test for test in tests if test.outcome is Outcome.FAIL),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
-    return list(dict.fromkeys([*heads, *confirmed, *driven, *(test.id for test in failed)]))
+    return list(dict.fromkeys([*heads, *elsewhere, *driven, *(test.id for test in failed)]))
 
 
-def _reruns(store: CampaignStore) -> tuple[dict[int, Rerun], str]:
-    """Repeats of its tests with the campaign's own parts, and trouble with them."""
-    parts = store.config
-    driver, simulator = parts.get("driver"), parts.get("simulator")
+def _reruns(store: CampaignStore) -> tuple[list[Rerun], str]:
+    """The reruns of a campaign, and trouble with them."""
     try:
-        reruns, rules = read_reruns(store.folder), store.setting.rules
+        return read_reruns(store.folder), ""
     except CampaignError as error:
-        return {}, str(error)
-    if not isinstance(driver, dict) or not isinstance(simulator, dict):
-        return {}, ""
-    return telling_reruns(reruns, driver, simulator, rules), ""
+        return [], str(error)
 
 
 def _shell(path: Path) -> str:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 from frenetic._support.words import counted
+from frenetic.again import verdicts
 from frenetic.analysis.failures import Cluster, Clusters
 from frenetic.campaign.counts import Counts
 from frenetic.oracle import Side
-from frenetic.redrive.robustness import Rerun
 from frenetic.report.html.blocks import Section
 
 
@@ -67,7 +67,7 @@ def gallery_section(
     clusters: Clusters,
     moobds: Mapping[int, float],
     shown: Collection[int],
-    reruns: Mapping[int, Rerun],
+    again: Iterable[verdicts.Repeats],
     failures: int,
 ) -> Section:
     """The failures as pictures.
@@ -76,7 +76,7 @@ def gallery_section(
         clusters: the distinct failures.
         moobds: m, of each of their tests.
         shown: ids of the tests with a drive in the page.
-        reruns: of those failures that were driven again.
+        again: those failures that were driven again with the same parts.
         failures: number of all failures.
     """
     data = tuple(_cluster_data(cluster, moobds, shown) for cluster in clusters if cluster.ids)
@@ -95,14 +95,14 @@ def gallery_section(
         )
     repeats = tuple(
         Repeats(
-            one.test_id,
+            one.id,
             str(one.stability),
             one.share,
             round(one.interval[0], 4),
             round(one.interval[1], 4),
             f"{one}; {one.what_varied}",
         )
-        for one in reruns.values()
+        for one in again
         if one.stability is not None
     )
     return Section("failures", "Failures", (Gallery(data, repeats),), lead)

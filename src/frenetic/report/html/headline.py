@@ -11,9 +11,10 @@ from typing import Any, ClassVar
 from frenetic._support.words import counted, format_duration, signed
 from frenetic.analysis.failures import Clusters
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.loop import FACTS
 from frenetic.campaign.objective import in_words
-from frenetic.campaign.screening import ScreeningSummary, screen_text
 from frenetic.campaign.store import JSONValue
+from frenetic.campaign.summary import facts_in_words
 from frenetic.drivers.loading import LAYERS
 from frenetic.report.html.blocks import Fact, Role, percent
 from frenetic.spec import earlier_of
@@ -56,7 +57,6 @@ def headline(
     known: str = "",
     objectives: Mapping[int, float] = MappingProxyType({}),
     trouble: str = "",
-    screening: ScreeningSummary | None = None,
 ) -> Headline:
     """The headline of a campaign.
 
@@ -71,10 +71,10 @@ def headline(
         objectives: value of the objective by test, if it is not the MOOBD.
         known: what became of the failures of earlier campaigns.
         trouble: other warnings for the reader.
-        screening: what it came to, None without.
     """
     failures, tests = counts.failed, counts.tests
     seconds: Any = facts.get("seconds")
+    notice = f"{notice[0].upper()}{notice[1:]}." if (notice := str(facts.get("notice", ""))) else ""
     duration = float(seconds) if isinstance(seconds, int | float) else elapsed
     strategy, driver, simulator = (_named(config, part) for part in _PARTS)
     seed = config.get("seed")
@@ -112,7 +112,7 @@ def headline(
     return Headline(
         title=_title(clusters, counts),
         lead=lead,
-        warning=" ".join(text for text in (_unfinished(facts, is_spent), trouble) if text),
+        warning=" ".join(text for text in (_unfinished(facts, is_spent), notice, trouble) if text),
         tiles=tuple(tiles),
         facts=(
             Fact("campaign", folder),
@@ -121,14 +121,7 @@ def headline(
             *(Fact("starts from", str(one)) for one in start_from),
             Fact("results", counts.in_words()),
             *([Fact("known before", known)] if known else []),
-            *(
-                []
-                if screening is None
-                else [
-                    Fact("screened by", screen_text(config)),
-                    Fact("screening", screening.in_words()),
-                ]
-            ),
+            *([Fact("search", told)] if (told := facts_in_words(facts.get(FACTS))) else []),
             *(Fact("driver", f"{driver}, {version}") for version in _version(config)),
             Fact("begun", _when(facts.get("created_at"))),
             Fact("finished", _when(facts.get("finished_at"))),

@@ -24,7 +24,7 @@ SCRIPTS: Final = (
     "player.js",
     "family.js",
     "gallery.js",
-    "confirmed.js",
+    "elsewhere.js",
     "map.js",
     "charts.js",
     "groups.js",

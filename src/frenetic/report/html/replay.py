@@ -16,7 +16,7 @@ from frenetic.report.html.tests import drive_data_of
 from frenetic.report.scene import look, road_of
 from frenetic.road import Road
 
-SCRIPTS: Final = ("base.js", "road.js", "confirmed.js", "player.js", "replay.js")
+SCRIPTS: Final = ("base.js", "road.js", "elsewhere.js", "player.js", "replay.js")
 """Files in ``static`` that a replay needs, in this order."""
 _HEIGHT: Final = 900  # px
 

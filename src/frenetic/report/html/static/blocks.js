@@ -10,7 +10,7 @@ const kinds = {
   bars: drawBars,
   timeline: drawTimeline,
   gallery: drawGallery,
-  confirmed: drawConfirmed,
+  elsewhere: drawElsewhere,
   featureMap: drawFeatureMap,
   family: drawFamily,
   headline: drawHeadline,

@@ -1,0 +1,133 @@
+"""Campaigns that drive roads of another one again, in the folder ``again`` of that one's.
+
+Each has a folder of its own, named after a digest of what it drives with what. So the same call
+goes on with an interrupted one, gives a complete one as it is, and never replaces another.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, TypedDict
+
+from msgspec import json
+
+from frenetic._support.json_value import plain
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
+from frenetic.campaign.state import stored_budget
+from frenetic.campaign.store import DATABASE, JSONValue
+from frenetic.errors import CampaignError
+from frenetic.search import Strategy
+from frenetic.spec import describe, require_count
+from frenetic.versions import SHORT
+
+FOLDER: Final = "again"
+"""Folder, in that of a campaign, of the campaigns that drive its roads again."""
+TERMS: Final = "again"
+"""Entry of such a campaign's configuration: why it drives them."""
+
+
+class How(TypedDict, total=False):
+    """Options of all that drives roads again."""
+
+    workers: int
+    """Number of roads driven at once, as for `Campaign`; 1 by default."""
+    drive_limit: float | None
+    """Wall time in s, likewise."""
+    out: Path | str | None
+    """Folder of the campaign that drives them; by default one in the campaign's own."""
+    on_event: Callable[[Event], object] | None
+    """Called with each event of the campaign that drives, see `Campaign.run`."""
+
+
+def campaign_again(
+    folder: Path | str,
+    strategy: Strategy,
+    tester: RoadTester,
+    budget: Budget,
+    *,
+    what: object,
+    terms: Mapping[str, JSONValue],
+    how: How,
+) -> Campaign:
+    """The campaign that drives roads of another one again, not yet run.
+
+    Args:
+        folder: of the campaign whose roads they are.
+        strategy: fresh.
+        tester: drives.
+        budget: of the driving campaign; a larger one than before lets it go on.
+        what: what is driven, as JSON; with the terms and parts it tells the campaign from others.
+        terms: why it is driven, for the campaign's configuration.
+        how: see `How`.
+
+    Raises:
+        CampaignError: ``out`` holds something else.
+        ValueError: an option is out of range.
+    """
+    simulator, driver = tester.simulator, tester.driver
+    parts = describe(driver), describe(simulator), asdict(simulator.rules)
+    text = json.encode([what, terms, parts], order="sorted", enc_hook=plain)
+    digest = hashlib.sha256(text).hexdigest()[:SHORT]
+    place = Path(how.get("out") or Path(folder) / FOLDER / digest)
+    workers = require_count("workers", how.get("workers", 1))
+    if (place / DATABASE).is_file():
+        with CampaignStore.open(place) as store:
+            if terms_of(store).get("digest") != digest:
+                raise CampaignError(f"{place} holds another campaign: choose another --out")
+    return Campaign(
+        strategy=strategy,
+        simulator=simulator,
+        driver=driver,
+        budget=budget,
+        folder=place,
+        map_size=tester.map_size,
+        margin=tester.margin,
+        lane_width=tester.lane_width,
+        workers=min(workers, budget.simulations or workers),
+        drive_limit=how.get("drive_limit"),
+        description={TERMS: {**terms, "digest": digest}},
+    )
+
+
+def complete(campaign: Campaign, how: How) -> None:
+    """Drives what is left to be driven of a `campaign_again`.
+
+    Raises:
+        CampaignError: nothing can be stored, no worker can be started, or only broken drives come.
+    """
+    if not (campaign.folder / DATABASE).is_file():
+        campaign.run(on_event=how.get("on_event"))
+        return
+    with CampaignStore.open(campaign.folder) as store:
+        facts, before = store.facts, stored_budget(store).simulations
+    assert campaign.budget is not None
+    is_whole = facts.get("ended") or before == campaign.budget.simulations
+    if "finished_at" not in facts or facts.get("interrupted") or not is_whole:
+        campaign.resume(on_event=how.get("on_event"))
+
+
+def terms_of(store: CampaignStore) -> Mapping[str, Any]:
+    """Why a campaign drives roads again, see `drive`; empty if it does not."""
+    terms = store.config.get(TERMS)
+    return terms if isinstance(terms, Mapping) else {}
+
+
+def driven_again(folder: Path | str) -> Iterator[Path]:
+    """The folders of the campaigns that drove a campaign's roads again, the oldest first.
+
+    Those that were interrupted come before all others. So whoever lets the last one count lets
+    nothing interrupted replace anything complete.
+
+    Raises:
+        CampaignError: one of them is damaged.
+    """
+    found: list[tuple[bool, str, Path]] = []
+    for database in sorted((Path(folder) / FOLDER).glob(f"*/{DATABASE}")):
+        with CampaignStore.open(database.parent) as store:
+            facts = store.facts
+            is_whole = "finished_at" in facts and not facts.get("interrupted")
+            found.append((is_whole, str(store.fact("created_at")), database.parent))
+    return (place for *_, place in sorted(found))

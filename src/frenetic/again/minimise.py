@@ -1,0 +1,363 @@
+"""The shortest and plainest road on which a driver still has the same failure.
+
+The roads that are tried are a campaign of their own, so minimising goes on where it was
+interrupted. `Minimising` is its strategy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final, Unpack
+
+import numpy as np
+
+from frenetic._support.arrays import FloatArray
+from frenetic.again.campaigns import How, campaign_again, complete
+from frenetic.again.shrinking import Answer, Improvement, Shape, Shrinker, Trials
+from frenetic.again.verdicts import Match
+from frenetic.analysis.failures import THRESHOLD, Failure
+from frenetic.campaign.loop import replay
+from frenetic.campaign.objective import MOOBD, Objective
+from frenetic.campaign.record import Test
+from frenetic.campaign.store import CampaignStore
+from frenetic.campaign.tester import RoadTester
+from frenetic.drive import Rules
+from frenetic.errors import CampaignError, FreneticError
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search.archive import places_of
+from frenetic.search.records import Candidate, Evaluation, Origin
+from frenetic.search.strategy import Ledger, SearchEnded, Strategy
+from frenetic.spec import Budget, require_count
+
+MAX_DRIVES: Final = 500
+"""Default for the most drives per road."""
+GUARD: Final = 0.02
+"""Share by which the curvatures of a road's neighbours differ, which must fail as well."""
+OPERATOR: Final = "minimise"
+"""Operator in the origin of the tried roads."""
+_UNGUARDED: Final = (
+    "No road was found that also fails with all curvatures {0:g} % smaller and {0:g} % larger,"
+    " the original included"
+)
+_MINIMAL: Final = "nothing smaller was found to fail"
+
+
+class FailureReason(StrEnum):
+    """Reason of a failed drive. Two drives failed for the same reason if these are equal."""
+
+    LEFT_LANE_LEFT = "left the lane to the left"
+    LEFT_LANE_RIGHT = "left the lane to the right"
+    STOOD_STILL = "stood still"
+    RAN_OUT_OF_TIME = "ran out of time"
+
+    @classmethod
+    def of(cls, side: str | None, duration: float | None, timeout: float) -> FailureReason:
+        """The reason of a failed drive.
+
+        Args:
+            side: of the lane on which the car left it; None if it did not.
+            duration: simulated time in s.
+            timeout: s that the road's drive may take.
+        """
+        if side is not None:
+            return cls.LEFT_LANE_LEFT if side == "left" else cls.LEFT_LANE_RIGHT
+        return cls.RAN_OUT_OF_TIME if (duration or 0.0) > timeout else cls.STOOD_STILL
+
+
+class Ending(StrEnum):
+    """Reason for the end of minimising."""
+
+    MINIMAL = "minimal"
+    """No pass finds anything smaller."""
+    SPENT = "spent"
+    """The allowed drives are spent."""
+    STOPPED = "stopped"
+    """It was interrupted, or gave up: the same call goes on."""
+
+
+class Minimising(Strategy):
+    """Proposes a failing road, and then ever smaller ones that may have the same failure.
+
+    It waits for each result. A road has the same failure if the reason is the same, and road,
+    offsets and speeds before it differ by no more than within one distinct failure.
+
+    Args:
+        start: the failing road.
+        rules: by which drives fail.
+        guard: share by which the curvatures of a road's neighbours differ, see `minimise`.
+    """
+
+    BEHAVIOUR: Final = 1
+
+    def __init__(self, start: Shape, rules: Rules, guard: float = GUARD) -> None:
+        self.options = {"curvatures": list(start.values), "step": start.step, "guard": guard}
+        self.shrinker: Shrinker | None = None
+        """The smallest road so far; None until the first one has failed."""
+        self.ids: dict[Shape, int] = {start: 1}
+        """Each tried road's candidate."""
+        self.is_minimal = False
+        """Whether no pass finds anything smaller."""
+        self._rules = rules
+        self._guard = guard
+        self._next: Shape | None = start
+        self._run: Trials[None] | None = None
+        self._failure: tuple[FailureReason, FloatArray] | None = None
+        self._ledger = Ledger()
+
+    def ask(self) -> Candidate | None:
+        """The next road; None while it is tried."""
+        if self._next is None:
+            if len(self._ledger):
+                return None
+            raise SearchEnded(_MINIMAL if self.is_minimal else "the road does not fail")
+        shape, self._next = self._next, None
+        notes: dict[str, Any] = {}
+        if self.shrinker is not None:
+            best = self.shrinker.best
+            notes = {"pass": self.shrinker.work, "length": best.length, "curves": best.curves}
+        values = np.array(shape.values)
+        candidate = self._ledger.issue(values, shape.step, Origin(OPERATOR), notes=notes)
+        self.ids[shape] = candidate.id
+        return candidate
+
+    def tell(self, evaluation: Evaluation) -> None:
+        """Takes the result of the road that was proposed last.
+
+        Raises:
+            ValueError: see `Ledger.settle`.
+        """
+        candidate = self._ledger.settle(evaluation)
+        found = self._failure_of(evaluation, candidate)
+        if self._run is None:
+            if found is not None:
+                self._failure = found
+                self.shrinker = Shrinker(
+                    Shape(tuple(candidate.curvatures), candidate.step),
+                    self._neighbours,
+                    place=None if evaluation.side is None else evaluation.place,
+                )
+                self._run = self.shrinker.run()
+                self._advance(None)
+            return
+        if evaluation.outcome is Outcome.INVALID:
+            self._advance(Answer.REFUSED)
+        else:
+            self._advance(Answer.YES if self._is_like(found) else Answer.NO)
+
+    def _advance(self, answer: Answer | None) -> None:
+        assert self._run is not None
+        try:
+            # A generator is started with None.
+            self._next = self._run.send(answer)  # type: ignore[arg-type]
+        except StopIteration:
+            self.is_minimal = True
+
+    def _neighbours(self, shape: Shape) -> tuple[Shape, ...]:
+        if self._guard == 0.0:
+            return ()
+        return shape.scaled(1.0 - self._guard), shape.scaled(1.0 + self._guard)
+
+    def _failure_of(
+        self, evaluation: Evaluation, candidate: Candidate
+    ) -> tuple[FailureReason, FloatArray] | None:
+        """Reason of a failed drive and approach to its place, (64,) in m; None if it passed."""
+        if evaluation.outcome is not Outcome.FAIL:
+            return None
+        length = (len(candidate.curvatures) - 1) * candidate.step
+        timeout = self._rules.timeout(length)
+        reason = FailureReason.of(evaluation.side, evaluation.duration, timeout)
+        return reason, places_of(evaluation, candidate, 0.0)[0].vector
+
+    def _is_like(self, found: tuple[FailureReason, FloatArray] | None) -> bool:
+        if found is None or self._failure is None or found[0] is not self._failure[0]:
+            return False
+        return float(np.linalg.norm(found[1] - self._failure[1])) <= THRESHOLD
+
+
+@dataclass(frozen=True, eq=False)
+class Minimised:
+    """The result of minimising a failing road."""
+
+    original: Test
+    """The drive on the road."""
+    smallest: Test
+    """The drive on the smallest road with the same failure; possibly the original."""
+    improvements: tuple[Improvement, ...]
+    """Its improvements, in order; the trials are drives, the first of them the original's."""
+    drives: int
+    """Number of all drives."""
+    ending: Ending
+    trouble: str | None
+    """Reason for giving up, if any: the simulator or driver broke repeatedly."""
+    guard: float
+    """Share by which the curvatures of its neighbours differ, which fail as well; 0 without any."""
+    note: str
+    """Sentence that no neighbours fail as well although they should; mostly empty."""
+    match: Match | None = None
+    """How the original fails now, beside the failure that its campaign recorded; None without a
+    campaign."""
+
+    @property
+    def difference(self) -> float:
+        """Difference of the failures on both roads in m, at most that within a cluster."""
+        before, after = Failure.of_test(self.original), Failure.of_test(self.smallest)
+        assert before is not None
+        assert after is not None
+        return after.difference(before)
+
+    @property
+    def road(self) -> Road:
+        """The smallest road."""
+        return self.smallest.road
+
+    @property
+    def shapes(self) -> tuple[Shape, Shape]:
+        """The original road and the smallest without their places."""
+        return _shape_of(self.original), _shape_of(self.smallest)
+
+    @property
+    def reason(self) -> FailureReason:
+        """Reason why the drives on both roads failed."""
+        result, drive = self.smallest.result, self.smallest.drive
+        assert drive is not None
+        side = None if result.departure is None else result.departure.side
+        return FailureReason.of(side, result.duration, drive.rules.timeout(self.road.length))
+
+
+def _shape_of(test: Test) -> Shape:
+    """The road of a test without its place."""
+    return Shape(tuple(test.candidate.curvatures), test.candidate.step)
+
+
+def minimise(
+    road: Road,
+    tester: RoadTester,
+    *,
+    max_drives: int = MAX_DRIVES,
+    guard: float = GUARD,
+    folder: Path | str | None = None,
+    **how: Unpack[How],
+) -> Minimised:
+    """The smallest road found with the same failure.
+
+    Smaller is shorter, or as long and plainer, in the order of `frenetic.again.shrinking.Shape`.
+    Every kept road is valid, was driven and has the failure, and so did
+    two neighbours of it, with all curvatures a little smaller and a little larger: the failure
+    survives a slight change. Where those of the original do not fail, roads are kept without such
+    neighbours until one with them is found. No road is driven twice, and the result is
+    deterministic.
+
+    Args:
+        road: fails.
+        tester: drives roads on the terms of the failure.
+        max_drives: most drives to spend; refused roads cost none.
+        guard: share by which the curvatures of the neighbours differ, at least 0 and below 1; 0
+            requires no neighbours.
+        folder: of the campaign whose road it is, which keeps the drives; by default none are kept.
+        how: see `How`.
+
+    Raises:
+        FreneticError: the road does not fail.
+        CampaignError: as for `frenetic.again.campaigns`.
+        ValueError: a number is out of range, or the road has other lanes than the tester.
+    """
+    max_drives = require_count("max_drives", max_drives)
+    if not 0.0 <= guard < 1.0:
+        raise ValueError(f"guard is {guard}: at least 0 and less than 1 is needed")
+    if road.lane_width != tester.lane_width:
+        raise ValueError(
+            f"the road's lanes are {road.lane_width:g} m wide, those of the tester"
+            f" {tester.lane_width:g} m: they have to agree"
+        )
+    start = Shape(tuple(road.curvatures), road.step)
+    strategy = Minimising(start, tester.simulator.rules, guard)
+    budget, trouble = Budget(simulations=max_drives), None
+    with TemporaryDirectory() as temporary:
+        campaign = campaign_again(
+            temporary if folder is None else folder,
+            strategy,
+            tester,
+            budget,
+            what=strategy.options,
+            terms={"minimised": True},
+            how=how,
+        )
+        try:
+            complete(campaign, how)
+        except CampaignError as error:
+            if strategy.shrinker is None:
+                raise
+            trouble = str(error)
+        with CampaignStore.open(campaign.folder) as store:
+            if strategy.shrinker is None:  # nothing was left to be driven
+                strategy = Minimising(start, tester.simulator.rules, guard)
+                replay(store, strategy, budget, Objective.load(MOOBD))
+            return _minimised(store, strategy, max_drives, guard, trouble)
+
+
+def _minimised(
+    store: CampaignStore,
+    strategy: Minimising,
+    max_drives: int,
+    guard: float,
+    trouble: str | None,
+) -> Minimised:
+    tested = next(store.tests(), None)
+    if tested is None:
+        raise KeyboardInterrupt  # before anything was driven
+    if strategy.shrinker is None:
+        raise FreneticError(
+            f"only a road that fails can be minimised; this one is {tested.outcome}:"
+            f" {tested.reason}"
+        )
+    shrinker, drives = strategy.shrinker, store.counts().simulations
+    ending = Ending.SPENT if drives >= max_drives else Ending.STOPPED
+    return Minimised(
+        original=store.test(1),
+        smallest=store.test(strategy.ids[shrinker.best]),
+        improvements=tuple(
+            replace(found, trials=found.trials + 1) for found in shrinker.improvements
+        ),
+        drives=drives,
+        ending=Ending.MINIMAL if strategy.is_minimal else ending,
+        trouble=trouble,
+        guard=guard if shrinker.is_guarded else 0.0,
+        note="" if shrinker.is_guarded else _UNGUARDED.format(100.0 * guard),
+    )
+
+
+def minimise_test(
+    folder: Path | str,
+    test: Test,
+    tester: RoadTester,
+    *,
+    max_drives: int = MAX_DRIVES,
+    guard: float = GUARD,
+    **how: Unpack[How],
+) -> Minimised:
+    """Minimises a campaign's failing road, and says whether it still fails as recorded.
+
+    Args:
+        folder: of the campaign.
+        test: the test.
+        tester: as for `minimise`, like the other arguments.
+        max_drives: see there.
+        guard: see there.
+        how: see there.
+
+    Raises:
+        FreneticError: as for `minimise`.
+        ValueError: likewise.
+    """
+    minimised = minimise(
+        test.road, tester, max_drives=max_drives, guard=guard, folder=folder, **how
+    )
+    with CampaignStore.open(folder) as store:
+        recorded = Failure.of_test(store.test(test.id))
+    now = Failure.of_test(minimised.original)
+    difference = None if recorded is None or now is None else recorded.difference(now)
+    return replace(minimised, match=Match.of(test, minimised.original, difference))

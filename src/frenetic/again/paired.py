@@ -1,0 +1,549 @@
+"""Paired drives: two versions of a driver on the same roads, and what the pairs show.
+
+The verdict rests on the fresh roads alone. Failing roads were found by searching against the
+version that fails there, so that version looks worse on them than it is (regression to the mean).
+They show which problems are fixed and which are new.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from functools import cached_property
+from itertools import islice
+from pathlib import Path
+from typing import Final
+
+from frenetic._support.words import counted
+from frenetic.again.verdicts import LEVEL, Change, Repeat, failing_share
+from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
+from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
+from frenetic.campaign.record import Test
+from frenetic.campaign.store import JSONValue
+from frenetic.oracle import Side, judge
+from frenetic.outcome import Outcome
+from frenetic.versions import over_each_other
+
+SLOWER: Final = 0.01
+"""Least share of the time by which a version counts as slower."""
+
+
+class Version(StrEnum):
+    """A version of a driver."""
+
+    OLD = "old"
+    NEW = "new"
+
+
+class RoadSet(StrEnum):
+    """Roads on which both versions drive."""
+
+    FRESH = "fresh roads"
+    """Random roads that no search has chosen."""
+    OLD = "old's failing roads"
+    """Those on which the old version failed in its campaign."""
+    NEW = "new's failing roads"
+
+
+class Fate(StrEnum):
+    """Fate of a distinct failure."""
+
+    FIXED = "fixed"
+    """Only the old version fails so, and the new one passes all these roads."""
+    REPLACED = "replaced"
+    """Only the old version fails so, but the new one fails otherwise on some of these roads."""
+    REMAINS = "remaining"
+    NEW = "new"
+    """Only the new version fails so, possibly on a road on which the old one fails otherwise."""
+
+
+class Verdict(StrEnum):
+    """Verdict on the new version."""
+
+    BETTER = "new is better"
+    WORSE = "new is worse"
+    UNKNOWN = "cannot tell"
+    """The interval of the difference holds 0, or broken drives decide."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A road with the drives of both versions, one or more each."""
+
+    record: Test
+    """The test of the campaign that holds the road."""
+    old: tuple[Repeat, ...]
+    new: tuple[Repeat, ...]
+
+    def drives(self, version: Version) -> tuple[Repeat, ...]:
+        """The drives of a version."""
+        return self.old if version is Version.OLD else self.new
+
+    @property
+    def is_judged(self) -> bool:
+        """Whether each version has a drive that was judged."""
+        return all(any(one.outcome.is_driven for one in own) for own in (self.old, self.new))
+
+    @property
+    def change(self) -> Change:
+        """Change from the old version to the new: a version fails if half of its drives do."""
+        if not self.is_judged:
+            return Change.NOT_JUDGED
+        return Change.of(failing_share(self.old) >= LEVEL, failing_share(self.new) >= LEVEL)
+
+
+@dataclass(frozen=True)
+class PairedRoads:
+    """The pairs of a set of roads."""
+
+    roads: RoadSet
+    folder: Path
+    """Folder of the campaign that holds them."""
+    pairs: tuple[Pair, ...]
+    repeats: int
+    """Number of drives of each version on each road."""
+
+    @cached_property
+    def judged(self) -> tuple[Pair, ...]:
+        """Pairs of which both sides were judged."""
+        return tuple(pair for pair in self.pairs if pair.is_judged)
+
+    def count(self, change: Change) -> int:
+        """Roads with this change."""
+        return sum(pair.change is change for pair in self.pairs)
+
+    def failing(self, version: Version) -> int:
+        """Judged roads on which a version fails in half of its drives or more."""
+        return sum(failing_share(pair.drives(version)) >= LEVEL for pair in self.judged)
+
+    def failure_rate(self, version: Version) -> float | None:
+        """Mean failing share 0..1 of a version; None if no road was judged."""
+        shares = [failing_share(pair.drives(version)) for pair in self.judged]
+        return sum(shares) / len(shares) if shares else None
+
+    def broken(self, version: Version) -> list[Repeat]:
+        """Drives of a version that broke."""
+        return [
+            drive
+            for pair in self.pairs
+            for drive in pair.drives(version)
+            if drive.outcome is Outcome.ERROR
+        ]
+
+    def unsteady(self, version: Version) -> int:
+        """Roads on which some drives of a version failed and some passed."""
+        return sum(0.0 < failing_share(pair.drives(version)) < 1.0 for pair in self.judged)
+
+    def standing(self, version: Version) -> int:
+        """Failing drives of a version in which it did not leave its lane: it stood, or was slow."""
+        return sum(
+            drive.outcome is Outcome.FAIL and drive.departure is None
+            for pair in self.pairs
+            for drive in pair.drives(version)
+        )
+
+    @cached_property
+    def difference(self) -> Estimate | None:
+        """Failure rate of the new version minus that of the old, -1..1; None without pairs."""
+        return self._difference(self.judged)
+
+    @cached_property
+    def difference_with_broken(self) -> Estimate | None:
+        """The same with every broken drive counted as a failure."""
+        pairs = [
+            pair
+            for pair in self.pairs
+            if all(
+                any(one.outcome.is_driven or one.outcome is Outcome.ERROR for one in own)
+                for own in (pair.old, pair.new)
+            )
+        ]
+        return self._difference(pairs, broken_fail=True)
+
+    def _difference(self, pairs: Sequence[Pair], *, broken_fail: bool = False) -> Estimate | None:
+        if not pairs:
+            return None
+        old, new = (
+            [failing_share(pair.drives(version), broken_fail=broken_fail) for pair in pairs]
+            for version in Version
+        )
+        return paired_share_difference(old, new, repeats=self.repeats)
+
+    @cached_property
+    def moobd_difference(self) -> Estimate | None:
+        """Median of the new version's mean MOOBD minus the old one's, in m; None without pairs."""
+        differences = [
+            new - old
+            for pair in self.judged
+            if (old := _mean(pair.old, "moobd")) is not None
+            and (new := _mean(pair.new, "moobd")) is not None
+        ]
+        return median_estimate(differences) if differences else None
+
+    @cached_property
+    def both_passed(self) -> tuple[tuple[float, float], ...]:
+        """Mean simulated times (old, new) in s on the roads that both always passed."""
+        return tuple(
+            (old, new)
+            for pair in self.judged
+            if all(one.outcome is Outcome.PASS for one in (*pair.old, *pair.new))
+            and (old := _mean(pair.old, "duration")) is not None
+            and (new := _mean(pair.new, "duration")) is not None
+        )
+
+    @property
+    def mean_times(self) -> tuple[float, float] | None:
+        """Means of these times (old, new) in s; None without such roads."""
+        if not self.both_passed:
+            return None
+        old, new = (sum(times) / len(times) for times in zip(*self.both_passed, strict=True))
+        return old, new
+
+    @cached_property
+    def time_difference(self) -> Estimate | None:
+        """Median of the new version's time over the old one's, minus 1, where both passed."""
+        ratios = [new / old - 1.0 for old, new in self.both_passed if old > 0.0]
+        return median_estimate(ratios) if ratios else None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict by these roads: the interval of the difference lies on one side of 0.
+
+        It has to do so whether broken drives are left out or count as failures.
+        """
+        signs = {
+            0 if difference is None else difference.sign
+            for difference in (self.difference, self.difference_with_broken)
+        }
+        return {frozenset({-1}): Verdict.BETTER, frozenset({1}): Verdict.WORSE}.get(
+            frozenset(signs), Verdict.UNKNOWN
+        )
+
+
+def _mean(drives: Iterable[Repeat], name: str) -> float | None:
+    values = [value for one in drives if (value := getattr(one, name)) is not None]
+    return sum(values) / len(values) if values else None
+
+
+# Distinct failures
+
+
+@dataclass(frozen=True)
+class DistinctFailure:
+    """A problem: failures of either version, on any of the roads, that are alike."""
+
+    description: str
+    side: Side | None
+    """The side of the lane on which the car left; None if it failed without leaving."""
+    moobd: float
+    """Lowest MOOBD, in m."""
+    old: int
+    """Number of roads on which the old version fails so."""
+    new: int
+    folder: Path
+    """Folder of the campaign with the road of the most severe failure."""
+    test_id: int
+    """Test of that road."""
+    otherwise: int
+    """Number of the old version's roads on which the new one fails, so or otherwise."""
+
+    @property
+    def fate(self) -> Fate:
+        """Whether it is fixed, replaced, remaining or new."""
+        if self.new == 0:
+            return Fate.REPLACED if self.otherwise else Fate.FIXED
+        return Fate.REMAINS if self.old else Fate.NEW
+
+
+def distinct_failures(sets: Iterable[PairedRoads]) -> tuple[DistinctFailure, ...]:
+    """The distinct failures of both versions, the most severe first, by `cluster_failures`.
+
+    Of each version the first failing drive on a road counts, if both were judged there. Only the
+    most severe failures are compared if there are very many.
+    """
+    found: list[tuple[Version, PairedRoads, Pair, Repeat]] = []
+    for roads in sets:
+        for pair in roads.judged:
+            for version in Version:
+                failing = (
+                    one
+                    for one in pair.drives(version)
+                    if one.outcome is Outcome.FAIL and one.test.trajectory is not None
+                )
+                found += [(version, roads, pair, one) for one in islice(failing, 1)]
+    found.sort(key=lambda one: one[-1].moobd or 0.0)
+    del found[COMPARED:]
+    clusters = cluster_failures(_failure(i, drive) for i, (*_, drive) in enumerate(found))
+    distinct = []
+    for cluster in clusters:
+        versions = Counter(found[i][0] for i in cluster.ids)
+        _, roads, _, worst = found[cluster.most_severe]
+        failing_pairs = [found[i][2] for i in cluster.ids if found[i][0] is Version.OLD]
+        distinct.append(
+            DistinctFailure(
+                cluster.description,
+                cluster.side,
+                cluster.moobd,
+                versions[Version.OLD],
+                versions[Version.NEW],
+                roads.folder,
+                worst.test_id,
+                sum(failing_share(pair.new) > 0.0 for pair in failing_pairs),
+            )
+        )
+    return tuple(distinct)
+
+
+def _failure(number: int, repeat: Repeat) -> Failure:
+    road, drive = repeat.test.road, repeat.test.drive
+    assert drive is not None
+    failure = Failure.of_drive(road, drive, judge(road, drive), id=number)
+    assert failure is not None
+    return failure
+
+
+# The whole
+
+
+@dataclass(frozen=True)
+class BackToBack:
+    """Two versions of a driver, driven on the same roads."""
+
+    old: Mapping[str, JSONValue]
+    """Driver as a campaign describes it."""
+    new: Mapping[str, JSONValue]
+    simulator: Mapping[str, JSONValue]
+    seed: int
+    """Seed of the fresh roads."""
+    sets: tuple[PairedRoads, ...]
+    """The fresh roads first."""
+
+    @property
+    def fresh(self) -> PairedRoads:
+        """The fresh roads, on which the verdict rests."""
+        return self.sets[0]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Verdict by the fresh roads."""
+        return self.fresh.verdict
+
+    @cached_property
+    def distinct(self) -> tuple[DistinctFailure, ...]:
+        """The distinct failures of both versions on all roads."""
+        return distinct_failures(self.sets)
+
+    @property
+    def is_slower(self) -> bool:
+        """Whether the new version takes longer where both pass, by 1 % or more."""
+        time = self.fresh.time_difference
+        return time is not None and time.sign > 0 and time.value >= SLOWER
+
+    @property
+    def answer(self) -> str:
+        """The answer in one line."""
+        fresh = self.fresh
+        difference = fresh.difference
+        if difference is None:
+            return "cannot tell which is better: no fresh road could be judged with both"
+        rates = (
+            f"(difference {_points(difference.value)} points, 95 % interval"
+            f" {_points(difference.low)} to {_points(difference.high)})"
+        )
+        n = len(fresh.judged)
+        if fresh.repeats > 1:
+            roads = f"{n} fresh roads, {fresh.repeats} drives each"
+            new, old = (
+                f"in {_percent(fresh.failure_rate(version))}"
+                for version in (Version.NEW, Version.OLD)
+            )
+        else:
+            roads = counted(n, "fresh road")
+            old, new = (f"on {fresh.failing(version)}" for version in Version)
+        if self.verdict is Verdict.UNKNOWN:
+            text = f"cannot tell which is better: of {roads}, new fails {new}, old {old} {rates}"
+            if difference.sign:
+                text += "; drives that broke decide"
+            return (
+                f"{text}; of all roads, {self._count(Change.PASSES_NOW)} pass now and"
+                f" {self._count(Change.FAILS_NOW)} fail now"
+            )
+        return f"{self.verdict}{_slower_by(self)}: of {roads}, it fails {new}, old {old} {rates}"
+
+    def _count(self, change: Change) -> int:
+        return sum(roads.count(change) for roads in self.sets)
+
+    @property
+    def trade_offs(self) -> tuple[str, ...]:
+        """Differences in time and in distance to failing on the fresh roads, each in a sentence."""
+        fresh, told = self.fresh, []
+        time, times = fresh.time_difference, fresh.mean_times
+        if time is not None and times is not None:
+            old, new = times
+            told.append(
+                f"time where both pass: {_compared(time, 100.0, '%', 'longer', 'less')} with new,"
+                f" on average {new:.1f} s instead of {old:.1f} s"
+            )
+        moobd = fresh.moobd_difference
+        if moobd is not None:
+            told.append(f"MOOBD: {_compared(moobd, 1.0, 'm', 'higher', 'lower')} with new")
+        return tuple(told)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Limits of the answer, each in a sentence."""
+        return tuple(self._notes())
+
+    def _notes(self) -> Iterator[str]:
+        fresh = self.fresh
+        if _layers(self.old) != _layers(self.new):
+            yield (
+                "the versions have different noise, delay or view: the answer is about these, too"
+            )
+        if any(roads.pairs for roads in self.sets[1:]):
+            yield (
+                "the answer rests on the fresh roads; failing roads were found by searching against"
+                " one version, which looks worse on them than it is"
+            )
+        for version in Version:
+            broken = [drive for roads in self.sets for drive in roads.broken(version)]
+            if broken:
+                (reason, _), *_ = Counter(drive.reason for drive in broken).most_common(1)
+                yield (
+                    f"{version} broke in {counted(len(broken), 'drive')}, which count as neither"
+                    f" passed nor failed, most often: {reason}"
+                )
+            if standing := fresh.standing(version):
+                yield f"{version} stood still or was too slow in {standing} of its failures"
+            unsteady = sum(roads.unsteady(version) for roads in self.sets)
+            if unsteady:
+                yield f"{version} passes and fails on the same road on {counted(unsteady, 'road')}"
+        for roads, version in ((RoadSet.OLD, Version.OLD), (RoadSet.NEW, Version.NEW)):
+            for own in self.sets:
+                passed = len(own.judged) - own.failing(version)
+                if own.roads is roads and passed:
+                    yield (
+                        f"{version} passes {passed} of the {len(own.judged)} roads on which its"
+                        " campaign failed: its drives do not repeat (use --repeats), or it has"
+                        " changed since"
+                    )
+        if self.verdict is Verdict.UNKNOWN and fresh.judged:
+            more = 4 * len(fresh.pairs)
+            yield f"four times as many fresh roads (--fresh {more}) halve the interval"
+
+
+def _layers(driver: Mapping[str, JSONValue]) -> list[tuple[object, object]]:
+    """Classes and options of the layers over a driver."""
+    *layers, _ = over_each_other(driver)
+    return [(layer["class"], layer.get("options")) for layer in layers]
+
+
+def _slower_by(result: BackToBack) -> str:
+    time = result.fresh.time_difference
+    if time is None or not result.is_slower:
+        return ""
+    word = "but" if result.verdict is Verdict.BETTER else "and"
+    return f" {word} {time.value:.0%} slower".replace("%", " %")
+
+
+def _compared(found: Estimate, scale: float, unit: str, more: str, less: str) -> str:
+    """A median difference and its interval in words."""
+    if math.isinf(found.low):
+        return f"too few roads to tell (median {scale * found.value:+.2g} {unit})"
+    if found.sign == 0:
+        texts = [f"{scale * end:+.2g}" for end in (found.value, found.low, found.high)]
+        return (
+            f"no difference shown (median {texts[0]} {unit}, 95 % interval {texts[1]} to {texts[2]}"
+            f" {unit})"
+        )
+    low, value, high = sorted(abs(scale * v) for v in (found.low, found.value, found.high))
+    word = more if found.sign > 0 else less
+    return f"{value:.2g} {unit} {word} (median, 95 % interval {low:.2g} to {high:.2g} {unit})"
+
+
+def _points(share: float) -> str:
+    """A difference of shares in percentage points, with its sign but for 0."""
+    text = f"{100.0 * share:+.1f}"
+    return text[1:] if float(text) == 0.0 else text
+
+
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.1f} %"
+
+
+def back_to_back_document(result: BackToBack) -> dict[str, JSONValue]:
+    """A result as a JSON object."""
+    return {
+        "answer": result.answer,
+        "verdict": str(result.verdict),
+        "notes": list(result.notes),
+        "old": dict(result.old),
+        "new": dict(result.new),
+        "simulator": dict(result.simulator),
+        "seed": result.seed,
+        "repeats": result.fresh.repeats,
+        "sets": [_set_document(roads) for roads in result.sets],
+        "distinct_failures": [
+            {
+                "fate": str(one.fate),
+                "description": one.description,
+                "side": one.side,
+                "moobd": one.moobd,
+                "old": one.old,
+                "new": one.new,
+                "campaign": str(one.folder),
+                "test_id": one.test_id,
+            }
+            for one in result.distinct
+        ],
+    }
+
+
+def _set_document(roads: PairedRoads) -> dict[str, JSONValue]:
+    def estimate(value: Estimate | None) -> dict[str, JSONValue] | None:
+        if value is None:
+            return None
+        known = {name: None if math.isinf(v) else v for name, v in asdict(value).items()}
+        return {**known, "cannot_tell": value.sign == 0}
+
+    old_time, new_time = roads.mean_times or (None, None)
+    return {
+        "roads": str(roads.roads),
+        "campaign": str(roads.folder),
+        "judged": len(roads.judged),
+        "changes": {str(change): roads.count(change) for change in Change},
+        "failing": {str(version): roads.failing(version) for version in Version},
+        "failure_rate": {str(version): roads.failure_rate(version) for version in Version},
+        "broken": {str(version): len(roads.broken(version)) for version in Version},
+        "difference": estimate(roads.difference),
+        "difference_with_broken": estimate(roads.difference_with_broken),
+        "moobd_difference": estimate(roads.moobd_difference),
+        "both_passed": len(roads.both_passed),
+        "time": {
+            "old": old_time,
+            "new": new_time,
+            "relative_difference": estimate(roads.time_difference),
+        },
+        "tests": [
+            {
+                "test_id": pair.record.id,
+                "change": str(pair.change),
+                **{
+                    str(version): [
+                        {
+                            "outcome": str(drive.outcome),
+                            "moobd": drive.moobd,
+                            "duration": drive.duration,
+                            "reason": drive.reason,
+                        }
+                        for drive in pair.drives(version)
+                    ]
+                    for version in Version
+                },
+            }
+            for pair in roads.pairs
+        ],
+    }

@@ -1,0 +1,390 @@
+"""Rerun: a campaign's roads, driven again; again and again, otherwise, elsewhere, or by another.
+
+The roads lie where they lay. With the campaign's own parts, each drive is the same unless driver or
+simulator is not repeatable. Conditions vary within given ranges: the friction of the road, the
+speed limit, the driver's noise and so on. Another driver shows what is fixed, another simulator
+what says something of the driver.
+
+A failure is *robust* if its road fails in at least half of its drives and *fragile* if in less;
+the whole 95 % interval must be on one side.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, Unpack
+
+from msgspec import ValidationError, convert, to_builtins
+
+from frenetic.again.campaigns import How, campaign_again, complete, driven_again, terms_of
+from frenetic.again.conditions import Variation, draw_conditions
+from frenetic.again.strategy import Again
+from frenetic.again.verdicts import Change, Repeat, Repeats, matches_json, matches_text
+from frenetic.analysis.failures import Failure
+from frenetic.analysis.statistics import spearman
+from frenetic.campaign.record import Test
+from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.campaign.tester import RoadTester
+from frenetic.drive import CarBody, Rules
+from frenetic.drivers import Driver
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.simulators.capabilities import check_pair
+from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import (
+    USUAL,
+    Conditions,
+    check_can_vary,
+    conditions_document,
+    in_conditions,
+)
+from frenetic.spec import Budget, describe, part_text, version_notes
+from frenetic.versions import SHORT, comparison_key, differences
+
+LEAST_PAIRS: Final = 3
+"""Fewest drives for comparing the ranks of MOOBD."""
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Correlation of the MOOBDs of drives with those of the campaign."""
+
+    spearman: float
+    """Rank correlation -1..1: 1 if both put the roads in the same order."""
+    p: float
+    """The p that it is chance."""
+    pairs: int
+    """Number of compared roads."""
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """Tests of a campaign, driven again with the same parts."""
+
+    campaign: str
+    """Name of the folder of the campaign whose roads these are."""
+    driver: Mapping[str, JSONValue]
+    """In the form of a campaign's description, like the simulator."""
+    simulator: Mapping[str, JSONValue]
+    rules: Rules
+    car: CarBody
+    planned: int
+    """Number of planned drives; Ctrl-C leaves fewer."""
+    tests: tuple[Repeats, ...]
+    """The tests in the order of choice."""
+    seed: int = 0
+    """From which the conditions were drawn."""
+    variations: tuple[Variation, ...] = ()
+    """Ranges from which they were drawn."""
+    folder: Path | None = None
+    """Folder of the campaign that drove them; None if there was nothing to drive."""
+
+    @property
+    def drives(self) -> list[Repeat]:
+        """All drives."""
+        return [drive for test in self.tests for drive in test.drives]
+
+    @property
+    def missing(self) -> int:
+        """Number of drives that Ctrl-C prevented."""
+        return max(self.planned - len(self.drives), 0)
+
+    @property
+    def same(self) -> int:
+        """Number of drives whose outcome and MOOBD are exactly as before."""
+        return sum(drive.is_same for drive in self.drives)
+
+    def count(self, change: Change) -> int:
+        """Tests with this change."""
+        return sum(test.change is change for test in self.tests)
+
+    @property
+    def passed(self) -> bool:
+        """Whether all were driven again and none failed."""
+        bad = (Change.FAILS_AGAIN, Change.FAILS_NOW, Change.NOT_JUDGED)
+        return self.missing == 0 and not any(test.change in bad for test in self.tests)
+
+    @cached_property
+    def key(self) -> str:
+        """Digits for simulator, driver and rules, with their options."""
+        parts = comparison_key(self.simulator, self.driver, asdict(self.rules))
+        return hashlib.sha256(parts.encode()).hexdigest()[:SHORT]
+
+    @cached_property
+    def correlation(self) -> Correlation | None:
+        """Correlation of the MOOBDs; None if fewer than three pairs vary."""
+        pairs = [(one.recorded.moobd, one.moobd) for one in self.drives]
+        known = [(a, b) for a, b in pairs if a is not None and b is not None]
+        if len(known) < LEAST_PAIRS:
+            return None
+        try:
+            rho, p = spearman([a for a, _ in known], [b for _, b in known])
+        except ValueError:  # one of them is the same everywhere
+            return None
+        return Correlation(rho, p, len(known))
+
+    def __str__(self) -> str:
+        texts = []
+        for change in Change:
+            tests = [test for test in self.tests if test.change is change]
+            matches = matches_text(drive for test in tests for drive in test.drives)
+            if tests:
+                texts.append(f"{change.counted(len(tests))}{f' ({matches})' if matches else ''}")
+        return ", ".join(texts)
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The rerun as a JSON object, without trajectories."""
+        correlation = self.correlation
+        return {
+            "campaign": self.campaign,
+            "folder": None if self.folder is None else str(self.folder),
+            "driver": dict(self.driver),
+            "simulator": dict(self.simulator),
+            "rules": asdict(self.rules),
+            "car": asdict(self.car),
+            "seed": self.seed,
+            "variations": [asdict(variation) for variation in self.variations],
+            "passed": self.passed,
+            "same": self.same,
+            "missing": self.missing,
+            "changes": {str(change): self.count(change) for change in Change},
+            "matches": matches_json(self.drives),
+            "correlation": None if correlation is None else asdict(correlation),
+            "tests": [test.as_json() for test in self.tests],
+        }
+
+
+@dataclass(frozen=True)
+class _Terms:
+    """Entry of a rerun's configuration."""
+
+    digest: str
+    planned: int
+    seed: int = 0
+    variations: tuple[Variation, ...] = ()
+
+
+def campaign_tester(store: CampaignStore, simulator: Simulator, driver: Driver) -> RoadTester:
+    """Drives a campaign's roads, possibly with other parts; warns of other versions of its own.
+
+    Raises:
+        CampaignError: the campaign's configuration is damaged.
+    """
+    setting = store.setting
+    for note in version_notes(store.config, simulator=simulator, driver=driver):
+        logger.warning("%s", note)
+    return RoadTester(simulator, driver, setting.map_size, setting.margin, setting.lane_width)
+
+
+def rerun(
+    folder: Path | str,
+    simulator: Simulator,
+    driver: Driver,
+    *,
+    tests: Iterable[int] | None = None,
+    times: int = 1,
+    vary: Sequence[Variation] = (),
+    seed: int = 0,
+    **how: Unpack[How],
+) -> Rerun:
+    """Drives tests of a campaign again, each where it lay on the map.
+
+    Each road is driven in the same conditions as every other. An interrupted rerun goes on, a
+    complete one is read.
+
+    Args:
+        folder: of the campaign.
+        simulator: any, not yet entered.
+        driver: any.
+        tests: ids; all failures by default, the most severe first.
+        times: drives of each.
+        vary: ranges of the varied quantities; none by default.
+        seed: of the conditions.
+        how: see `How`.
+
+    Raises:
+        CampaignError: the campaign is damaged, a test was not driven, or as for
+            `frenetic.again.campaigns`.
+        FreneticError: the simulator cannot vary one of the quantities.
+        ValueError: an option is out of range.
+    """
+    seed = int(seed)  # which may be numpy's
+    conditions = draw_conditions(vary, times, seed)
+    check_can_vary(simulator, [variation.quantity for variation in vary])
+    # All have the same layers over the driver.
+    with in_conditions(conditions[0], simulator, driver) as layered:
+        check_pair(simulator, layered)
+    with CampaignStore.open(folder) as store:
+        if tests is None:
+            tests = [test.id for test in store.tests(Outcome.FAIL, order_by="moobd")]
+        tester = campaign_tester(store, simulator, driver)
+    return drive_tests(folder, tester, tests, conditions, seed=seed, variations=vary, how=how)
+
+
+def drive_tests(
+    folder: Path | str,
+    tester: RoadTester,
+    tests: Iterable[int],
+    conditions: Sequence[Conditions] = (USUAL,),
+    *,
+    seed: int = 0,
+    variations: Sequence[Variation] = (),
+    how: How,
+) -> Rerun:
+    """The same in given conditions; arguments and errors are those of `rerun`."""
+    tests = list(dict.fromkeys(tests))
+    strategy = Again(folder, tests, [conditions_document(one) for one in conditions])
+    simulator = tester.simulator
+    if not tests:
+        return Rerun(
+            Path(folder).resolve().name,
+            describe(tester.driver),
+            describe(simulator),
+            simulator.rules,
+            simulator.car,
+            planned=0,
+            tests=(),
+        )
+    campaign = campaign_again(
+        folder,
+        strategy,
+        tester,
+        Budget(simulations=len(strategy)),
+        what=strategy.options,
+        terms={
+            "planned": len(strategy),
+            "seed": seed,
+            "variations": to_builtins(tuple(variations)),
+        },
+        how=how,
+    )
+    complete(campaign, how)
+    return read_rerun(campaign.folder, folder)
+
+
+def read_rerun(folder: Path | str, source: Path | str) -> Rerun:
+    """The rerun in a folder, as far as it came.
+
+    Args:
+        folder: of the campaign that drove the roads.
+        source: of the campaign whose roads they are.
+
+    Raises:
+        CampaignError: one of them is damaged, or roads were not driven again there.
+    """
+    with CampaignStore.open(folder) as store, CampaignStore.open(source) as original:
+        try:
+            terms = convert(terms_of(store), _Terms)
+        except ValidationError as error:
+            raise CampaignError(f"{folder} is no rerun of a campaign: {error}") from None
+        recorded: dict[int, tuple[Test, Failure | None]] = {}
+        drives: dict[int, list[Repeat]] = {}
+        for test in sorted(store.tests(with_trajectory=True), key=lambda test: test.id):
+            if test.candidate.source is None:
+                raise CampaignError(f"{folder} is damaged: test {test.id} has no source")
+            number = test.candidate.source.test
+            if number not in recorded:
+                own = original.test(number)
+                recorded[number] = own, Failure.of_test(own)
+            before, failure = recorded[number]
+            again = Failure.of_test(test) if failure is not None else None
+            difference = None if failure is None or again is None else failure.difference(again)
+            drives.setdefault(number, []).append(Repeat(before, test, difference))
+        parts: Any = store.config
+        return Rerun(
+            Path(source).resolve().name,
+            parts["driver"],
+            parts["simulator"],
+            store.setting.rules,
+            store.setting.car,
+            terms.planned,
+            tuple(
+                Repeats(recorded[number][0], tuple(own), terms.variations)
+                for number, own in drives.items()
+            ),
+            terms.seed,
+            terms.variations,
+            Path(folder),
+        )
+
+
+def read_reruns(folder: Path | str) -> list[Rerun]:
+    """The reruns of a campaign, interrupted ones first, the latest last.
+
+    Raises:
+        CampaignError: one of them is damaged.
+    """
+    found = []
+    for place in driven_again(folder):
+        with CampaignStore.open(place) as store:
+            is_rerun = "planned" in terms_of(store)
+        if is_rerun:
+            found.append(read_rerun(place, folder))
+    return found
+
+
+def names_of(rerun: Rerun, config: Mapping[str, Any]) -> tuple[str, str]:
+    """Names of the campaign's simulator and of a rerun's, with their drivers if these differ.
+
+    Args:
+        rerun: of the campaign.
+        config: of the campaign.
+    """
+    recorded = config.get("simulator"), config.get("driver")
+    here, driver_here = map(part_text, recorded)
+    there = part_text(rerun.simulator, recorded[0])
+    driver_there = part_text(rerun.driver, recorded[1])
+    if driver_here != driver_there:
+        here, there = f"{driver_here} in {here}", f"{driver_there} in {there}"
+    return f"{here} (campaign)" if here == there else here, there
+
+
+def own_repeats(reruns: Iterable[Rerun], config: Mapping[str, Any], rules: Rules) -> list[Repeats]:
+    """The most informative repeats of each test with a campaign's own parts.
+
+    Those with variations are preferred to those without, those with more judged drives to others,
+    and later ones to earlier ones.
+
+    Args:
+        reruns: as `read_reruns` gives them.
+        config: of the campaign.
+        rules: of the campaign.
+    """
+    own = [
+        test
+        for one in reruns
+        if one.rules == rules
+        and not any(
+            differences(kind, getattr(one, kind), config.get(kind))
+            for kind in ("driver", "simulator")
+        )
+        for test in one.tests
+        if test.judged and test.stability is not None
+    ]
+    own.sort(key=lambda test: (bool(test.variations), test.judged))  # stable: the last one counts
+    return sorted({test.id: test for test in own}.values(), key=lambda test: test.id)
+
+
+def elsewhere(reruns: Iterable[Rerun], config: Mapping[str, Any]) -> list[Rerun]:
+    """The reruns in other simulators than the campaign's, one of each simulator, driver and rules.
+
+    Of a test's drives with these, the last judged ones count.
+    """
+    found: dict[object, Rerun] = {}
+    for one in reruns:
+        if not differences("simulator", one.simulator, config.get("simulator")):
+            continue
+        before = found.get(one.key)
+        tests = {} if before is None else {test.id: test for test in before.tests}
+        tests |= {test.id: test for test in one.tests if test.judged or test.id not in tests}
+        merged = tuple(tests.values())
+        planned = max(one.planned, sum(len(test.drives) for test in merged))
+        found[one.key] = replace(one, planned=planned, tests=merged)
+    return list(found.values())

@@ -1,0 +1,366 @@
+"""Shrinking: from a road with a property to the shortest and plainest that still has it.
+
+The property is the caller's; nothing here knows a simulator. `Shrinker.run` is a generator: it
+gives ever smaller shapes, in the order of `Shape.rank`, takes the answers whether they have the
+property, and keeps each one that has. A pass offers one kind of change, the boldest first; the
+passes take turns until none of them finds anything smaller.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Final, TypeAlias, TypeVar
+
+import numpy as np
+
+T = TypeVar("T")
+Values: TypeAlias = tuple[float, ...]
+
+MOST_DECIMALS: Final = 16
+"""Number of decimals assumed for a value that is not round."""
+_STEPS: Final = (10.0, 5.0, 2.0, 1.0)
+"""Steps that a road of more samples is given in m, if they will do."""
+_DECIMALS: Final = (2, 3, 4)
+"""Grid of rounded curvatures, in 1/m: 0.01 is a plain number there, a radius of 100 m."""
+_SHARPER: Final = 1.25
+"""Factor on all curvatures when a sample is dropped."""
+_BEND: Final = 0.03
+"""Bend on one curvature when the first sample is dropped, in 1/m."""
+CUT_BEHIND: Final = "cut behind"
+"""Name of what comes before the passes."""
+
+
+class Answer(StrEnum):
+    """Whether a shape has the property."""
+
+    YES = "yes"
+    NO = "no"
+    REFUSED = "refused"
+    """The shape cannot be tried. Finding that out is no trial."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A road without a place: curvature samples and their step."""
+
+    values: Values
+    """Values, (N,) in 1/m, positive turns left."""
+    step: float
+    """Distance between two samples, in m."""
+
+    def __post_init__(self) -> None:
+        # Plain floats without a negative zero, so that equal shapes look and hash alike.
+        object.__setattr__(self, "values", tuple(float(value) + 0.0 for value in self.values))
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def length(self) -> float:
+        """Length of the centre line, in m."""
+        return (len(self.values) - 1) * self.step
+
+    @property
+    def curves(self) -> int:
+        """Number of curves: stretches of samples that all turn the same way."""
+        signs = [int(np.sign(value)) for value in self.values]
+        return sum(sign != 0 and sign != before for before, sign in pairwise([0, *signs]))
+
+    @cached_property
+    def rank(self) -> tuple[float | Values, ...]:
+        """Its place in the order of all shapes, shortest and plainest first: a total order.
+
+        In this order: length in m, samples, curves, changes from one sample to the next, samples
+        that are not 0, decimals of all values together, sum of the changes, sum of the absolute
+        values, both in 1/m; and so that no two are alike, the values.
+        """
+        changes = [abs(after - before) for before, after in pairwise(self.values)]
+        return (
+            self.length,
+            len(self),
+            self.curves,
+            sum(change > 0.0 for change in changes),
+            sum(value != 0.0 for value in self.values),
+            sum(decimals(value) for value in self.values),
+            # Rounded, so that no rounding error decides.
+            round(math.fsum(changes), 12),
+            round(math.fsum(map(abs, self.values)), 12),
+            self.values,
+        )
+
+    def replaced(self, begin: int, end: int, values: Iterable[float]) -> Shape:
+        """The shape with other values in place of those from ``begin`` up to before ``end``."""
+        return Shape((*self.values[:begin], *values, *self.values[end:]), self.step)
+
+    def scaled(self, factor: float) -> Shape:
+        """The shape with all curvatures multiplied."""
+        return Shape(tuple(factor * value for value in self.values), self.step)
+
+
+@dataclass(frozen=True)
+class Improvement:
+    """A smaller shape that has the property."""
+
+    shape: Shape
+    by: str
+    """The pass that found it."""
+    trials: int
+    """Trials spent until then."""
+
+
+Trials: TypeAlias = Generator[Shape, Answer, T]
+"""Gives shapes to be tried, takes the answers, and returns a value in the end."""
+
+
+class Shrinker:
+    """The smallest shape so far, and the answers on others.
+
+    Args:
+        start: has the property.
+        neighbours: shapes close to a given one, which have the property as well unless they are
+            REFUSED. A shape without such neighbours is kept only while none with them is known.
+        place: where the start shows the property, in m along it; what lies behind is cut first.
+    """
+
+    def __init__(
+        self,
+        start: Shape,
+        neighbours: Callable[[Shape], Iterable[Shape]] = lambda shape: (),  # noqa: ARG005
+        *,
+        place: float | None = None,
+    ) -> None:
+        self.best = start
+        """The smallest shape with the property."""
+        self.improvements: list[Improvement] = []
+        """The improvements, in order; the last one's shape is `best`."""
+        self.is_guarded = False
+        """Whether the neighbours of `best` have the property, too."""
+        self.work = CUT_BEHIND
+        """The present pass."""
+        self.trials = 0
+        """Number of trials; finding out that a shape is REFUSED is none."""
+        self._neighbours = neighbours
+        self._place = place
+        self._answers = {start: Answer.YES}
+
+    def run(self) -> Trials[None]:
+        """Cuts behind the place, then runs the passes in turn until none improves anything.
+
+        No shape is tried twice, and the same answers give the same shapes.
+        """
+        self.is_guarded = yield from self._has_guard(self.best)
+        if self._place is not None:
+            yield from _cut_behind(self, self._place)
+        before = None
+        while self.best != before:
+            before = self.best
+            for name, work in PASSES.items():
+                self.work = name
+                yield from work(self)
+
+    def offer(self, shape: Shape) -> Trials[bool]:
+        """Whether a shape is smaller than the best and has the property; it becomes the best."""
+        if len(shape) < 2 or not shape.rank < self.best.rank:
+            return False
+        if (yield from self._answer(shape)) is not Answer.YES:
+            return False
+        has_guard = yield from self._has_guard(shape)
+        if self.is_guarded and not has_guard:
+            return False
+        self.is_guarded = has_guard
+        self.best = shape
+        self.improvements.append(Improvement(shape, self.work, self.trials))
+        return True
+
+    def _has_guard(self, shape: Shape) -> Trials[bool]:
+        for near in self._neighbours(shape):
+            if (yield from self._answer(near)) is Answer.NO:
+                return False
+        return True
+
+    def _answer(self, shape: Shape) -> Trials[Answer]:
+        if shape not in self._answers:
+            answer = yield shape
+            self._answers[shape] = answer
+            self.trials += answer is not Answer.REFUSED
+        return self._answers[shape]
+
+
+# --- Passes ------------------------------------------------------------------------------------
+#
+# `offer` refuses a shape that is not smaller at no cost, so a pass may offer freely.
+
+
+def _cut_behind(shrinker: Shrinker, place: float) -> Trials[None]:
+    """Cuts what lies behind a place, or else behind 1, 2, 4 or 8 samples more."""
+    shape = shrinker.best
+    end = math.ceil(place / shape.step) + 1
+    for more in (0, 1, 2, 4, 8):
+        if (yield from shrinker.offer(shape.replaced(end + more, len(shape), ()))):
+            return
+
+
+def _coarsen(shrinker: Shrinker) -> Trials[None]:
+    """Takes the curvature every 10 m, or else every 5, 2 or 1 m, where there are more samples."""
+    shape = shrinker.best
+    places = shape.step * np.arange(len(shape))
+    for step in _STEPS:
+        if step > shape.step:
+            # A length of a whole number of steps, up to rounding, keeps its last one.
+            at = step * np.arange(math.floor(shape.length / step + 1e-9) + 1)
+            if (yield from shrinker.offer(Shape(tuple(np.interp(at, places, shape.values)), step))):
+                return
+
+
+def _cut_end(shrinker: Shrinker) -> Trials[None]:
+    for size in _halvings(len(shrinker.best) - 1):
+        while (yield from shrinker.offer(_without_end(shrinker.best, size))):
+            pass
+
+
+def _without_end(shape: Shape, size: int) -> Shape:
+    return shape.replaced(max(len(shape) - size, 0), len(shape), ())
+
+
+def _cut_start(shrinker: Shrinker) -> Trials[None]:
+    for size in _halvings(len(shrinker.best) - 1):
+        while (yield from shrinker.offer(shrinker.best.replaced(0, size, ()))):
+            pass
+
+
+def _drop(shrinker: Shrinker) -> Trials[None]:
+    """Takes stretches out of the middle."""
+    yield from _over_windows(shrinker, lambda values: ())  # noqa: ARG005
+
+
+def _sharpen(shrinker: Shrinker) -> Trials[None]:
+    """Drops one sample and makes all others sharper in return."""
+    begin = 0
+    while begin < len(shrinker.best):
+        rest = shrinker.best.replaced(begin, begin + 1, ()).scaled(_SHARPER)
+        sharper = Shape(tuple(rounded(value, 3) for value in rest.values), rest.step)
+        if not (yield from shrinker.offer(sharper)):
+            begin += 1
+
+
+def _straighten(shrinker: Shrinker) -> Trials[None]:
+    yield from _over_windows(shrinker, lambda values: [0.0] * len(values))
+
+
+def _level(shrinker: Shrinker) -> Trials[None]:
+    """Makes the curvature constant over a stretch: its mean, or else its sharpest value."""
+    yield from _over_windows(
+        shrinker, lambda values: [rounded(math.fsum(values) / len(values), 2)] * len(values)
+    )
+    yield from _over_windows(shrinker, lambda values: [max(values, key=abs)] * len(values))
+
+
+def _round(shrinker: Shrinker) -> Trials[None]:
+    """Rounds to the nearest, or else away from 0: a road that failed by sharpness stays sharp."""
+    for digits in _DECIMALS:
+        yield from _over_windows(shrinker, partial(_all_rounded, rounded, digits))
+        yield from _over_windows(shrinker, partial(_all_rounded, rounded_away, digits))
+
+
+def _all_rounded(how: Callable[[float, int], float], digits: int, values: Values) -> list[float]:
+    return [how(value, digits) for value in values]
+
+
+def _lower(shrinker: Shrinker) -> Trials[None]:
+    """Moves equal neighbours together towards 0, then single samples, as far as possible."""
+    begin = 0
+    while begin < len(shrinker.best):
+        values = shrinker.best.values
+        end = begin + 1
+        while end < len(values) and values[end] == values[begin]:
+            end += 1
+        yield from _lower_window(shrinker, begin, end)
+        begin = end
+    for begin in range(len(shrinker.best)):
+        yield from _lower_window(shrinker, begin, begin + 1)
+
+
+def _lower_window(shrinker: Shrinker, begin: int, end: int) -> Trials[None]:
+    """Moves samples that have one value in common towards 0, in units of its last decimal."""
+    value = shrinker.best.values[begin]
+    digits = min(max(decimals(value), _DECIMALS[0]), _DECIMALS[-1])
+    units = round(abs(value) * 10**digits)
+    for size in _halvings(units):
+        while units >= size:
+            lower = rounded(math.copysign((units - size) / 10**digits, value), digits)
+            lowered = shrinker.best.replaced(begin, end, [lower] * (end - begin))
+            if not (yield from shrinker.offer(lowered)):
+                break
+            units -= size
+
+
+def _exchange(shrinker: Shrinker) -> Trials[None]:
+    """Drops the first sample and bends one other sample more to either side in return."""
+    while (yield from _exchange_one(shrinker)):
+        pass
+
+
+def _exchange_one(shrinker: Shrinker) -> Trials[bool]:
+    best = shrinker.best
+    for bend in (_BEND, -_BEND):
+        for i, value in enumerate(best.values[1:], start=1):
+            bent = best.replaced(i, i + 1, [rounded(value + bend, 4)]).replaced(0, 1, ())
+            if (yield from shrinker.offer(bent)):
+                return True
+    return False
+
+
+def _over_windows(shrinker: Shrinker, change: Callable[[Values], Sequence[float]]) -> Trials[None]:
+    """Offers a change of each stretch of samples, first of all of them, then of ever fewer."""
+    for size in _halvings(len(shrinker.best)):
+        begin = 0
+        while begin < len(shrinker.best):
+            end = min(begin + size, len(shrinker.best))
+            changed = change(shrinker.best.values[begin:end])
+            if not (yield from shrinker.offer(shrinker.best.replaced(begin, end, changed))):
+                begin += size
+
+
+PASSES: Final[dict[str, Callable[[Shrinker], Trials[None]]]] = {
+    "coarsen": _coarsen,
+    "cut the end": _cut_end,
+    "cut the start": _cut_start,
+    "drop": _drop,
+    "sharpen": _sharpen,
+    "straighten": _straighten,
+    "level": _level,
+    "round": _round,
+    "lower": _lower,
+    "exchange": _exchange,
+}
+"""The passes by name, in their order: those first that shorten a road by few trials."""
+
+
+def _halvings(size: int) -> Iterator[int]:
+    """The size, half of it, and so on down to 1."""
+    while size >= 1:
+        yield size
+        size //= 2
+
+
+def decimals(value: float) -> int:
+    """Number of decimals of a value: 0 for 0.0, 2 for 0.05; at most 16."""
+    return next((n for n in range(MOST_DECIMALS) if round(value, n) == value), MOST_DECIMALS)
+
+
+def rounded(value: float, digits: int) -> float:
+    """The nearest number with so many decimals."""
+    return round(value, digits)
+
+
+def rounded_away(value: float, digits: int) -> float:
+    """The nearest number with so many decimals that is no closer to 0."""
+    nearest = round(value, digits)
+    if abs(nearest) >= abs(value):
+        return nearest
+    return round(nearest + math.copysign(10.0**-digits, value), digits)

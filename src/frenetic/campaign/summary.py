@@ -1,0 +1,137 @@
+"""How a campaign stands, and the events with which it tells that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, Self, TypeAlias
+
+from frenetic._support.json_value import JSONValue
+from frenetic.campaign.counts import Counts
+from frenetic.campaign.objective import Objective
+from frenetic.campaign.record import Test
+from frenetic.search.records import Evaluation
+from frenetic.spec import Budget
+
+EventKind: TypeAlias = Literal["started", "result", "interrupted"]
+
+
+@dataclass
+class Summary(Counts):
+    """Summary of a campaign, so far or as it ended."""
+
+    seconds: float = 0.0
+    """Wall time since the start, in s."""
+    budget_spent: float = 0.0
+    """0..1."""
+    told_share: float | None = None
+    """The same as whoever drives told it last; None if nobody did."""
+    objective: str = ""
+    """Name of what is minimised; empty if it is the MOOBD, or before the first drive."""
+    best: float | None = None
+    """Its best value so far, the worst for the driver."""
+    strategy_seconds: float = 0.0
+    """Time that the strategy took to propose and to learn, in s."""
+    seed: int | None = None
+    folder: Path = field(default_factory=Path)
+    interrupted: bool = False
+    """Whether it was stopped before its budget was spent."""
+    ended: str = ""
+    """Reason why the strategy ended before the budget was spent; empty if it did not."""
+    notice: str = ""
+    """Why the search is not what its user expects, as the strategy says; empty if it is."""
+    facts: Mapping[str, JSONValue] = field(default_factory=dict)
+    """What else the strategy tells, see `frenetic.Strategy.facts`."""
+
+    @classmethod
+    def over(cls, counts: Counts, **more: Any) -> Self:
+        """The summary with these counts."""
+        return cls(**asdict(counts), **more)
+
+    def now(self, seconds: float) -> Self:
+        """A copy for others, so many s after the start."""
+        copied = copy(self)
+        copied.seconds = seconds
+        return copied
+
+    def spend(self, budget: Budget, seconds: float, told: float | None = None) -> None:
+        """Sets the spent share of the budget: what is told now or was last, or else its count."""
+        self.told_share = self.told_share if told is None else told
+        counted = budget.spent(self.simulations, seconds, self.failed)
+        self.budget_spent = counted if self.told_share is None else self.told_share
+
+    def measure(self, objective: Objective, evaluation: Evaluation) -> None:
+        """Notes the objective's value of one more result, if it has one."""
+        value = objective.value_of(evaluation)
+        if value is not None:
+            self.objective = objective.name
+            self.best = value if self.best is None else objective.worse(value, self.best)
+
+    @property
+    def best_in_words(self) -> str:
+        """The best value of the objective, to follow the lowest MOOBD: ``, best oob-share 0.9``."""
+        return "" if self.best is None else f", best {self.objective} {self.best:.3g}"
+
+    @property
+    def objective_json(self) -> dict[str, Any]:
+        """The objective and its best value for JSON; empty if it is the MOOBD."""
+        return {} if self.best is None else {"objective": self.objective, "best": self.best}
+
+    @property
+    def tests_per_second(self) -> float:
+        """Road tests per second of wall time."""
+        return self.tests / self.seconds if self.seconds > 0.0 else 0.0
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Estimate from the spent share of the budget, in s; None while nothing is spent."""
+        if self.budget_spent <= 0.0:
+            return None
+        return self.seconds * (1.0 - self.budget_spent) / self.budget_spent
+
+    def as_json(self) -> dict[str, JSONValue]:
+        """The summary as one JSON object."""
+        return {
+            **self.counts_json(),
+            "seconds": round(self.seconds, 3),
+            "tests_per_second": round(self.tests_per_second, 1),
+            "seed": self.seed,
+            "interrupted": self.interrupted,
+            "ended": self.ended,
+            "notice": self.notice,
+            "facts": dict(self.facts),
+            "folder": str(self.folder),
+            **self.objective_json,
+        }
+
+
+def facts_in_words(facts: object) -> str:
+    """What a strategy has told, in a line; empty if it is nothing."""
+    told = facts.items() if isinstance(facts, Mapping) else ()
+    texts = (
+        f"{name} {value:.2f}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in told
+    )
+    return "; ".join(texts)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happens to a campaign while it runs."""
+
+    kind: EventKind
+    """``started``: the folder is made and the simulator has started, the budget's time begins;
+    ``result``: a result was stored and told, in the order of telling; ``interrupted``: Ctrl-C was
+    pressed for the first time."""
+    summary: Summary
+    """The campaign so far."""
+    read_test: Callable[[], Test] | None = field(default=None, repr=False, compare=False)
+    """Source of `test`, which can be read until the call ends."""
+
+    @cached_property
+    def test(self) -> Test | None:
+        """The test with this result, read on first use; None for other events."""
+        return None if self.read_test is None else self.read_test()

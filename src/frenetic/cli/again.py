@@ -1,0 +1,144 @@
+"""Shared parts of the commands that drive recorded roads: drive, rerun, minimise, back-to-back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+import click
+
+from frenetic.cli.console import Log, announced_compilation, counted_progress
+from frenetic.cli.options import (
+    as_usage_error,
+)
+from frenetic.cli.parts import (
+    asked_spec,
+    given_options,
+    is_beamng,
+    with_given,
+    without_place,
+)
+from frenetic.errors import CampaignError
+from frenetic.spec import DRIVEN, Spec, drive_options
+from frenetic.trust import NOT_DRIVING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from frenetic.campaign import CampaignStore, Event
+    from frenetic.road.files import RoadFile
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bool = True) -> Spec:
+    """The spec of a campaign, with replacements from the command line.
+
+    Args:
+        store: the campaign.
+        given: values of the options of `part_options`.
+        checked: whether code that it names has to be trusted, see `frenetic.trust`.
+
+    Raises:
+        CampaignError: the campaign was started from Python and a part is not given, or its record
+            is damaged.
+        FreneticError: a given rule is out of range.
+    """
+    from frenetic.campaign.store import DATABASE
+
+    recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
+    spec = with_given(recorded, given)
+    if checked:
+        spec.require_trusted(store.folder, named_parts(given))
+    if spec.driver.name is None or spec.simulator.name is None:
+        raise CampaignError(
+            f"{store.folder} was started from Python, so its driver and simulator have no names:"
+            " give --driver and --simulator, or do it from Python"
+        )
+    return spec
+
+
+def named_parts(given: Mapping[str, Any]) -> list[str]:
+    """Kinds of parts that the command line names itself, or does not make."""
+    return [*NOT_DRIVING, *(kind for kind in ("driver", "simulator") if given.get(kind))]
+
+
+def file_spec(context: click.Context, file: RoadFile) -> Spec:
+    """The spec with which a road's file was driven, with replacements from the command line.
+
+    Files that do not say it are driven as the options and their defaults say.
+
+    Raises:
+        FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
+    """
+    given = given_options(context)
+    if DRIVEN not in file.entries:
+        return asked_spec(context, {name: context.params[name] for name in drive_options()})
+    recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
+    simulator = recorded.simulator
+    if is_beamng(simulator.name or ""):  # which program is started, no file says
+        simulator = replace(simulator, options=without_place(simulator.options))
+    spec = with_given(replace(recorded, simulator=simulator), given)
+    spec = replace(spec, map_size=given.get("map_size", spec.map_size))
+    spec.require_trusted(file.path, named_parts(given))
+    return spec.with_limit()  # which loads the simulator
+
+
+def chosen_tests(
+    store: CampaignStore, test_ids: tuple[int, ...], top: int | None
+) -> list[int] | None:
+    """The tests that the command line names; None if it names none.
+
+    Raises:
+        click.UsageError: it names them twice.
+    """
+    from frenetic.analysis.failures import representative_failures
+
+    if test_ids and top is not None:
+        raise click.UsageError("--top and the ID of a test exclude each other")
+    if top is not None:
+        return [record.candidate.id for record in representative_failures(store, top)]
+    return list(dict.fromkeys(test_ids)) or None
+
+
+@contextmanager
+def shown_driving(
+    log: Log, what: str, total: int | None = None
+) -> Iterator[Callable[[Event], None]]:
+    """Gives the function that shows the events of campaigns that drive again.
+
+    Args:
+        log: the console for progress.
+        what: the work, such as "Driving again".
+        total: number of drives of all campaigns; by default that of each one's budget.
+    """
+    before = drives = 0  # of the campaigns before this one, and of this one
+
+    with (
+        announced_compilation(log) as compiled,
+        counted_progress(log, what) as show,
+        as_usage_error(),
+    ):
+
+        def on_event(event: Event) -> None:
+            nonlocal before, drives
+            if event.kind == "interrupted":
+                log.stopping()
+                return
+            if event.kind == "started":
+                compiled()
+                before += drives
+            drives = event.summary.simulations
+            share = event.summary.budget_spent
+            show(before + drives, total or (round(drives / share) if share else 0))
+
+        yield on_event
+
+
+def interrupted(log: Log, what: str) -> click.exceptions.Exit:
+    """Prints what is left to do and ends the command."""
+    log.print(f"Interrupted: {what}")
+    return click.exceptions.Exit(130)

@@ -1,1 +1,0 @@
-"""Driving again: how often roads fail, where else, whether they are fixed, how short they get."""

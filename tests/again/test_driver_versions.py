@@ -1,0 +1,425 @@
+"""Back-to-back testing: what two versions of a driver drive, and what is said about them."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from repeats import recorded as recorded_test
+from repeats import redriven
+
+from frenetic.again.paired import (
+    BackToBack,
+    Fate,
+    Pair,
+    PairedRoads,
+    RoadSet,
+    Verdict,
+    Version,
+    back_to_back_document,
+)
+from frenetic.again.verdicts import Change, Repeat
+from frenetic.again.versions import (
+    Driving,
+    back_to_back,
+    drive_new,
+    drive_old,
+    pair_up,
+    plan,
+)
+from frenetic.campaign import Budget, Campaign, CampaignStore, Event
+from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Observation, Planner
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search import Frenetic2021
+from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.simulators.worlds import USUAL
+
+pytest_plugins = ["searched_campaign"]
+
+FRESH = 30
+
+
+@pytest.fixture
+def campaign(searched_campaign: Path, tmp_path: Path) -> Path:
+    """A campaign of the planner, which may be written to."""
+    return Path(shutil.copytree(searched_campaign, tmp_path / "old"))
+
+
+def driven_by(found: BackToBack) -> list[Any]:
+    """All that was driven, set by set."""
+    sets: Any = back_to_back_document(found)["sets"]
+    return [roads["tests"] for roads in sets]
+
+
+class Counting(EmbeddedSimulator):
+    """Counts the roads that it drives."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.driven = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        self.driven += 1
+        return super().drive(road, driver)
+
+
+# What is driven
+
+
+def test_both_versions_drive_the_same_roads(campaign: Path, tmp_path: Path) -> None:
+    newer = tmp_path / "new"
+    Campaign(
+        strategy=Frenetic2021(seed=4, max_redraws=10),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(aggression=1.1),
+        budget=Budget(simulations=40),
+        folder=newer,
+    ).run()
+    found = back_to_back(
+        campaign, newer, EmbeddedSimulator(), Planner(), Planner(aggression=1.1), fresh=FRESH
+    )
+    assert [roads.roads for roads in found.sets] == [RoadSet.FRESH, RoadSet.OLD, RoadSet.NEW]
+    fresh, old, new = found.sets
+    assert len(fresh.pairs) == FRESH
+    for roads, folder, version in ((old, campaign, Version.OLD), (new, newer, Version.NEW)):
+        with CampaignStore.open(folder) as store:
+            failing = {record.id: record.moobd for record in store.tests(Outcome.FAIL)}
+        own = {pair.record.id: pair.drives(version)[0] for pair in roads.pairs}
+        assert {i: drive.moobd for i, drive in own.items()} == failing, "drives repeat exactly"
+    for pair in (pair for roads in found.sets for pair in roads.pairs):
+        assert len(pair.old) == len(pair.new) == 1
+    assert found.sets[1].failing(Version.OLD) == len(old.pairs)
+
+
+def test_fresh_roads_are_those_of_a_random_search_that_nobody_has_chosen(campaign: Path) -> None:
+    found = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(), Planner(aggression=0.9), fresh=FRESH, seed=5
+    )
+    again = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(), Planner(aggression=0.8), fresh=FRESH, seed=5
+    )
+    assert found.fresh.folder == again.fresh.folder
+    with CampaignStore.open(found.fresh.folder) as store:
+        operators = {record.candidate.origin.operator for record in store.tests()}
+        assert store.counts().simulations == FRESH
+        drawn = [record.candidate.curvatures for record in store.tests()]
+    assert operators == {"random"}
+    with CampaignStore.open(campaign) as store:
+        searched = [record.candidate.curvatures for record in store.tests()]
+    assert not any(np.array_equal(one, other) for one in drawn for other in searched)
+
+
+def test_the_seed_of_a_campaign_is_not_fresh(campaign: Path) -> None:
+    with pytest.raises(ValueError, match="seed 3 is that of a campaign"):
+        plan(campaign, seed=3)
+    assert plan(campaign).seed == 0
+
+
+def test_what_is_stored_is_not_driven_again(campaign: Path) -> None:
+    first, second, third = Counting(), Counting(), Counting()
+    drivers = Planner(), Planner(aggression=0.9)
+    one = back_to_back(campaign, None, first, *drivers, fresh=FRESH)
+    two = back_to_back(campaign, None, second, *drivers, fresh=FRESH)
+    assert first.driven == 2 * sum(len(roads.pairs) for roads in one.sets)
+    assert second.driven == 0
+    assert back_to_back_document(one) == back_to_back_document(two)
+    more = back_to_back(campaign, None, third, *drivers, fresh=FRESH + 5)
+    assert third.driven == 5 + FRESH + 5, "the old version's roads and failures are stored"
+    assert driven_by(more)[0][:FRESH] == driven_by(one)[0]
+
+
+def test_ctrl_c_loses_nothing(campaign: Path, tmp_path: Path) -> None:
+    whole = back_to_back(
+        Path(shutil.copytree(campaign, tmp_path / "other")),
+        None,
+        EmbeddedSimulator(),
+        Planner(),
+        Planner(aggression=0.9),
+        fresh=FRESH,
+    )
+    roads = plan(campaign, fresh=FRESH)
+    stop_at = iter((7, FRESH + 3))
+
+    def interrupted(driver: Driver, at: int | None) -> Driving:
+        before = done = 0
+
+        def watch(event: Event) -> None:
+            nonlocal before, done
+            if event.kind == "started":
+                before, done = before + done, event.summary.simulations
+            elif event.kind == "result":
+                is_another, done = event.summary.simulations > done, event.summary.simulations
+                if is_another and before + done == at:
+                    signal.raise_signal(signal.SIGINT)
+
+        return Driving(EmbeddedSimulator(), driver, on_event=watch)
+
+    for at in stop_at:
+        old = drive_old(roads, interrupted(Planner(), at))
+        assert old.missing == roads.drives - at
+    old = drive_old(roads, interrupted(Planner(), None))
+    assert old.missing == 0
+    for at in (FRESH - 1, FRESH + 4):
+        new = drive_new(roads, interrupted(Planner(aggression=0.9), at), old)
+        assert new.missing == roads.drives - at
+    new = drive_new(roads, interrupted(Planner(aggression=0.9), None), old)
+    assert new.missing == 0
+    found = pair_up(roads, old, new)
+    assert driven_by(found) == driven_by(whole)
+    assert found.answer == whole.answer
+
+
+def test_workers_find_the_same(campaign: Path, tmp_path: Path) -> None:
+    copy = Path(shutil.copytree(campaign, tmp_path / "other"))
+    one, two = (
+        back_to_back(
+            folder,
+            None,
+            EmbeddedSimulator(),
+            Planner(),
+            Planner(aggression=0.9),
+            fresh=FRESH,
+            workers=workers,
+        )
+        for folder, workers in ((campaign, 1), (copy, 2))
+    )
+    assert driven_by(one) == driven_by(two)
+
+
+def test_repeats_under_noise_have_other_errors_each_the_same_for_both(campaign: Path) -> None:
+    old, new = (Noisy(Planner(aggression=a), offset=0.3, heading=0.03) for a in (1.0, 0.95))
+    found = back_to_back(campaign, None, EmbeddedSimulator(), old, new, fresh=8, repeats=3, top=2)
+    for pair in (pair for roads in found.sets for pair in roads.pairs):
+        for drives in (pair.old, pair.new):
+            assert len(drives) == 3
+            assert len({one.conditions for one in drives}) == 3
+        assert [a.conditions for a in pair.old] == [b.conditions for b in pair.new]
+        moobds = {one.moobd for one in pair.old}
+        assert len(moobds) == 3, "other errors, another drive"
+    assert len(found.sets[1].pairs) == 2
+
+
+def test_only_the_driver_may_differ(campaign: Path, tmp_path: Path) -> None:
+    Campaign(
+        strategy=Frenetic2021(seed=4, map_size=250, max_redraws=10),
+        simulator=EmbeddedSimulator(friction=0.8),
+        driver=Planner(),
+        budget=Budget(simulations=2),
+        folder=tmp_path / "new",
+    ).run()
+    with pytest.raises(CampaignError, match=r"differ in simulator Emb.*, map size: only"):
+        plan(campaign, tmp_path / "new")
+    with pytest.raises(CampaignError, match="is there twice"):
+        plan(campaign, campaign)
+
+
+def test_an_older_version_of_the_simulator_does_not_matter(
+    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as older:
+        older.setattr(EmbeddedSimulator, "BEHAVIOUR", 0)
+        Campaign(
+            strategy=Frenetic2021(seed=4, max_redraws=10),
+            simulator=EmbeddedSimulator(),
+            driver=Planner(),
+            budget=Budget(simulations=2),
+            folder=tmp_path / "new",
+        ).run()
+    with CampaignStore.open(campaign) as one, CampaignStore.open(tmp_path / "new") as other:
+        assert one.config["simulator"] != other.config["simulator"]
+    assert plan(campaign, tmp_path / "new").seed == 0
+
+
+def test_a_version_is_not_compared_with_itself(campaign: Path) -> None:
+    with pytest.raises(CampaignError, match="both versions are the same, Planner"):
+        back_to_back(campaign, None, EmbeddedSimulator(), Planner(), Planner(), fresh=1)
+
+
+@pytest.mark.parametrize("option", [{"fresh": 0}, {"repeats": 0}, {"top": -1}, {"fresh": True}])
+def test_options_out_of_range(campaign: Path, option: dict[str, int]) -> None:
+    (name,) = option
+    with pytest.raises(ValueError, match=f"{name} is"):
+        plan(campaign, **option)  # type: ignore[arg-type]
+
+
+# What is said
+
+
+def paired(
+    *counts: tuple[int, Outcome, Outcome], roads: RoadSet = RoadSet.FRESH, slower: float = 1.0
+) -> PairedRoads:
+    """Made-up pairs: how many with which outcomes of old and new."""
+    pairs: list[Pair] = []
+    for number, *outcomes in counts:
+        for _ in range(number):
+            test = recorded_test(id=len(pairs) + 1)
+            old, new = (
+                redriven(
+                    USUAL,
+                    outcome,
+                    {"PASS": 0.5, "FAIL": -1.0}.get(outcome),
+                    test=test,
+                    duration=duration,
+                    reason="boom",
+                )
+                for outcome, duration in zip(outcomes, (10.0, 10.0 * slower), strict=True)
+            )
+            pairs.append(Pair(test, (old,), (new,)))
+    return PairedRoads(roads, Path("fresh"), tuple(pairs), 1)
+
+
+def result(*sets: PairedRoads) -> BackToBack:
+    return BackToBack({"class": "a:Old"}, {"class": "a:New"}, {"class": "s:S"}, 0, sets)
+
+
+PASS, FAIL, ERROR = Outcome.PASS, Outcome.FAIL, Outcome.ERROR
+
+
+def test_the_answer_says_who_is_better_by_how_much() -> None:
+    better = result(paired((21, FAIL, PASS), (2, PASS, FAIL), (10, FAIL, FAIL), (167, PASS, PASS)))
+    assert better.verdict is Verdict.BETTER
+    assert better.answer == (
+        "new is better: of 200 fresh roads, it fails on 12, old on 31 (difference -9.5 points,"
+        " 95 % interval -14.6 to -5.0)"
+    )
+    worse = result(paired((2, FAIL, PASS), (21, PASS, FAIL), (10, FAIL, FAIL), (167, PASS, PASS)))
+    assert worse.verdict is Verdict.WORSE
+    assert worse.answer.startswith("new is worse: of 200 fresh roads, it fails on 31, old on 12")
+    level = result(paired((5, FAIL, PASS), (4, PASS, FAIL), (191, PASS, PASS)))
+    assert level.verdict is Verdict.UNKNOWN
+    assert level.answer.startswith("cannot tell which is better: of 200 fresh roads, new fails on")
+    assert "--fresh 800" in level.notes[-1]
+
+
+def test_the_verdict_rests_on_the_fresh_roads() -> None:
+    chosen = paired((50, FAIL, PASS), roads=RoadSet.OLD)
+    found = result(paired((200, PASS, PASS)), chosen)
+    assert chosen.verdict is Verdict.BETTER
+    assert found.verdict is Verdict.UNKNOWN
+    assert "rests on the fresh roads" in found.notes[0]
+
+
+def test_better_by_crawling_is_said() -> None:
+    pairs = (30, FAIL, PASS), (170, PASS, PASS)
+    assert result(paired(*pairs, slower=1.5)).answer.startswith("new is better but 50 % slower: ")
+    for slower in (1.0, 1.001, 0.9):
+        assert result(paired(*pairs, slower=slower)).answer.startswith("new is better: ")
+    time, _ = result(paired(*pairs, slower=1.5)).trade_offs
+    assert "50 % longer" in time
+    time, _ = result(paired(*pairs, slower=0.5)).trade_offs
+    assert "50 % less" in time
+
+
+def test_few_roads_have_no_interval_of_medians() -> None:
+    found = result(paired((5, PASS, PASS), slower=2.0))
+    assert all("too few roads to tell" in text for text in found.trade_offs)
+    assert not found.is_slower
+    fresh: Any = back_to_back_document(found)["sets"]
+    assert fresh[0]["moobd_difference"] == {
+        "value": 0.0,
+        "low": None,
+        "high": None,
+        "cannot_tell": True,
+    }
+
+
+def test_drives_that_broke_cannot_win() -> None:
+    # Without them new is better; but what it does where it breaks nobody knows.
+    found = result(paired((30, FAIL, PASS), (40, PASS, ERROR), (130, PASS, PASS)))
+    assert found.fresh.difference is not None
+    assert found.fresh.difference.sign == -1
+    assert found.verdict is Verdict.UNKNOWN
+    assert "drives that broke decide" in found.answer
+    assert any("new broke in 40 drives" in note and "boom" in note for note in found.notes)
+    harmless = result(paired((60, FAIL, PASS), (2, PASS, ERROR), (138, PASS, PASS)))
+    assert harmless.verdict is Verdict.BETTER
+    nothing = result(paired((3, PASS, ERROR)))
+    assert nothing.answer == "cannot tell which is better: no fresh road could be judged with both"
+
+
+def test_a_version_that_passes_roads_on_which_it_failed_is_noticed() -> None:
+    own = paired((3, PASS, PASS), (7, FAIL, PASS), roads=RoadSet.OLD)
+    notes = result(paired((20, PASS, PASS)), own).notes
+    assert any("old passes 3 of the 10 roads on which its campaign failed" in one for one in notes)
+
+
+def test_versions_under_other_layers_are_noted() -> None:
+    roads = paired((20, PASS, PASS))
+    noisy: Any = {"class": "l:Noisy", "options": {"offset": 0.1}, "driver": {"class": "a:New"}}
+    assert "different noise" in BackToBack({"class": "a:Old"}, noisy, {}, 0, (roads,)).notes[0]
+    assert not any("different noise" in note for note in result(roads).notes)
+
+
+def test_half_of_the_repeats_decide_on_a_road() -> None:
+    test = recorded_test()
+
+    def drives(*outcomes: Outcome) -> tuple[Repeat, ...]:
+        return tuple(redriven(USUAL, one, None, test=test) for one in outcomes)
+
+    steady = drives(PASS, PASS, PASS)
+    pair = Pair(test, drives(FAIL, FAIL, PASS), drives(FAIL, PASS, PASS))
+    assert pair.change is Change.PASSES_NOW
+    roads = PairedRoads(RoadSet.FRESH, Path(), (pair, Pair(test, steady, steady)), 3)
+    assert roads.failure_rate(Version.OLD) == pytest.approx(1 / 3)
+    assert roads.failure_rate(Version.NEW) == pytest.approx(1 / 6)
+    assert "of 2 fresh roads, 3 drives each, new fails in 16.7 %, old in 33.3 %" in (
+        result(roads).answer
+    )
+    assert Pair(test, drives(ERROR), steady).change is Change.NOT_JUDGED
+
+
+def test_distinct_failures_are_fixed_remain_or_are_new(campaign: Path) -> None:
+    found = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(), Planner(aggression=0.95), fresh=FRESH
+    )
+    assert found.distinct
+    for version, name in ((Version.OLD, "old"), (Version.NEW, "new")):
+        failing = sum(roads.failing(version) for roads in found.sets)
+        assert sum(getattr(one, name) for one in found.distinct) == failing
+    for one in found.distinct:
+        with CampaignStore.open(one.folder) as store:
+            assert store.test(one.test_id).outcome.is_driven
+        if one.fate is Fate.FIXED:
+            assert (one.old > 0, one.new) == (True, 0)
+    turned = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(aggression=0.95), Planner(), fresh=FRESH
+    )
+    assert {Fate.FIXED, Fate.REMAINS} & {one.fate for one in found.distinct}
+    fixed = sum(one.fate in (Fate.FIXED, Fate.REPLACED) for one in found.distinct)
+    assert fixed == sum(one.fate is Fate.NEW for one in turned.distinct) > 0
+
+
+class Standing:
+    """Never starts."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        """Nothing."""
+
+    def act(self, observation: Observation) -> Controls:
+        return Controls(0.0, 0.0, 1.0)
+
+
+class Crashing(Standing):
+    """Breaks at once."""
+
+    def act(self, observation: Observation) -> Controls:
+        raise ValueError("no")
+
+
+def test_a_failure_is_fixed_only_where_the_new_version_passes(campaign: Path) -> None:
+    standing = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(), Standing(), fresh=2, top=3
+    )
+    fates = {one.fate for one in standing.distinct}
+    assert fates == {Fate.REPLACED, Fate.NEW}, "it fails on these roads, though otherwise"
+    broken = back_to_back(
+        campaign, None, EmbeddedSimulator(), Planner(), Crashing(), fresh=2, top=3
+    )
+    assert broken.distinct == ()
+    assert not any("--fresh" in note for note in broken.notes)

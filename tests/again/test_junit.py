@@ -1,0 +1,119 @@
+"""The JUnit file that says what became of a campaign's roads."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from junitparser import Error, Failure, JUnitXml
+from repeats import recorded as recorded_test
+from repeats import redriven
+
+from frenetic.again.junit import junit, write_junit
+from frenetic.again.rerun import Rerun
+from frenetic.again.verdicts import Repeats
+from frenetic.drive import CarBody, Rules
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.simulators.worlds import USUAL
+
+
+def became(number: int, before: Outcome, after: Outcome, reason: str = "Car reached") -> Repeats:
+    moobds = {Outcome.FAIL: -2.0, Outcome.PASS: 1.25}
+    test = recorded_test(before, id=number)
+    drive = redriven(USUAL, after, moobds.get(after), test=test, reason=reason, duration=20.5)
+    return Repeats(test, (drive,))
+
+
+FAIL, PASS = Outcome.FAIL, Outcome.PASS
+TESTS = (
+    became(7, FAIL, PASS),
+    became(8, FAIL, FAIL, 'Car <left> & "gone"'),
+    became(9, PASS, FAIL),
+    became(10, FAIL, Outcome.ERROR, "broke\x00\ud800"),
+    became(11, FAIL, Outcome.INVALID),
+)
+RERUN = Rerun(
+    "night", {"class": "m:Driver"}, {"class": "m:Sim"}, Rules(), CarBody(), len(TESTS), TESTS
+)
+
+
+def test_a_junit_parser_finds_every_road(tmp_path: Path) -> None:
+    path = tmp_path / "rerun.xml"
+    write_junit(RERUN, path)
+    document = JUnitXml.fromfile(str(path))
+    (suite,) = document
+    assert (suite.tests, suite.failures, suite.errors, suite.skipped) == (5, 2, 2, 0)
+    assert suite.name == "night"
+    cases = {case.name: case for case in suite}
+    assert set(cases) == {f"test {number}" for number in (7, 8, 9, 10, 11)}
+    assert cases["test 7"].is_passed
+    assert cases["test 7"].time == 0.25
+    ((failure,), (error,)) = cases["test 8"].result, cases["test 10"].result
+    assert isinstance(failure, Failure)
+    assert failure.message == 'fails again (1 same place): Car <left> & "gone"'
+    assert isinstance(error, Error)
+    assert error.message == "not judged: broke\\x00\\ud800"
+    assert [type(one) for one in cases["test 11"].result] == [Error]
+    assert cases["test 9"].result[0].message.startswith("fails now")
+
+
+def test_properties_say_what_was_before() -> None:
+    document = ET.fromstring(junit(RERUN))
+    case = document.find("testsuite/testcase[@name='test 7']")
+    assert case is not None
+    properties = {p.get("name"): p.get("value") for p in case.iter("property")}
+    assert properties == {
+        "change": "passes now",
+        "failed": "0 of 1",
+        "outcome": "PASS",
+        "outcome_before": "FAIL",
+        "moobd": "1.2500",
+        "moobd_before": "-1.0000",
+        "length": "230.0000",
+        "duration": "20.500",
+    }
+    suite = document.find("testsuite/properties")
+    assert suite is not None
+    assert {p.get("name"): p.get("value") for p in suite} == {
+        "driver": "m:Driver",
+        "simulator": "m:Sim",
+    }
+
+
+def test_the_numbers_are_those_of_the_test_cases() -> None:
+    document = ET.fromstring(junit(RERUN))
+    for element in (document, *document.iter("testsuite")):
+        assert element.get("tests") == str(len(list(element.iter("testcase"))))
+        assert element.get("failures") == str(len(list(element.iter("failure"))))
+        assert element.get("errors") == str(len(list(element.iter("error"))))
+        times = [float(case.get("time", "nan")) for case in element.iter("testcase")]
+        assert math.isclose(float(element.get("time", "nan")), sum(times), abs_tol=1e-3)
+
+
+# Everything a driver's message or a folder's name may hold, half characters and controls included.
+any_text = st.text(st.characters(exclude_categories=()), max_size=60)
+
+
+@given(any_text, any_text)
+def test_no_text_breaks_the_file(reason: str, name: str) -> None:
+    test = became(7, FAIL, Outcome.ERROR, reason)
+    content = junit(replace(RERUN, campaign=name, tests=(test,)))
+    document = ET.fromstring(content)
+    (error,) = document.iter("error")
+    printable = "".join(c for c in reason if c.isalnum() and c.isascii())
+    said = error.get("message", "")
+    assert printable in "".join(c for c in said if c.isalnum() and c.isascii()) or "\\" in said
+    (suite,) = JUnitXml.fromstring(content)
+    assert suite.errors == 1
+
+
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(CampaignError, match="choose another file with --junit"):
+        write_junit(RERUN, tmp_path / "nowhere" / "a.xml")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,353 @@
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from typing import Self
+
+import numpy as np
+import pytest
+from events import on_result, on_test
+
+from frenetic.again.minimise import GUARD, Ending, FailureReason, minimise
+from frenetic.again.shrinking import Shape
+from frenetic.analysis.failures import Failure
+from frenetic.analysis.segments import segment_of
+from frenetic.campaign import RoadTester, Summary, Test
+from frenetic.campaign.check import check_campaign
+from frenetic.drivers import Planner
+from frenetic.errors import FreneticError
+from frenetic.oracle import judge
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search import Candidate, Frenetic2021
+from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.testing import DummyDriver, DummySimulator, converse
+
+
+class Watched(EmbeddedSimulator):
+    """Keeps the roads that were driven; breaks after so many if it is told to."""
+
+    def __init__(self, *, breaks_after: int | None = None) -> None:
+        super().__init__()
+        self.driven: list[tuple[float, ...]] = []
+        self.breaks_after = breaks_after
+
+    def drive(self, road, driver):  # type: ignore[no-untyped-def]
+        if self.breaks_after is not None and len(self.driven) >= self.breaks_after:
+            raise ConnectionError("lost the simulator")
+        self.driven.append((road.step, *road.curvatures))
+        return super().drive(road, driver)
+
+
+@pytest.fixture(scope="module")
+def failures() -> list[Road]:
+    """Fifty failing roads of five searches, evenly spaced in time."""
+    tester = RoadTester(EmbeddedSimulator(), Planner())
+    roads: list[Road] = []
+    for seed in range(1, 6):
+        found: list[Road] = []
+
+        def verdict(
+            candidate: Candidate, found: list[Road] = found
+        ) -> tuple[Outcome, float | None]:
+            result = tester.test(candidate).result
+            if result.outcome is Outcome.FAIL:
+                found.append(Road(candidate.curvatures, candidate.step))
+            return result.outcome, result.moobd
+
+        converse(Frenetic2021(seed=seed, max_redraws=10), verdict, 300)
+        roads += [found[i * len(found) // 10] for i in range(10)]
+    return roads
+
+
+def make_tester(simulator: EmbeddedSimulator | DummySimulator | None = None) -> RoadTester:
+    driver = DummyDriver() if isinstance(simulator, DummySimulator) else Planner()
+    return RoadTester(simulator or EmbeddedSimulator(), driver)
+
+
+# What a failure's reason is
+
+
+def failure_reason(road: Road, drive: Drive) -> FailureReason | None:
+    result = judge(road, drive)
+    if result.outcome is not Outcome.FAIL:
+        return None
+    side = None if result.departure is None else result.departure.side
+    return FailureReason.of(side, result.duration, drive.rules.timeout(road.length))
+
+
+def reason_of(simulator: DummySimulator | EmbeddedSimulator, road: Road) -> FailureReason | None:
+    return failure_reason(road, simulator.drive(road, DummyDriver()))
+
+
+def test_reason_is_the_side_or_the_rule() -> None:
+    road = Road([0.0] * 15)
+    assert reason_of(DummySimulator(lambda road: 4.0), road) is FailureReason.LEFT_LANE_LEFT
+    assert reason_of(DummySimulator(lambda road: -4.0), road) is FailureReason.LEFT_LANE_RIGHT
+    assert reason_of(EmbeddedSimulator(), road) is FailureReason.STOOD_STILL  # no throttle
+    assert reason_of(DummySimulator(speed=1.5), road) is FailureReason.RAN_OUT_OF_TIME
+
+
+# What is promised
+
+
+def difference(one: Test, other: Test) -> float:
+    """The measure that clusters failures, from the drives."""
+    vectors = []
+    for failed in (one, other):
+        assert failed.drive is not None
+        departure = judge(failed.road, failed.drive).departure
+        segment = segment_of(failed.road, failed.drive, departure)
+        vectors.append(Failure.of(segment, id=1, moobd=0.0).vector())
+    return float(np.linalg.norm(vectors[0] - vectors[1]))
+
+
+@pytest.mark.endurance
+def test_failures_of_a_search_become_half_as_long_and_stay_the_same_failure(
+    failures: list[Road], endurance: bool
+) -> None:
+    tester = make_tester()
+    shares = []
+    chosen = failures if endurance else failures[::5]  # of each search
+    for road in chosen:
+        minimised = minimise(road, tester)
+        original, smallest = minimised.original, minimised.smallest
+        # Judged anew, by a simulator that knows nothing of what was driven before.
+        assert failure_reason(
+            smallest.road, EmbeddedSimulator().drive(smallest.road, Planner())
+        ) is failure_reason(road, EmbeddedSimulator().drive(road, Planner()))
+        assert smallest.road.check_validity().valid
+        assert minimised.reason is failure_reason(road, EmbeddedSimulator().drive(road, Planner()))
+        assert minimised.difference == pytest.approx(difference(original, smallest), abs=1e-3)
+        assert minimised.difference <= 2.0
+        before, after = minimised.shapes
+        assert after.rank <= before.rank
+        assert after.curves <= before.curves
+        assert minimised.drives <= 500
+        shares.append(minimised.road.length / road.length)
+    assert len(failures) == 50
+    assert median(shares) <= 0.5
+
+
+def test_result_belongs_to_the_road(failures: list[Road]) -> None:
+    minimised = minimise(failures[0], make_tester())
+    smallest = minimised.smallest
+    drive = EmbeddedSimulator().drive(smallest.road, Planner())
+    assert judge(smallest.road, drive) == smallest.result
+    before, after = minimised.shapes
+    assert Shape(tuple(smallest.road.curvatures), smallest.road.step) == after
+    assert minimised.improvements[-1].shape == after
+    assert before.values == tuple(failures[0].curvatures)
+    assert minimised.ending is Ending.MINIMAL
+    assert minimised.trouble is None
+
+
+def test_guard_lets_no_road_through_whose_neighbours_pass(failures: list[Road]) -> None:
+    tester = make_tester()
+    for road in failures[:4]:
+        minimised = minimise(road, tester)
+        assert minimised.guard == GUARD
+        for factor in (1.0 - GUARD, 1.0 + GUARD):
+            near = Road(factor * minimised.road.curvatures)
+            placed, verdict = near.placed()
+            if verdict.valid:
+                assert placed is not None
+                drive = EmbeddedSimulator().drive(placed, Planner())
+                assert failure_reason(placed, drive) is minimised.reason
+
+
+REGAINED = [
+    *(0.0233, 0.0523, 0.0325, -0.0121, 0.0062, -0.0192, -0.0048, -0.0172, -0.0034, -0.0276, -0.026),
+    *(-0.0207, -0.0073, -0.037, 0.0098, -0.0112, -0.0306, -0.0471, -0.0651, -0.0468, -0.0135),
+    *(-0.0135, 0.0075, -0.023),
+]
+NEVER = [
+    *(0.043, 0.009, 0.037, 0.035, 0.028, -0.02, -0.054, -0.05, -0.009, -0.028, -0.01, -0.003),
+    *(0.007, -0.015, -0.016, -0.02, 0.029, 0.007, -0.005, -0.017, -0.035, 0.002, -0.019, 0.025),
+    *(0.022, -0.022, 0.013, 0.05),
+]
+
+
+@pytest.mark.parametrize(("curvatures", "guard"), [(REGAINED, GUARD), (NEVER, 0.0)])
+def test_roads_whose_neighbours_pass_become_shorter_too(
+    curvatures: list[float], guard: float
+) -> None:
+    placed, _ = Road(curvatures).placed()
+    assert placed is not None
+    minimised = minimise(placed, make_tester())
+    assert minimised.road.length < 0.7 * placed.length
+    assert minimised.difference <= 2.0
+    assert minimised.guard == guard
+    assert ("2 % smaller and 2 % larger" in minimised.note) is (guard == 0.0)
+
+
+def test_without_a_guard_it_takes_fewer_drives(failures: list[Road]) -> None:
+    tester = make_tester()
+    guarded, bare = (minimise(failures[0], tester, guard=guard).drives for guard in (GUARD, 0.0))
+    assert bare < guarded
+
+
+@pytest.mark.parametrize("max_drives", [1, 2, 7, 60])
+def test_no_road_is_driven_twice_and_no_drive_is_one_too_many(
+    failures: list[Road], max_drives: int
+) -> None:
+    simulator = Watched()
+    seen: list[Test] = []
+    minimised = minimise(
+        failures[1],
+        make_tester(simulator),
+        max_drives=max_drives,
+        on_event=on_test(seen.append),
+    )
+    assert len(simulator.driven) == minimised.drives == max_drives
+    assert len(set(simulator.driven)) == len(simulator.driven)
+    assert minimised.ending is Ending.SPENT
+    lengths = [test.candidate.notes["length"] for test in seen[1:]]
+    assert lengths == sorted(lengths, reverse=True)
+
+
+def test_a_single_drive_finds_out_that_it_fails(failures: list[Road]) -> None:
+    minimised = minimise(failures[0], make_tester(), max_drives=1)
+    assert minimised.smallest.id == minimised.original.id == 1
+    assert minimised.improvements == ()
+
+
+def test_same_road_same_result(failures: list[Road]) -> None:
+    one, other = (minimise(failures[2], make_tester(), max_drives=120) for _ in range(2))
+    assert one.improvements == other.improvements
+    assert one.smallest.result == other.smallest.result
+    assert one.drives == other.drives
+
+
+def test_roads_of_many_points_become_roads_of_few(failures: list[Road]) -> None:
+    # As they come in the competition's files: some points, joined by a spline.
+    points = failures[0].sample(8.0)
+    road = Road.from_points(points)
+    assert road.step < 1.0
+    minimised = minimise(road, make_tester())
+    assert minimised.shapes[0].step == road.step
+    assert minimised.road.step >= 2.0
+    assert len(minimised.road.curvatures) < 60
+
+
+def test_lanes_may_be_of_another_width() -> None:
+    simulator = DummySimulator(lambda road: 6.0)
+    tester = RoadTester(simulator, DummyDriver(), lane_width=5.0)
+    minimised = minimise(Road([0.0, 0.02] * 6, lane_width=5.0), tester)
+    assert minimised.road.lane_width == 5.0
+    assert minimised.road.length <= 30.0  # at least 20 m make a valid road
+
+
+# What may go wrong
+
+
+def test_road_that_passes_is_refused() -> None:
+    with pytest.raises(FreneticError, match="PASS: Car reached the end"):
+        minimise(Road([0.0] * 15), make_tester())
+
+
+def test_road_that_is_invalid_is_refused() -> None:
+    with pytest.raises(FreneticError, match=r"INVALID: .*self-intersecting"):
+        minimise(Road([0.07] * 15), make_tester())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"max_drives": 0}, "max_drives is 0"),
+        ({"max_drives": 2.5}, "max_drives is 2.5"),
+        ({"guard": 1.0}, "guard is 1.0"),
+        ({"guard": -0.1}, "guard is -0.1"),
+        ({"guard": float("nan")}, "guard is nan"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(options: dict[str, float], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        minimise(Road([0.0] * 15), make_tester(), **options)  # type: ignore[arg-type]
+
+
+def test_lanes_that_do_not_agree_are_refused() -> None:
+    with pytest.raises(ValueError, match="lanes are 5 m wide, those of the tester 4 m"):
+        minimise(Road([0.0] * 15, lane_width=5.0), make_tester())
+
+
+def test_simulator_that_breaks_for_good_leaves_the_smallest_road(failures: list[Road]) -> None:
+    simulator = Watched(breaks_after=40)
+    minimised = minimise(failures[0], make_tester(simulator))
+    assert minimised.ending is Ending.STOPPED
+    assert minimised.trouble is not None
+    assert "lost the simulator" in minimised.trouble
+    assert minimised.drives == 50
+    assert minimised.road.length < failures[0].length
+
+
+def test_simulator_that_does_not_start_again_leaves_the_smallest_road(
+    failures: list[Road],
+) -> None:
+    class Gone(Watched):
+        def __enter__(self) -> Self:
+            if self.driven:
+                raise ConnectionError("no licence")
+            return self
+
+    simulator = Gone(breaks_after=40)
+    with simulator:
+        minimised = minimise(failures[0], make_tester(simulator))
+    assert minimised.ending is Ending.STOPPED
+    assert minimised.trouble is not None
+    assert "the simulator does not start: ConnectionError: no licence" in minimised.trouble
+    assert minimised.road.length < failures[0].length
+
+
+def test_ctrl_c_keeps_the_smallest_road(failures: list[Road]) -> None:
+    minimised = minimise(failures[0], make_tester(), on_event=on_result(press_at(20)))
+    assert (minimised.ending, minimised.drives) == (Ending.STOPPED, 20)
+    assert minimised.road.length < failures[0].length
+
+
+def press_at(drives: int) -> Callable[[Summary], None]:
+    def press(now: Summary) -> None:
+        if now.simulations == drives:
+            signal.raise_signal(signal.SIGINT)
+
+    return press
+
+
+def test_an_interrupted_one_goes_on_and_a_complete_one_is_shown(
+    failures: list[Road], tmp_path: Path
+) -> None:
+    whole = minimise(failures[0], make_tester())
+    seen = []
+    for drives in (5, 30, None):
+        simulator = Watched()
+        press = None if drives is None else on_result(press_at(drives))
+        found = minimise(failures[0], make_tester(simulator), folder=tmp_path, on_event=press)
+        seen.append(len(simulator.driven))
+    assert seen == [5, 25, whole.drives - 30]
+    simulator = Watched()
+    shown = minimise(failures[0], make_tester(simulator), folder=tmp_path)
+    assert simulator.driven == []
+    for one in (found, shown):
+        assert one.improvements == whole.improvements
+        assert one.smallest.result == whole.smallest.result
+        assert (one.drives, one.ending, one.guard) == (whole.drives, whole.ending, whole.guard)
+    (folder,) = (tmp_path / "again").iterdir()
+    assert check_campaign(folder).is_sound
+
+
+def test_more_drives_go_on_where_fewer_ended(failures: list[Road], tmp_path: Path) -> None:
+    simulator = Watched()
+    for most in (40, 80):
+        found = minimise(failures[0], make_tester(simulator), max_drives=most, folder=tmp_path)
+    assert len(simulator.driven) == found.drives == 80
+    assert found.improvements == minimise(failures[0], make_tester(), max_drives=80).improvements
+
+
+def test_failures_that_are_no_departure_are_minimised_too() -> None:
+    minimised = minimise(
+        Road(np.full(15, 0.01)), RoadTester(EmbeddedSimulator(), DummyDriver()), guard=0.0
+    )
+    assert minimised.reason is FailureReason.STOOD_STILL
+    assert minimised.road.length <= 30.0

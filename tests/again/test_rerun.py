@@ -1,0 +1,385 @@
+"""Driving a campaign's roads again: the same drives, whoever drives, whatever breaks on the way."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import closing, suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from events import on_result, on_test
+from permissions import bound_by_permissions
+from repeats import recorded
+
+from frenetic.again.campaigns import FOLDER, TERMS
+from frenetic.again.rerun import Rerun, campaign_tester, drive_tests, read_rerun, read_reruns
+from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test
+from frenetic.campaign.check import check_campaign
+from frenetic.campaign.store import DATABASE, JSONValue
+from frenetic.drivers import Driver, Planner
+from frenetic.errors import CampaignError
+from frenetic.outcome import Outcome
+from frenetic.road import Road
+from frenetic.search import RandomSearch
+from frenetic.simulators import Drive, EmbeddedSimulator, Rules
+from frenetic.simulators.simulator import Simulator
+from frenetic.simulators.worlds import USUAL, Conditions
+
+pytest_plugins = ["searched_campaign"]
+
+
+@pytest.fixture
+def campaign(searched_campaign: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(searched_campaign, tmp_path / "c"))
+
+
+def driven_in(folder: Path) -> list[Test]:
+    with CampaignStore.open(folder) as store:
+        return [test for test in store.tests() if test.outcome.is_driven]
+
+
+def failures_in(folder: Path) -> list[Test]:
+    return [test for test in driven_in(folder) if test.outcome is Outcome.FAIL]
+
+
+def again(
+    folder: Path,
+    tests: Sequence[Test] | None = None,
+    conditions: Sequence[Conditions] = (USUAL,),
+    *,
+    simulator: Simulator | None = None,
+    driver: Driver | None = None,
+    seed: int = 0,
+    **how: Any,
+) -> Rerun:
+    with CampaignStore.open(folder) as store:
+        tester = campaign_tester(store, simulator or EmbeddedSimulator(), driver or Planner())
+    tests = driven_in(folder)[:6] if tests is None else tests
+    ids = [test.id for test in tests]
+    return drive_tests(folder, tester, ids, conditions, seed=seed, how=how)  # type: ignore[arg-type]
+
+
+def results_of(run: Rerun) -> list[Any]:
+    return [(drive.test_id, drive.conditions, drive.test.result) for drive in run.drives]
+
+
+def folders(campaign: Path) -> set[Path]:
+    return {place.parent for place in (campaign / FOLDER).glob(f"*/{DATABASE}")}
+
+
+class Counting(EmbeddedSimulator):
+    """Counts its drives."""
+
+    driven = 0
+
+    def drive(self, road: Road, driver: Driver) -> Drive:
+        Counting.driven += 1
+        return super().drive(road, driver)
+
+
+# What is driven
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers: int) -> None:
+    tests = driven_in(campaign)
+    run = again(campaign, tests, workers=workers)
+    assert [drive.test_id for drive in run.drives] == [test.id for test in tests]
+    assert len(tests) == run.planned == 60
+    for drive, test in zip(run.drives, tests, strict=True):
+        assert drive.test.result == test.result, "outcome, MOOBD and departure among them"
+        assert drive.test.attempt.pose == test.attempt.pose
+        assert drive.is_same
+    failed = [drive for drive in run.drives if drive.outcome is Outcome.FAIL]
+    assert {drive.difference for drive in failed} == {0.0}
+
+
+def test_the_conditions_reach_workers(campaign: Path) -> None:
+    slippery = [Conditions(friction=0.5, noise=0.3, noise_seed=seed) for seed in (4, 5)]
+    here, there = (
+        again(campaign, None, slippery, workers=workers, out=campaign / str(workers))
+        for workers in (1, 2)
+    )
+    assert results_of(here) == results_of(there)
+    assert [drive.conditions for drive in here.drives] == slippery * 6
+    assert [drive.test.candidate.repeat for drive in here.drives] == [0, 1] * 6
+    moobds = {drive.moobd for drive in (*here.drives, *again(campaign).drives)}
+    assert len(moobds) == 18, "each drive has its own errors"
+
+
+def test_only_roads_that_were_driven_are_driven_again(campaign: Path) -> None:
+    refused = replace(recorded(Outcome.INVALID, None, id=1000), told=61)
+    with CampaignStore.open(campaign, readonly=False) as store:
+        store.asked(refused.candidate)
+        store.told(refused)
+    with pytest.raises(CampaignError, match="test 1000 is INVALID: only a road that was driven"):
+        again(campaign, [*driven_in(campaign)[:1], refused])
+    assert not (campaign / FOLDER).exists()
+
+
+def test_nothing_to_drive_makes_nothing(campaign: Path) -> None:
+    assert again(campaign, []).drives == []
+    assert not (campaign / FOLDER).exists()
+
+
+def test_a_campaign_that_is_running_can_be_driven_again(tmp_path: Path) -> None:
+    done: list[int] = []
+
+    def now_and_then(test: Test) -> None:
+        if test.told == 20:
+            done.append(len(again(tmp_path / "c").drives))
+
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=25),
+        folder=tmp_path / "c",
+    ).run(on_event=on_test(now_and_then))
+    assert done == [6]
+    assert check_campaign(tmp_path / "c").is_sound
+
+
+# Once
+
+
+def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> None:
+    tests = driven_in(campaign)
+    asked: list[Callable[[], Rerun]] = [
+        lambda: again(campaign, simulator=Counting()),
+        lambda: again(campaign, simulator=Counting(), driver=Planner(aggression=0.9)),
+        lambda: again(campaign, simulator=Counting(friction=0.9)),
+        lambda: again(campaign, simulator=Counting(rules=Rules(speed_limit=60.0))),
+        lambda: again(campaign, tests[:3], simulator=Counting()),
+        lambda: again(campaign, tests[:3], [Conditions(friction=0.9)], simulator=Counting()),
+        lambda: again(campaign, tests[:3], [USUAL, USUAL], simulator=Counting()),
+        lambda: again(campaign, simulator=Counting(), seed=1),
+    ]
+    runs = []
+    for number, ask in enumerate(asked, start=1):
+        runs.append(ask())
+        assert len(folders(campaign)) == number
+        assert len(runs[-1].drives) == runs[-1].planned
+    Counting.driven = 0
+    calls: list[object] = []
+    for ask, run in zip(asked, runs, strict=True):
+        found = ask()
+        assert results_of(found) == results_of(run)
+        assert found.folder == run.folder
+    again(campaign, simulator=Counting(), workers=2, on_event=calls.append)
+    assert (Counting.driven, calls) == (0, []), "a complete one is shown, no simulator starts"
+    assert len(folders(campaign)) == len(asked)
+    assert len(read_reruns(campaign)) == len(asked)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders have no such permissions there")
+def test_a_campaign_that_cannot_be_written_is_driven_in_another_folder(
+    campaign: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "elsewhere"
+    out.mkdir()
+    out.chmod(0o777)
+    campaign.chmod(0o555)
+    with bound_by_permissions(campaign):
+        with pytest.raises(CampaignError, match=r"Permission denied; choose .* --out") as caught:
+            again(campaign)
+        run = again(campaign, out=out)
+    campaign.chmod(0o755)
+    assert "\n" not in str(caught.value)
+    assert (len(run.drives), run.folder) == (6, out)
+    assert all(drive.is_same for drive in run.drives)
+
+
+def test_a_folder_with_something_else_is_refused(campaign: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run = again(campaign, out=out)
+    other = tmp_path / "other"
+    Campaign(
+        strategy=RandomSearch(seed=1),
+        simulator=EmbeddedSimulator(),
+        driver=Planner(),
+        budget=Budget(simulations=8),
+        folder=other,
+    ).run()
+    asked: list[Callable[[], Rerun]] = [
+        lambda: again(campaign, out=campaign),
+        lambda: again(campaign, out=other),
+        lambda: again(campaign, driven_in(campaign)[:5], out=out),
+        lambda: again(campaign, out=out, driver=Planner(aggression=0.9)),
+        lambda: again(campaign, out=out, simulator=EmbeddedSimulator(rules=Rules(60.0))),
+        lambda: again(other, driven_in(campaign)[:6], out=out),
+    ]
+    for ask in asked:
+        with pytest.raises(CampaignError, match=r"holds another campaign: choose another --out"):
+            ask()
+    assert results_of(again(campaign, out=out)) == results_of(run)
+
+
+# Interrupted
+
+
+class CallbackError(Exception):
+    """What a callback raises."""
+
+
+def press_ctrl_c() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def raise_error() -> None:
+    raise CallbackError
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("stop", [press_ctrl_c, raise_error])
+def test_the_same_call_goes_on_and_ends_as_if_unbroken(
+    campaign: Path, stop: Callable[[], None], workers: int
+) -> None:
+    conditions = [USUAL, Conditions(friction=0.8)]
+    whole = again(campaign, None, conditions, out=campaign / "whole")
+    told: list[tuple[int, int]] = []
+
+    def interrupt(now: Summary) -> None:
+        told.append((now.simulations, now.failed))
+        if now.simulations in (3, 7):
+            stop()
+
+    seen = []
+    for _ in range(2):
+        with suppress(CallbackError):
+            again(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
+        (run,) = read_reruns(campaign)
+        assert run.planned == 12
+        seen.append(len(run.drives))
+    found = again(campaign, None, conditions, workers=workers, on_event=on_result(interrupt))
+    if workers == 1:  # several finish what runs
+        assert seen == [3, 7]
+        assert told[-1] == (12, sum(drive.outcome is Outcome.FAIL for drive in whole.drives))
+    assert results_of(found) == results_of(whole)
+    assert [drives for drives, _ in told] == sorted({drives for drives, _ in told}), "each once"
+    assert check_campaign(found.folder or campaign).is_sound
+
+
+KILLED = """
+import os, signal, sys
+from frenetic import EmbeddedSimulator, Planner
+from frenetic.again.rerun import rerun
+
+def told(event):
+    if event.summary.simulations == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+rerun(sys.argv[1], EmbeddedSimulator(), Planner(), on_event=told)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL there")
+def test_a_kill_loses_nothing_that_was_told(campaign: Path) -> None:
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(campaign)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    (folder,) = folders(campaign)
+    assert len(read_rerun(folder, campaign).drives) == 3
+    told: list[int] = []
+    failing = sorted(failures_in(campaign), key=lambda test: test.moobd or 0.0)
+    tell = on_result(lambda now: told.append(now.simulations))
+    found = again(campaign, failing, on_event=tell)
+    assert told == list(range(4, len(failing) + 1))
+    assert found.folder == folder
+    assert [drive.test.result for drive in found.drives] == [test.result for test in failing]
+
+
+def test_a_campaign_that_was_moved_goes_on(
+    campaign: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with suppress(CallbackError):
+        again(campaign, on_event=on_result(lambda _: raise_error()))
+    campaign.rename(tmp_path / "moved")
+    monkeypatch.chdir(tmp_path)
+    told: list[int] = []
+    tell = on_result(lambda now: told.append(now.simulations))
+    run = again(Path("moved"), on_event=tell)
+    assert (len(folders(Path("moved"))), told) == (1, [2, 3, 4, 5, 6])
+    assert all(drive.is_same for drive in run.drives)
+
+
+def test_nothing_interrupted_comes_after_anything_complete(campaign: Path) -> None:
+    complete = again(campaign, [*driven_in(campaign)[:2]])
+    with suppress(CallbackError):
+        again(campaign, on_event=on_result(lambda _: raise_error()))
+    later = again(campaign, [*driven_in(campaign)[:1]])
+    interrupted, *rest = read_reruns(campaign)
+    assert (interrupted.planned, len(interrupted.drives)) == (6, 1)
+    assert [run.folder for run in rest] == [complete.folder, later.folder]
+
+
+def test_two_of_the_same_at_once_do_not_mix(campaign: Path) -> None:
+    refused: list[str] = []
+
+    def second(now: Summary) -> None:
+        if now.simulations == 2:
+            with pytest.raises(CampaignError) as caught:
+                again(campaign)
+            refused.append(str(caught.value))
+            assert len(again(campaign, driven_in(campaign)[:2]).drives) == 2, "others may"
+
+    assert len(again(campaign, on_event=on_result(second)).drives) == 6
+    assert len(refused) == 1
+    assert "\n" not in refused[0]
+
+
+# Damage
+
+
+def spoil(folder: Path, change: str) -> None:
+    with closing(sqlite3.connect(folder / DATABASE)) as connection, connection:
+        connection.execute(change)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE test SET outcome = 'MAYBE' WHERE id = 2",
+        "UPDATE test SET conditions = '[' WHERE id = 2",
+        "UPDATE test SET trajectory = x'00' WHERE outcome = 'FAIL'",
+        "UPDATE fact SET value = '3' WHERE name = 'config'",
+        "DELETE FROM fact WHERE name = 'config'",
+    ],
+)
+def test_a_damaged_run_is_one_line(campaign: Path, change: str) -> None:
+    failing = failures_in(campaign)
+    run = again(campaign, failing)
+    assert run.folder is not None
+    spoil(run.folder, change)
+    for read in (lambda: read_reruns(campaign), lambda: again(campaign, failing)):
+        with pytest.raises(CampaignError, match="damaged") as caught:
+            read()
+        assert str(run.folder) in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+def test_a_run_that_does_not_say_what_it_is_is_damaged(campaign: Path) -> None:
+    run = again(campaign)
+    assert run.folder is not None
+    with CampaignStore.open(run.folder) as store:
+        config = dict(store.config)
+    damages: list[JSONValue] = [{"digest": "1", "planned": "6"}, {"planned": 6}]
+    for number, terms in enumerate(damages):
+        with CampaignStore.create(campaign / FOLDER / str(number), {**config, TERMS: terms}):
+            pass
+        with pytest.raises(CampaignError, match=rf"{number} is no rerun of a campaign: "):
+            read_reruns(campaign)
+        shutil.rmtree(campaign / FOLDER / str(number))
+
+
+def test_a_test_of_the_campaign_that_is_missing_is_one_line(campaign: Path) -> None:
+    again(campaign)
+    spoil(campaign, "DELETE FROM test WHERE id = 1")
+    with pytest.raises(CampaignError, match="holds no test of candidate 1"):
+        read_reruns(campaign)

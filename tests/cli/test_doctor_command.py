@@ -1,0 +1,53 @@
+"""The command line of doctor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from command_line import Frenetic
+
+pytest_plugins = ["command_line"]
+
+
+def test_doctor_of_the_embedded_simulator(frenetic: Frenetic) -> None:
+    answer = frenetic("doctor", "--simulator", "embedded")
+    assert answer.code == 0
+    assert "ok    curve, Stanley: 120 m in" in answer.out
+    assert answer.out.endswith("embedded: all is well\n")
+
+
+def test_doctor_finds_what_is_wrong_and_exits_1(frenetic: Frenetic) -> None:
+    arguments = ("doctor", "--simulator", "embedded", "--simulator-option", "friction=0.2")
+    answer = frenetic(*arguments)
+    assert answer.code == 1
+    assert "WRONG curve, Stanley: Car drove out of the lane" in answer.out
+    assert answer.out.endswith("embedded: 1 of the checks failed\n")
+    (examination,) = frenetic(*arguments, "--json").json
+    assert examination["health"] == "something is wrong"
+    assert [check["name"] for check in examination["checks"] if not check["is_ok"]] == [
+        "curve, Stanley"
+    ]
+
+
+def test_doctor_of_a_users_own_simulator(frenetic: Frenetic) -> None:
+    Path("mine.py").write_text(
+        "from frenetic.testing import DummySimulator\n"
+        "class Mine(DummySimulator):\n"
+        "    def __init__(self):\n"
+        "        super().__init__()\n"
+    )
+    answer = frenetic("doctor", "--simulator", "mine.py:Mine", "--json")
+    assert answer.code == 0
+    assert [check["name"] for check in answer.json[0]["checks"]] == [
+        "start",
+        "straight road, Stanley",
+        "curve, Stanley",
+    ]
+
+
+def test_options_need_a_simulator(frenetic: Frenetic) -> None:
+    assert frenetic("doctor", "--headless").refuses("options of a simulator need --simulator")
+    assert json.loads(frenetic("doctor", "--simulator", "embedded", "--json").out)
