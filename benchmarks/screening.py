@@ -4,7 +4,8 @@
         -- --simulator metadrive --driver metadrive-idm --driver-option target_speed=50 ...
 
 Each seed searches twice with the options after ``--``, once with the strategy ``screened`` over
-PROFILE. A run that is there is not run again, and one that was interrupted goes on. The profile comes from drives that
+PROFILE. A run that is there is not run again, and one that was interrupted goes on. The profile
+comes from drives that
 no run knows, such as those of a random search:
 
     frenetic run --simulator metadrive ... --strategy random --simulations 200 --out recorded
@@ -26,7 +27,7 @@ import numpy as np
 
 from frenetic.analysis.failures import distinct_failures
 from frenetic.campaign import CampaignStore
-from frenetic.campaign.loop import FACTS
+from frenetic.campaign.asking import FACTS
 from frenetic.campaign.summary import facts_in_words
 
 

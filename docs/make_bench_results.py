@@ -26,7 +26,7 @@ from frenetic.analysis.comparison import MeasureComparison, PairComparison, comp
 from frenetic.analysis.conclusions import p_text
 from frenetic.analysis.failures import Failure, cluster_failures, failures_of
 from frenetic.bench import Entrant
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers import available_cores
 from frenetic.report.comparison import draw_comparison
 from frenetic.spec import Spec, changed_parts

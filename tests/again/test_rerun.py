@@ -18,11 +18,12 @@ from events import on_result, on_test
 from permissions import bound_by_permissions
 from repeats import recorded
 
+from frenetic._support.json_value import JSONValue
 from frenetic.again.campaigns import FOLDER, TERMS
 from frenetic.again.rerun import Rerun, campaign_tester, drive_tests, read_rerun, read_reruns
 from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, Test
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE, JSONValue
+from frenetic.campaign.database import DATABASE
 from frenetic.drivers import Driver, Planner
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome

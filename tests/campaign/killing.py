@@ -22,7 +22,7 @@ from pids import LIMIT
 from frenetic import worker
 from frenetic._support.child_processes import process_context
 from frenetic.campaign import Budget, Campaign, Summary
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.errors import CampaignError
 from frenetic.search import Frenetic2021
 from frenetic.testing import DummyDriver

@@ -18,8 +18,8 @@ from frenetic.again.conditions import Variation
 from frenetic.again.rerun import read_reruns, rerun
 from frenetic.campaign import Budget, Campaign, CampaignStore, Summary, new_folder
 from frenetic.campaign import campaign as campaign_module
+from frenetic.campaign.asking import ObservingStrategy
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.loop import ObservingStrategy
 from frenetic.campaign.record import Attempt
 from frenetic.drivers import Delayed, Planner
 from frenetic.errors import CampaignError, StrategyError

@@ -21,7 +21,7 @@ from events import on_result
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE, FORMAT
+from frenetic.campaign.database import DATABASE, FORMAT
 from frenetic.campaign.trajectory_codec import decode, encode
 from frenetic.cli import main
 from frenetic.drivers import Planner

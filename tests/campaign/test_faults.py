@@ -28,7 +28,7 @@ from small_disk import Bounded
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.workers.local import AHEAD
 from frenetic.cli import main
 from frenetic.drivers import Driver

@@ -9,7 +9,7 @@ import pytest
 from events import on_test
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, Planner, RandomSearch
-from frenetic.campaign.store import DATABASE
+from frenetic.campaign.database import DATABASE
 from frenetic.errors import CampaignError
 
 

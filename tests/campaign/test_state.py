@@ -12,10 +12,10 @@ from events import on_test
 from paced import campaign, paced
 
 from frenetic.campaign import CampaignStore
+from frenetic.campaign.database import DATABASE, LOCK
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.log import LOG, CampaignLog, LogEvent, WorkerState
 from frenetic.campaign.state import KEPT, CampaignState, Follower, Status
-from frenetic.campaign.store import DATABASE, LOCK
 from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
 from frenetic.road import Road

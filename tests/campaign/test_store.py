@@ -21,9 +21,11 @@ from msgspec import to_builtins
 from permissions import bound_by_permissions
 from small_disk import Bounded
 
+from frenetic._support.json_value import JSONValue
+from frenetic.campaign.database import APPLICATION_ID, DATABASE, FORMAT
 from frenetic.campaign.lock import lock_file
 from frenetic.campaign.record import ASKED, FINISHED, Attempt, Setting, Test
-from frenetic.campaign.store import APPLICATION_ID, DATABASE, FORMAT, CampaignStore, JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.trajectory_codec import rounded
 from frenetic.drive import CarBody, Rules, Trajectory
 from frenetic.errors import CampaignError, Fault

@@ -11,8 +11,9 @@ from typing import Protocol
 
 import pytest
 
+from frenetic._support.json_value import JSONValue
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
-from frenetic.campaign.store import DATABASE, JSONValue
+from frenetic.campaign.database import DATABASE
 from frenetic.drivers import Planner
 from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator

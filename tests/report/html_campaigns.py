@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from frenetic._support.json_value import JSONValue
 from frenetic.campaign import Budget, Campaign, CampaignStore, Test
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.store import JSONValue
 from frenetic.drivers import Planner
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Frenetic2021, Origin

@@ -20,8 +20,8 @@ from frenetic import (
     Planner,
     RandomSearch,
 )
+from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import JSONValue
 from frenetic.drivers import appearance
 from frenetic.drivers.loading import load_driver
 from frenetic.report.html import campaign_report

@@ -17,6 +17,7 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
 
+from frenetic._support.json_value import JSONValue
 from frenetic.again.conditions import Variation
 from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
@@ -24,7 +25,7 @@ from frenetic.analysis.features import FEATURES, features_of
 from frenetic.analysis.segments import segments_of
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
-from frenetic.campaign.store import DATABASE, JSONValue
+from frenetic.campaign.database import DATABASE
 from frenetic.cli import cli
 from frenetic.cli.run import run
 from frenetic.drivers import Planner

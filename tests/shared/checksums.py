@@ -6,8 +6,8 @@ import sqlite3
 from contextlib import closing, suppress
 from pathlib import Path
 
+from frenetic.campaign.database import DATABASE, checksum
 from frenetic.campaign.record import FINDING, FINISHED
-from frenetic.campaign.store import DATABASE, checksum
 
 TEST = ", ".join(column.name for column in FINISHED)
 OF_FINDING = ", ".join(f'"{column.name}"' for column in FINDING)

@@ -13,8 +13,8 @@ from contents import contents
 from events import on_result
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
+from frenetic.campaign.asking import FACTS
 from frenetic.campaign.check import check_campaign
-from frenetic.campaign.loop import FACTS
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.spec import Part, Spec

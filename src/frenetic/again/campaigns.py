@@ -14,10 +14,10 @@ from typing import Any, Final, TypedDict
 
 from msgspec import json
 
-from frenetic._support.json_value import plain
+from frenetic._support.json_value import JSONValue, plain
 from frenetic.campaign import Budget, Campaign, CampaignStore, Event, RoadTester
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.state import stored_budget
-from frenetic.campaign.store import DATABASE, JSONValue
 from frenetic.errors import CampaignError
 from frenetic.search import Strategy
 from frenetic.spec import describe, require_count

@@ -19,7 +19,7 @@ from frenetic.again.campaigns import How, campaign_again, complete
 from frenetic.again.shrinking import Answer, Improvement, Shape, Shrinker, Trials
 from frenetic.again.verdicts import Match
 from frenetic.analysis.failures import THRESHOLD, Failure
-from frenetic.campaign.loop import replay
+from frenetic.campaign.asking import replay
 from frenetic.campaign.objective import MOOBD, Objective
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore

@@ -17,12 +17,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
+from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted
 from frenetic.again.verdicts import LEVEL, Change, Repeat, failing_share
 from frenetic.analysis.failures import COMPARED, Failure, cluster_failures
 from frenetic.analysis.statistics import Estimate, median_estimate, paired_share_difference
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import JSONValue
 from frenetic.oracle import Side, judge
 from frenetic.outcome import Outcome
 from frenetic.versions import over_each_other

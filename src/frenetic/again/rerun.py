@@ -21,6 +21,7 @@ from typing import Any, Final, Unpack
 
 from msgspec import ValidationError, convert, to_builtins
 
+from frenetic._support.json_value import JSONValue
 from frenetic.again.campaigns import How, campaign_again, complete, driven_again, terms_of
 from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.again.strategy import Again
@@ -28,7 +29,7 @@ from frenetic.again.verdicts import Change, Repeat, Repeats, matches_json, match
 from frenetic.analysis.failures import Failure
 from frenetic.analysis.statistics import spearman
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.tester import RoadTester
 from frenetic.drive import CarBody, Rules
 from frenetic.drivers import Driver

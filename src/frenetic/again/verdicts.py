@@ -14,12 +14,12 @@ from enum import StrEnum
 from functools import cached_property
 from typing import Final
 
+from frenetic._support.json_value import JSONValue
 from frenetic.again.conditions import Variation
 from frenetic.analysis.failures import THRESHOLD
 from frenetic.analysis.segments import REACH
 from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval, spearman
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import JSONValue
 from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
 from frenetic.simulators.worlds import QUANTITIES, Conditions, read_conditions

@@ -20,13 +20,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+from frenetic._support.json_value import JSONValue
 from frenetic.again.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.again.rerun import drive_tests
 from frenetic.again.verdicts import Repeat
 from frenetic.analysis.failures import representative_failures
 from frenetic.campaign.campaign import LOOKAHEAD, SOURCES, Campaign
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver, Noisy

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import require_list
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.earlier import FACT
 from frenetic.campaign.objective import MOOBD
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.versions import short_version
 

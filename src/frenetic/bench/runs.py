@@ -14,6 +14,7 @@ from typing import Any, Final, Self
 import msgspec
 import numpy as np
 
+from frenetic._support.json_value import JSONValue
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic.analysis.sparseness import competition_sparseness, diversity, edit_distance
 from frenetic.bench.entrants import Entrant
@@ -26,10 +27,11 @@ from frenetic.bench.strategy import (
     VirtualTime,
     most_simulations,
 )
+from frenetic.campaign.asking import ask, tell
 from frenetic.campaign.campaign import Campaign
-from frenetic.campaign.loop import ask, tell
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.objective import MOOBD, Objective
-from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.drivers import Driver

@@ -13,11 +13,11 @@ from typing import Any, Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
+from frenetic._support.json_value import JSONValue
 from frenetic.bench.generator import GeneratorLostError, GeneratorProcess
 from frenetic.bench.hosting.messages import Answer
-from frenetic.campaign.loop import ObservingStrategy
+from frenetic.campaign.asking import ObservingStrategy
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.drive import Drive
 from frenetic.errors import RoadError

@@ -24,7 +24,8 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.arrays import FloatArray
 from frenetic._support.files import require_list
 from frenetic.analysis.groups import find_campaigns
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError, RoadError
 from frenetic.oracle import LEFT_LANE, assess

@@ -29,9 +29,9 @@ from msgspec import Struct, ValidationError, convert, json
 
 from frenetic._support.bounds import Count, Finite, NotNegative, Share
 from frenetic.campaign.campaign import Campaign
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import CampaignLog, WorkerState
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.store import DATABASE
 from frenetic.campaign.summary import Event, Summary
 from frenetic.campaign.tester import RoadTester, road_through
 from frenetic.campaign.workers import Workers

@@ -19,24 +19,24 @@ from typing import Any, Final
 
 from frenetic._support.files import require_list
 from frenetic._support.interrupt import Interrupt, catch_interrupt
-from frenetic._support.json_value import plain
+from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
-from frenetic.campaign.earlier import fact_of, read_earlier, stored_earlier, take_earlier
-from frenetic.campaign.log import CampaignLog, LogEvent
-from frenetic.campaign.loop import (
+from frenetic.campaign.asking import (
     FACTS,
-    Dispatcher,
     ObservingStrategy,
     facts_of,
     replay,
     require_fresh,
     start,
 )
+from frenetic.campaign.earlier import fact_of, read_earlier, stored_earlier, take_earlier
+from frenetic.campaign.log import CampaignLog, LogEvent
+from frenetic.campaign.loop import Dispatcher
 from frenetic.campaign.objective import MOOBD, Objective, objectives
 from frenetic.campaign.record import Test
 from frenetic.campaign.state import stored_budget
-from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Event, EventKind, Summary
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores

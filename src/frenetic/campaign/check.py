@@ -11,9 +11,10 @@ import numpy as np
 
 from frenetic.campaign.asktell import WORKER
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.log import told_in_log
 from frenetic.campaign.record import Setting, Test
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive, Rules
 from frenetic.errors import CampaignError, RoadError
 from frenetic.oracle import Result, judge

@@ -34,7 +34,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeAlias
 
 if TYPE_CHECKING:
-    from frenetic.campaign.store import JSONValue
+    from frenetic._support.json_value import JSONValue
     from frenetic.campaign.summary import Summary
 
 Level: TypeAlias = Literal["info", "warning", "error"]

@@ -17,9 +17,10 @@ from msgspec.json import decode
 
 from frenetic._support.words import printable
 from frenetic.campaign.counts import Counts
+from frenetic.campaign.database import LOCK, find_database
 from frenetic.campaign.lock import holder
 from frenetic.campaign.log import LOG, LogEvent, WorkerState
-from frenetic.campaign.store import LOCK, CampaignStore, find_database
+from frenetic.campaign.store import CampaignStore
 from frenetic.campaign.summary import Summary
 from frenetic.errors import CampaignError
 from frenetic.spec import Budget, decode_budget

@@ -47,7 +47,7 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
             is damaged.
         FreneticError: a given rule is out of range.
     """
-    from frenetic.campaign.store import DATABASE
+    from frenetic.campaign.database import DATABASE
 
     recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
     spec = with_given(recorded, given)

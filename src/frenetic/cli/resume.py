@@ -58,7 +58,7 @@ def resume(
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.campaign import SOURCES
-    from frenetic.campaign.store import DATABASE
+    from frenetic.campaign.database import DATABASE
 
     with CampaignStore.open(campaign) as store:
         config, facts, counts = store.config, store.facts, store.counts()

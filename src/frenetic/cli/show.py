@@ -188,8 +188,8 @@ def _list_tests(
 
 def _show_campaign(store: CampaignStore, as_json: bool) -> None:
     from frenetic.analysis.failures import LISTED, distinct_failures, nearest_misses
+    from frenetic.campaign.asking import FACTS
     from frenetic.campaign.earlier import still_failing
-    from frenetic.campaign.loop import FACTS
     from frenetic.campaign.objective import in_words, objectives
     from frenetic.campaign.summary import facts_in_words
 

@@ -14,7 +14,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from frenetic._support.files import require_list
-from frenetic.campaign.store import DATABASE, CampaignStore
+from frenetic.campaign.database import DATABASE
+from frenetic.campaign.store import CampaignStore
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
 from frenetic.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions, plain_seed

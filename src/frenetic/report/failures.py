@@ -10,8 +10,10 @@ from typing import Any, Final
 
 from frenetic._support.files import replacing
 from frenetic._support.interrupt import catch_interrupt
+from frenetic._support.json_value import JSONValue
+from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import DATABASE, CampaignStore, JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.oracle import Result
 from frenetic.outcome import Outcome

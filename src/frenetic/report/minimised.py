@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from frenetic._support.files import check_writable, write_file
+from frenetic._support.json_value import JSONValue
 from frenetic.again.minimise import OPERATOR, Minimised
-from frenetic.campaign.store import JSONValue
 from frenetic.errors import FreneticError
 from frenetic.report.failures import road_entries, verdict_entries
 from frenetic.spec import DRIVEN

@@ -11,9 +11,9 @@ from dataclasses import replace
 from multiprocessing.connection import wait
 from typing import Any, Final, Self
 
+from frenetic._support.json_value import JSONValue
 from frenetic.campaign.log import CampaignLog, LogEvent, WorkerState
 from frenetic.campaign.record import Attempt
-from frenetic.campaign.store import JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, describe_error
 from frenetic.search.records import Candidate

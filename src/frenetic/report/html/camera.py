@@ -13,8 +13,8 @@ import numpy as np
 from PIL import Image as Pictures
 
 from frenetic._support.arrays import evenly
+from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import JSONValue
 from frenetic.drive import Trajectory
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.json_value import JSONValue
 from frenetic.again.rerun import Rerun, elsewhere, own_repeats, read_reruns
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
 from frenetic.analysis.segments import Segment, segment_of
@@ -18,7 +19,7 @@ from frenetic.campaign.counts import Counts, key_of
 from frenetic.campaign.earlier import still_failing
 from frenetic.campaign.objective import objectives
 from frenetic.campaign.record import Test
-from frenetic.campaign.store import CampaignStore, JSONValue
+from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.report.html.blocks import Section

@@ -8,12 +8,12 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, ClassVar
 
+from frenetic._support.json_value import JSONValue
 from frenetic._support.words import counted, format_duration, signed
 from frenetic.analysis.failures import Clusters
+from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
-from frenetic.campaign.loop import FACTS
 from frenetic.campaign.objective import in_words
-from frenetic.campaign.store import JSONValue
 from frenetic.campaign.summary import facts_in_words
 from frenetic.drivers.loading import LAYERS
 from frenetic.report.html.blocks import Fact, Role, percent
