@@ -1,8 +1,8 @@
 """A process that holds an object and does one call at a time.
 
-Isolation is one such worker, local workers of a campaign are several, and on a cluster a task has
-one. The process leaves Ctrl-C to its parent and ends with it; it is killed with all that it has
-started. What the library logs there is logged here.
+Isolation is one such worker; local workers of a campaign, runs of a bench and the fitting of a twin
+are several. The process leaves Ctrl-C to its parent and ends with it; it is killed with all that it
+has started. What the library logs there is logged here.
 """
 
 from __future__ import annotations
