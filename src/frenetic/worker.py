@@ -1,8 +1,8 @@
 """A process that holds an object and does one call at a time.
 
-Isolation is one such worker, local workers of a campaign are several, and on a cluster a task has
-one. The process leaves Ctrl-C to its parent and ends with it; it is killed with all that it has
-started. What the library logs there is logged here.
+Isolation is one such worker; local workers of a campaign, runs of a bench and the fitting of a twin
+are several. The process leaves Ctrl-C to its parent and ends with it; it is killed with all that it
+has started. What the library logs there is logged here.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ import io
 import logging
 import os
 import pickle
+import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection, wait
@@ -36,7 +37,10 @@ START_LIMIT: Final = 600.0
 """Time that a worker may take to start what it holds, in s."""
 CLOSING_LIMIT: Final = 30.0
 """Time that it has to close it, in s."""
+MOST_WORKERS: Final = 30 if sys.platform == "win32" else sys.maxsize
+"""Most workers at once: Windows waits for 64 objects."""
 _LEAVING_LIMIT: Final = 1.0  # s that the process has to leave after that
+_HINT: Final = "see its traceback; scripts that start workers need 'if __name__ == \"__main__\":'"
 
 logger = logging.getLogger(__name__)
 
@@ -108,7 +112,7 @@ class Worker:
             self._connection.send_bytes(pickle.dumps((self._number, method, args)))
 
     def receive(self) -> list[Any]:
-        """The answers that are there, in the order of the calls; waits for nothing.
+        """Answers and reports that are there, in the order of the calls; waits for nothing.
 
         Raises:
             LostWorkerError: it has died, the call raised, or took too long.
@@ -123,15 +127,20 @@ class Worker:
             raise
         except Exception:  # its end, or nonsense that a driver has written there
             self._process.join(_LEAVING_LIMIT)
-            raise LostWorkerError(ending_of(self._process.exitcode)) from None
+            raise self._lost() from None
         if answers:
             return answers
         if not self._process.is_alive() and not self._connection.poll():
-            raise LostWorkerError(ending_of(self._process.exitcode))
+            raise self._lost()
         if time.monotonic() > self.deadline:
             what = "start" if self._calls[0][0] == 1 else "drive"
             raise LostWorkerError(f"its {what} took more than {self._calls[0][1]:.3g} s")
         return answers
+
+    def _lost(self) -> LostWorkerError:
+        assert self._process is not None
+        end = f"it {ending_of(self._process.exitcode)}"
+        return LostWorkerError(f"{end}, {_HINT}" if self._process.exitcode == 1 else end)
 
     def _hear(self, message: _Message, answers: list[Any]) -> None:
         match message:
@@ -139,6 +148,8 @@ class Worker:
                 logging.getLogger(name).log(level, "%s: %s", self.name, text)
             case _Failed(reason, traceback):
                 raise LostWorkerError(reason, traceback)
+            case _Report(value):
+                answers.append(value)
             case _Answer(number, value) if self._calls and self._calls[0][0] == number:
                 self._calls.popleft()
                 self.since = time.monotonic()
@@ -163,8 +174,7 @@ class Worker:
         """
         answers: list[Any] = []
         while self._calls:
-            left = max(0.0, self.deadline - time.monotonic())
-            wait(self.handles, min(left, 3600.0) + 1e-3)
+            ready([self])
             answers += self.receive()
         return answers[-1]
 
@@ -200,7 +210,21 @@ class Worker:
             self._connection.close()
 
 
+def ready(workers: Iterable[Worker], timeout: float = 3600.0) -> list[Worker]:
+    """Waits for at most so many s; returns the workers to `receive` from."""
+    workers, now = list(workers), time.monotonic()
+    handles = [handle for worker in workers for handle in worker.handles]
+    left = min([timeout, *(worker.deadline - now for worker in workers)])
+    heard, now = set(wait(handles, max(0.0, left))), time.monotonic()
+    return [w for w in workers if w.deadline < now or not heard.isdisjoint(w.handles)]
+
+
 # In the process
+
+
+def report(value: object) -> None:
+    """Sends a value from within a call, which `Worker.receive` gives before the call's answer."""
+    _send(_Report(value))
 
 
 class _Answer(NamedTuple):
@@ -219,11 +243,17 @@ class _Logged(NamedTuple):
     message: str
 
 
-_Message = _Answer | _Failed | _Logged
+class _Report(NamedTuple):
+    value: Any
+
+
+_Message = _Answer | _Failed | _Logged | _Report
+_send: Callable[[_Message], None]  # to the parent
 
 
 def _serve(connection: Connection, files: Sequence[str], held: bytes) -> None:
     """Answers the calls from the connection until it ends or the object was closed."""
+    global _send  # of this process
     stand_alone()
     lock = threading.Lock()
 
@@ -232,6 +262,7 @@ def _serve(connection: Connection, files: Sequence[str], held: bytes) -> None:
         with lock, suppress(OSError):  # the parent has gone, or a driver has closed it
             connection.send_bytes(data)
 
+    _send = send
     _attach_log(send)
     try:
         for file in files:

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from pids import LIMIT, descendants, until_gone
 
 from frenetic._support.child_processes import PRELOADED
 from frenetic.bench import Bench, End, Ending, Entrant, RunEnd, Terms
-from frenetic.bench.bench import endings_in_short, unusual_endings
+from frenetic.bench.bench import BenchProgress, endings_in_short, unusual_endings
 from frenetic.bench.generator import GeneratorProcess
 from frenetic.bench.processes import RUNS_PRELOADED
 from frenetic.bench.results import write_results
@@ -588,12 +589,46 @@ def test_a_run_whose_process_dies_costs_that_run_only(tmp_path: Path) -> None:
         driver=DummyDriver(),
     )
     ends = bench.run(workers=2)
-    assert [end.trouble for end in ends] == ["its process ended with exit code 9"] * 2
+    assert [end.trouble for end in ends] == ["it ended with exit code 9"] * 2
     mark.unlink()
     bench.run(resume=True)
     for run in bench.runs:
         assert len(results_of(run.folder)) >= SIMULATIONS
         assert check_campaign(run.folder).findings == ()
+
+
+def test_after_ctrl_c_running_runs_are_finished_and_none_begins(tmp_path: Path) -> None:
+    bench = bench_of(tmp_path, Entrant(name="random", spec="random", is_strategy=True), repeats=3)
+    asked: list[BenchProgress] = []
+    heard: list[bool] = []
+
+    def ask_to_stop(progress: BenchProgress) -> None:
+        if not asked:
+            signal.raise_signal(signal.SIGINT)
+        asked.append(progress)
+
+    ends = bench.run(on_progress=ask_to_stop, on_interrupt=lambda: heard.append(True))
+    assert [(end.run.repeat, end.ending) for end in ends] == [(1, Ending(End.OVER))]
+    assert heard == [True]
+    assert asked[-1].runs == 1
+    assert [state.ending is None for state in bench.states()] == [False, True, True]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="processes are ended in another way there")
+def test_a_second_ctrl_c_ends_the_bench_at_once(tmp_path: Path) -> None:
+    bench = bench_of(tmp_path, generator("never_returning:NeverReturning"), repeats=2)
+    family: set[int] = set()
+
+    def insist(_: BenchProgress) -> None:
+        family.update(child for run in active_children() for child in descendants(run.pid or 0))
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        bench.run(workers=2, on_progress=insist)
+    assert family
+    until_gone(family)
+    assert [state.ending for state in bench.states()] == [None, None]
 
 
 def test_a_bench_has_one_folder_and_one_process(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import math
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from multiprocessing import active_children
 from pathlib import Path
 from typing import Any
 
@@ -255,6 +256,18 @@ def test_the_number_of_workers_changes_nothing(recordings: Recordings, model: Mo
     short = Settings(evaluations=2, folds=2)
     one, two = (calibrate(recordings, model, short, workers=n) for n in (1, 2))
     assert fields(one) == fields(two)
+
+
+def test_a_worker_that_dies_is_named(recordings: Recordings, model: Model) -> None:
+    start = model.values([one.place(one.start) for one in model.parameters])
+    with TwinDriver(model, recordings.drives, shapes=False, workers=2) as twins:
+        alone = twins.rows([start], np.arange(2))
+        assert alone.shape == (1, 2, COLUMNS)
+        for process in active_children():
+            process.kill()
+        with pytest.raises(FreneticError, match=r"worker \d was lost: it .*--workers 1"):
+            twins.rows([start], np.arange(2))
+    assert not active_children()
 
 
 def test_a_journal_of_other_settings_is_replaced_and_one_in_use_refused(tmp_path: Path) -> None:

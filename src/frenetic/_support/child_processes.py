@@ -133,16 +133,14 @@ def kill_tree(process_id: int) -> None:
 
 
 def ending_of(exit_code: int | None) -> str:
-    """Words for the end of a child, after "it was lost:"."""
+    """Words for the end of a child, after "its process"."""
     if exit_code is None:
-        return "its connection broke"
+        return "closed its connection"
     if exit_code < 0:
-        try:
-            return f"it was killed by {signal.Signals(-exit_code).name}"
-        except ValueError:
-            return f"it was killed by signal {-exit_code}"
-    hint = ", see its traceback; a script that starts workers needs 'if __name__ == \"__main__\":'"
-    return f"it ended with exit code {exit_code}{hint if exit_code == 1 else ''}"
+        with suppress(ValueError):
+            return f"was killed by {signal.Signals(-exit_code).name}"
+        return f"was killed by signal {-exit_code}"
+    return f"ended with exit code {exit_code}"
 
 
 # In the child

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import queue
-import signal
 import subprocess
 import sys
 import threading
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import IO, Any, Final, Self
 
 import frenetic
-from frenetic._support.child_processes import kill_process
+from frenetic._support.child_processes import ending_of, kill_process
 from frenetic.bench.hosting.messages import Assignment
 from frenetic.competition import SEED
 
@@ -187,10 +186,4 @@ class GeneratorProcess:
     def _ending(self) -> str:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_LEAVING_LIMIT)
-        code = self._process.returncode
-        if code is None:
-            return "its process closed its connection"
-        if code < 0:
-            with suppress(ValueError):
-                return f"its process was killed by {signal.Signals(-code).name}"
-        return f"its process ended with exit code {code}"
+        return f"its process {ending_of(self._process.returncode)}"

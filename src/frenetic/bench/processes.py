@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
-import os
-import pickle
+import logging
+import math
 import time
-import traceback
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Sequence
-from contextlib import suppress
-from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
-from typing import Any, Final
+from collections.abc import Callable, Generator, Iterable
+from typing import Final
 
 from threadpoolctl import threadpool_limits
 
-from frenetic._support.child_processes import process_context, stand_alone
 from frenetic._support.interrupt import catch_interrupt
 from frenetic.bench.runs import Run, RunState, Terms, run_entrant
 from frenetic.campaign.summary import Summary
-from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.registry import load_user_file, user_files
+from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready, report
 
 _POLL: Final = 0.2  # s between two looks whether Ctrl-C was pressed
 RUNS_PRELOADED: Final = ("frenetic.bench.preloading",)
 """Modules that the server of runs imports."""
 _REPORT: Final = 0.2  # s between two messages about the progress of a run
+
+logger = logging.getLogger(__name__)
 
 
 def run_all(
@@ -43,84 +39,55 @@ def run_all(
     Raises:
         FreneticError: driver or simulator cannot be copied into another process.
     """
-    try:
-        packed = pickle.dumps(terms)
-    except Exception as error:
-        raise CampaignError(
-            "the driver or simulator cannot be copied to another process"
-            f" ({describe_error(error)}): define it in a module of its own"
-        ) from error
-    context = process_context(RUNS_PRELOADED)
+    held, workers = pack(_Runner(terms)), min(workers, MOST_WORKERS)
     waiting = deque(runs)
-    at_work: dict[Any, tuple[Run, BaseProcess]] = {}  # by the connection with each
+    at_work: dict[Worker, Run] = {}
     with catch_interrupt(on_interrupt) as interrupt:
         try:
             while at_work or (waiting and not interrupt.requested):
                 while waiting and len(at_work) < workers and not interrupt.requested:
                     run = waiting.popleft()
-                    ours, theirs = context.Pipe(duplex=False)
-                    process: BaseProcess = context.Process(
-                        target=_serve,
-                        args=(theirs, user_files(), packed, run),
-                        name=str(run.folder),
-                    )
-                    process.start()
-                    theirs.close()
-                    at_work[ours] = (run, process)
-                for heard in wait(list(at_work), _POLL):
-                    run, process = at_work[heard]
-                    message = _message(heard, run, process)  # type: ignore[arg-type]
-                    if isinstance(message, RunState):
-                        process.join()
-                        heard.close()  # type: ignore[union-attr]
-                        del at_work[heard]
-                    yield run, message
+                    worker = Worker(run.name, held, RUNS_PRELOADED)
+                    at_work[worker] = run
+                    worker.start()
+                    worker.send("run", run, limit=math.inf)
+                for worker in ready(at_work, _POLL):
+                    run = at_work[worker]
+                    try:
+                        messages = worker.receive()
+                    except LostWorkerError as error:
+                        logger.debug("%s: %s\n%s", run.name, error.reason, error.traceback)
+                        messages = [RunState(run, None, error.reason)]
+                    for message in filter(None, messages):
+                        if isinstance(message, RunState):
+                            worker.kill()
+                            del at_work[worker]
+                        yield run, message
         finally:
-            for connection, (_, left) in at_work.items():
-                left.kill()
-                left.join()
-                connection.close()
+            for worker in at_work:
+                worker.kill()
 
 
-def _message(connection: Connection, run: Run, process: BaseProcess) -> Summary | RunState:
-    """The next message of a run."""
-    try:
-        message: Summary | RunState = connection.recv()
-    except Exception:  # its end without a word
-        process.join()
-        return RunState(run, None, f"its process ended with exit code {process.exitcode}")
-    return message
+class _Runner:
+    """What a run's process holds."""
 
+    def __init__(self, terms: Terms) -> None:
+        self._terms = terms
 
-def _serve(connection: Connection, files: Sequence[str], packed_terms: bytes, run: Run) -> None:
-    """The work of a run's process."""
-    stand_alone()
-    said = 0.0
+    def start(self) -> None:
+        """Leaves the other cores to the other runs."""
+        threadpool_limits(1)
 
-    def say(progress: Summary) -> None:
-        nonlocal said
-        now = time.monotonic()
-        if now - said >= _REPORT:
-            said = now
-            with suppress(OSError):  # nobody listens, but the results still count
-                connection.send(progress)
+    def run(self, run: Run) -> RunState:
+        """Runs an entrant and reports its progress."""
+        said = 0.0
 
-    try:
-        for file in files:
-            load_user_file(file)
-        # Made by our own parent for us alone, so it may be unpickled.
-        terms: Terms = pickle.loads(packed_terms)  # noqa: S301
-        with threadpool_limits(1):  # the cores are busy with other runs
-            ending = run_entrant(
-                run.entrant, terms, seed=run.seed, folder=run.folder, on_progress=say
-            )
-        end = RunState(run, ending)
-    except FreneticError as error:
-        end = RunState(run, None, str(error))
-    except Exception as error:
-        traceback.print_exc()  # a mistake of ours, or of a simulator
-        end = RunState(run, None, describe_error(error))
-    with suppress(OSError):
-        connection.send(end)
-    connection.close()
-    os._exit(0)  # without waiting for a driver's threads
+        def say(progress: Summary) -> None:
+            nonlocal said
+            if time.monotonic() - said >= _REPORT:
+                said = time.monotonic()
+                report(progress)
+
+        folder, terms = run.folder, self._terms
+        ending = run_entrant(run.entrant, terms, seed=run.seed, folder=folder, on_progress=say)
+        return RunState(run, ending)

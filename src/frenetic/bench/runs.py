@@ -137,6 +137,11 @@ class Run:
     seed: int
     folder: Path
 
+    @property
+    def name(self) -> str:
+        """Entrant and number, for messages."""
+        return f"{self.entrant.name}, run {self.repeat}"
+
 
 @dataclass(frozen=True)
 class RunState:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Final, Self, TypeAlias
 
@@ -13,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.child_processes import process_context, stand_alone
 from frenetic.calibration.parameters import Model
 from frenetic.calibration.recordings import RecordedDrive, on_grid
 from frenetic.drivers.driver import Driver
@@ -22,6 +20,7 @@ from frenetic.oracle import LEFT_LANE, REACHED, assess
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import BrokenDriveError, isolated
 from frenetic.simulators.simulator import Simulator
+from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
@@ -91,6 +90,9 @@ class _Work:
     shapes: bool
     drive_limit: float | None
 
+    def start(self) -> None:
+        compile_kernels()
+
     def rows(self, values: Mapping[str, float], indices: Sequence[int]) -> FloatArray:
         rows = np.full((len(indices), COLUMNS), math.nan)
         try:
@@ -118,21 +120,6 @@ def why_broken(
         return str(error)
 
 
-_shared: _Work | None = None  # of a worker
-
-
-def _begin(work: _Work) -> None:
-    global _shared  # a worker's own
-    stand_alone()
-    compile_kernels()
-    _shared = work
-
-
-def _work(values: Mapping[str, float], indices: Sequence[int]) -> FloatArray:
-    assert _shared is not None
-    return _shared.rows(values, indices)
-
-
 class TwinDriver:
     """Drives candidates along recorded roads; a context manager.
 
@@ -157,25 +144,27 @@ class TwinDriver:
         drive_limit: float | None = None,
     ) -> None:
         self._work = _Work(model, drives, shapes, drive_limit)
-        self._pool: ProcessPoolExecutor | None = None
-        self._workers = workers
+        self._workers: list[Worker] = []
+        if workers > 1:
+            held = pack(self._work)
+            count = min(workers, MOST_WORKERS)
+            self._workers = [Worker(f"worker {number}", held) for number in range(1, count + 1)]
 
     def __enter__(self) -> Self:
         """Starts the processes."""
         compile_kernels()
-        if self._workers > 1:
-            self._pool = ProcessPoolExecutor(
-                self._workers,
-                mp_context=process_context(),
-                initializer=_begin,
-                initargs=(self._work,),
-            )
+        try:
+            for worker in self._workers:
+                worker.start()
+        except BaseException:  # Ctrl-C
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_: object) -> None:
         """Ends the processes."""
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
+        for worker in self._workers:
+            worker.kill()
 
     def rows(self, candidates: Sequence[Mapping[str, float]], indices: IntArray) -> FloatArray:
         """The drives of candidates, (candidates, indices, COLUMNS).
@@ -185,20 +174,30 @@ class TwinDriver:
             indices: of the recorded drives.
 
         Raises:
-            FreneticError: a worker died.
+            FreneticError: a worker was lost.
         """
         wanted = indices.tolist()
-        if self._pool is None:
+        if not self._workers:
             return np.stack([self._work.rows(values, wanted) for values in candidates])
         chunks = [wanted[i : i + _CHUNK] for i in range(0, len(wanted), _CHUNK)]
+        tasks = [(values, chunk) for values in candidates for chunk in chunks]
+        waiting = deque(enumerate(tasks))
+        driving: dict[Worker, int] = {}  # number of the task
+        found: dict[int, FloatArray] = {}
         try:
-            tasks = [
-                [self._pool.submit(_work, dict(values), chunk) for chunk in chunks]
-                for values in candidates
-            ]
-            return np.stack([np.concatenate([task.result() for task in row]) for row in tasks])
-        except BrokenProcessPool:
+            while len(found) < len(tasks):
+                for worker in self._workers:
+                    if waiting and not len(worker):
+                        driving[worker], task = waiting.popleft()
+                        worker.send("rows", *task, limit=math.inf)
+                for worker in ready(self._workers):
+                    for rows in worker.receive():
+                        if rows is not None:
+                            found[driving[worker]] = rows
+        except LostWorkerError as error:
             raise FreneticError(
-                "a worker died, as for want of memory; the same command goes on, with --workers 1"
-                " in one process"
+                f"{worker.name} was lost: {error.reason}; the same command goes on, with"
+                " --workers 1 in one process"
             ) from None
+        rows = np.concatenate([found[number] for number in range(len(tasks))])
+        return rows.reshape(len(candidates), len(wanted), COLUMNS)

@@ -54,7 +54,7 @@ class Summary(Counts):
     def now(self, seconds: float) -> Self:
         """A copy for others, so many s after the start."""
         copied = copy(self)
-        copied.seconds = seconds
+        copied.seconds, copied._keys = seconds, set()
         return copied
 
     def spend(self, budget: Budget, seconds: float, told: float | None = None) -> None:

@@ -365,8 +365,7 @@ def _run(the_bench: Bench, resume: bool, workers: int | None, as_json: bool) -> 
 
     def ended(end: RunState) -> None:
         if end.ending is None or end.ending.end not in ("over", "returned"):
-            what = end.trouble or end.ending
-            log.print(f"{end.run.entrant.name}, run {end.run.repeat}: {what}", markup=False)
+            log.print(f"{end.run.name}: {end.trouble or end.ending}", markup=False)
 
     with announced_compilation(log) as compiled:
 
@@ -444,7 +443,7 @@ def _end(the_bench: Bench, ends: Sequence[RunState], states: Sequence[RunState])
     if not missing:
         return
     again = _resume_line(the_bench)
-    if troubles := [end.trouble for end in ends if end.trouble]:
+    if troubles := [f"{end.run.name}: {end.trouble}" for end in ends if end.trouble]:
         raise FreneticError(
             f"{missing} of {len(states)} runs could not be completed ({troubles[0]}); try again:"
             f" {again}"

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import logging
-import sys
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from multiprocessing.connection import wait
 from typing import Any, Final, Self
 
 from frenetic._support.json_value import JSONValue
@@ -18,7 +16,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.errors import CampaignError, describe_error
 from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import capabilities
-from frenetic.worker import LostWorkerError, Worker, pack
+from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 
 STARTS: Final = 3
 """Consecutive failed starts after which a worker is given up."""
@@ -27,8 +25,6 @@ AHEAD: Final = 4
 worker costs more than a fresher proposal gains."""
 QUICK: Final = 0.01
 """Longest time of a quick test, in s; a worker with longer ones has one candidate at a time."""
-MOST_ON_WINDOWS: Final = 30
-"""Most workers on Windows, whose kernel waits for 64 objects at once."""
 _PAUSE: Final = 0.2  # s between two tries to get a process
 
 logger = logging.getLogger(__name__)
@@ -98,8 +94,8 @@ class LocalWorkers:
             raise CampaignError(
                 f"{count} workers are too many: the simulator that they are to share serves {most}"
             )
-        if sys.platform == "win32" and count > MOST_ON_WINDOWS:
-            raise CampaignError(f"{count} workers are too many: Windows allows {MOST_ON_WINDOWS}")
+        if count > MOST_WORKERS:
+            raise CampaignError(f"{count} workers are too many: Windows allows {MOST_WORKERS}")
         held = pack(Seat(tester))
         self._seats = [
             _Seat(Worker(f"worker {number}", held, able.preloads)) for number in range(1, count + 1)
@@ -148,13 +144,10 @@ class LocalWorkers:
         if not there:
             reasons = "; ".join(sorted({seat.loss for seat in self._seats}))
             raise CampaignError(f"no worker could be started: {reasons}")
-        now = time.monotonic()
-        ends = [seat.worker.deadline - now for seat in there]
-        handles = [handle for seat in there for handle in seat.worker.handles]
-        ready = set(wait(handles, max(0.0, min(timeout, *ends))))
+        heard = ready([seat.worker for seat in there], timeout)
         attempts: list[Attempt] = []
         for seat in there:
-            if ready.isdisjoint(seat.worker.handles) and time.monotonic() <= seat.worker.deadline:
+            if seat.worker not in heard:
                 continue
             try:
                 for attempt in filter(None, seat.worker.receive()):

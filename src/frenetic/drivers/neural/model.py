@@ -179,7 +179,7 @@ def check_loading(data: bytes) -> None:
     except OSError:  # no process can be started here
         return
     if trial.returncode not in (0, _RAISED):
-        raise ValueError(f"loading it breaks onnxruntime's process: {ending_of(trial.returncode)}")
+        raise ValueError(f"onnxruntime's process {ending_of(trial.returncode)} while loading it")
 
 
 def _reason(error: Exception) -> str:
