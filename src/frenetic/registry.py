@@ -214,6 +214,8 @@ class Registry:
         """
         factory = self.load(spec)
         self._check_options(factory, spec, options)
+        if missing := [name for name in self.needs(spec) if name not in options]:
+            raise FreneticError(f"{self.kind} {spec!r} needs the option {' and '.join(missing)}")
         try:
             with redirect_stdout(sys.stderr):  # stdout is for results
                 made = factory(**options)

@@ -100,7 +100,7 @@ def test_run_show_and_report_say_what_screening_came_to(frenetic: Frenetic) -> N
     assert facts["handed on"] + facts["controls"] == 3
     shown = " ".join(frenetic("show", "found").out.split())
     said = f"roads screened {facts['roads screened']}; handed on {facts['handed on']}"
-    assert f"screened by twin twin, planner, from twin.json; {said}" in shown
+    assert f"screened by twin, planner, from twin.json; {said}" in shown
     assert frenetic("show", "found", "--json").json["facts"]["search"] == facts
     report = Path("found/report.html").read_text(encoding="utf-8")
     assert said in report

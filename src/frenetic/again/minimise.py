@@ -337,6 +337,7 @@ def minimise_test(
     *,
     max_drives: int = MAX_DRIVES,
     guard: float = GUARD,
+    kept: Path | str | None = None,
     **how: Unpack[How],
 ) -> Minimised:
     """Minimises a campaign's failing road, and says whether it still fails as recorded.
@@ -347,15 +348,15 @@ def minimise_test(
         tester: as for `minimise`, like the other arguments.
         max_drives: see there.
         guard: see there.
+        kept: folder for the drives; by default the campaign's.
         how: see there.
 
     Raises:
         FreneticError: as for `minimise`.
         ValueError: likewise.
     """
-    minimised = minimise(
-        test.road, tester, max_drives=max_drives, guard=guard, folder=folder, **how
-    )
+    place = folder if kept is None else kept
+    minimised = minimise(test.road, tester, max_drives=max_drives, guard=guard, folder=place, **how)
     with CampaignStore.open(folder) as store:
         recorded = Failure.of_test(store.test(test.id))
     now = Failure.of_test(minimised.original)

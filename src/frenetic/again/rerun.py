@@ -108,9 +108,9 @@ class Rerun:
 
     @property
     def passed(self) -> bool:
-        """Whether all were driven again and none failed."""
-        bad = (Change.FAILS_AGAIN, Change.FAILS_NOW, Change.NOT_JUDGED)
-        return self.missing == 0 and not any(test.change in bad for test in self.tests)
+        """Whether all were driven again, and all drives passed."""
+        good = (Change.PASSES_NOW, Change.PASSES_AGAIN)
+        return self.missing == 0 and all(test.change in good for test in self.tests)
 
     @cached_property
     def key(self) -> str:

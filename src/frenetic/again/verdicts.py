@@ -261,10 +261,10 @@ class Repeats:
 
     @property
     def change(self) -> Change:
-        """Its change: it fails now if half of the judged drives do."""
-        if self.share is None:
+        """Its change: it fails if any drive does, and is judged if none of the others broke."""
+        if self.judged < len(self.drives) and not self.failed:
             return Change.NOT_JUDGED
-        return Change.of(self.recorded.outcome is Outcome.FAIL, self.share >= LEVEL)
+        return Change.of(self.recorded.outcome is Outcome.FAIL, self.failed > 0)
 
     @property
     def verdict(self) -> str:

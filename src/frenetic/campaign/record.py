@@ -80,13 +80,12 @@ class Attempt:
 
     def pack(self, *, keep: bool = False) -> Self:
         """The same with a packed trajectory, in place of the exact one unless that is kept."""
-        if self.trajectory is None:
+        if self.trajectory is None or (keep and self.packed is not None):
             return self
-        exact = self.trajectory if keep else None
         return replace(
             self,
-            trajectory=exact,
-            packed=encode(self.trajectory),
+            trajectory=self.trajectory if keep else None,
+            packed=self.packed or encode(self.trajectory),
             records=len(self.trajectory),
         )
 
@@ -268,6 +267,8 @@ class Column(NamedTuple):
         if self.kind == "TEXT":  # half characters of a broken driver's message as in Python
             return str(value).encode("utf-8", "backslashreplace").decode()
         if self.kind == "JSON":
+            if not value and isinstance(value, dict | tuple):  # as most are
+                return "[]" if isinstance(value, tuple) else "{}"
             try:
                 text = _FINITE.encode(to_builtins(value, enc_hook=_plain))
             except ValueError:
@@ -361,24 +362,22 @@ _POSE: Final = Pose._fields
 
 
 def row_of(test: Test) -> tuple[Any, ...]:
-    """The values of a test, in the order of `FINISHED`.
+    """The values of a test beside those of its candidate, in the order of `TOLD`.
 
     Raises:
         ValueError: a number is not finite.
     """
-    return tuple(column.encoded(value_at(test, path)) for column, path in _PATHS)
+    return tuple([column.encoded(value_at(test, path)) for column, path in _PATHS[len(ASKED) :]])
 
 
 def row_of_candidate(candidate: Candidate) -> tuple[Any, ...]:
-    """The values of a candidate without a result, in the order of `FINISHED`.
+    """The values of a candidate, in the order of `ASKED`.
 
     Raises:
         ValueError: a number is not finite.
     """
-    values = [
-        column.encoded(value_at(candidate, path[1:])) for column, path in _PATHS[: len(ASKED)]
-    ]
-    return (*values, *(None for _ in TOLD))
+    paths = _PATHS[: len(ASKED)]
+    return tuple([column.encoded(value_at(candidate, path[1:])) for column, path in paths])
 
 
 def row_of_finding(finding: Finding) -> tuple[Any, ...]:

@@ -52,6 +52,7 @@ from frenetic.campaign.reader import CampaignReader
 from frenetic.campaign.record import (
     FINDING,
     FINISHED,
+    TOLD,
     Test,
     row_of,
     row_of_candidate,
@@ -62,6 +63,7 @@ from frenetic.search.records import Candidate
 
 _INSERT: Final = f"INSERT OR REPLACE INTO test VALUES ({', '.join('?' * (len(FINISHED) + 3))})"  # noqa: S608
 _INSERT_FINDING: Final = f"INSERT INTO finding VALUES ({', '.join('?' * (len(FINDING) + 2))})"  # noqa: S608
+_UNTOLD: Final = (None,) * len(TOLD)
 _ENDINGS: Final = ("finished_at", "seconds", "interrupted", "ended", "notice")
 _FIXED: Final = ("config", "created_at", "earlier", "sources")
 
@@ -84,6 +86,7 @@ class CampaignStore(CampaignReader):
         self._opened = self._path.stat()
         self._held: dict[int, tuple[object, ...]] = {}  # rows for the next transaction
         self._findings: list[tuple[object, ...]] = []  # likewise
+        self._asked: dict[int, tuple[object, ...]] = {}  # values of candidates that wait
         with translated(self._path):
             number = "SELECT coalesce(max(id), 0), count(told) FROM test"
             self._last_asked, self._told = connection.execute(number).fetchone()
@@ -224,8 +227,10 @@ class CampaignStore(CampaignReader):
                 f"{self._path} already holds candidate {self._last_asked}: the next one needs a"
                 f" higher id, not {candidate.id}"
             )
-        row = (*row_of_candidate(candidate), self._told)
+        asked = row_of_candidate(candidate)
+        row = (*asked, *_UNTOLD, self._told)
         self._held[candidate.id] = (*row, checksum(row), None)
+        self._asked[candidate.id] = asked
         self._outstanding[candidate.id] = self._told
         self._last_asked = candidate.id
 
@@ -243,7 +248,8 @@ class CampaignStore(CampaignReader):
                 f" asked once, then told once, and the next result is number {self._told + 1}"
             )
         packed = test.attempt.pack(keep=True)
-        row = (*row_of(replace(test, attempt=packed)), self._outstanding[test.id])
+        asked = self._asked.pop(test.id, None) or row_of_candidate(test.candidate)
+        row = (*asked, *row_of(replace(test, attempt=packed)), self._outstanding[test.id])
         numbered = enumerate(test.result.findings, start=1)
         findings = [(number, *row_of_finding(finding)) for number, finding in numbered]
         total = checksum([*row, *(value for finding in findings for value in finding)])

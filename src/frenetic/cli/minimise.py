@@ -59,6 +59,8 @@ class Work:
     campaign: Path | None = None
     """The campaign's folder and test, if it is one's."""
     record: Test | None = None
+    kept: Path | None = None
+    """Folder for its drives, if not the campaign's."""
 
     @property
     def test_id(self) -> int | None:
@@ -236,6 +238,7 @@ def _of_campaign(
                     ),
                     folder,
                     record,
+                    None if out is None else out.parent,
                 )
             )
     if not works:
@@ -281,7 +284,7 @@ def _minimise(
 
         how: dict[str, Any] = {"max_drives": max_drives, "guard": guard, "on_event": on_event}
         if work.campaign is not None and work.record is not None:
-            minimised = minimise_test(work.campaign, work.record, tester, **how)
+            minimised = minimise_test(work.campaign, work.record, tester, kept=work.kept, **how)
         else:
             minimised = minimise(work.road, tester, **how)
     if is_another(minimised):

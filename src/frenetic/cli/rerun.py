@@ -170,8 +170,8 @@ def rerun(
     else:
         is_as_before = not asked and all(value in (None, ()) for value in given.values())
         _print(found, times, is_as_before, is_elsewhere, with_rows)
-        shown = campaign if out is None else out
-        click.echo(f"Kept in {found.folder}; to see it: frenetic report {shell(shown)}")
+        see = f"to see it: frenetic report {shell(campaign)}"
+        click.echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
     gallery = _draw(log, campaign, found, out) if is_elsewhere else None
     if gallery is not None and not as_json:
         click.echo(f"At a glance: {gallery}")
@@ -199,21 +199,22 @@ def _draw(log: Log, campaign: Path, found: Rerun, out: Path | None) -> Path | No
 def _print(
     found: Rerun, times: int, is_as_before: bool, is_elsewhere: bool, with_rows: bool
 ) -> None:
-    from frenetic.again.verdicts import Stability
+    from frenetic.again.verdicts import Stability, matches_text
     from frenetic.analysis.failures import LISTED
 
     tests, drives = found.tests, found.drives
     up_to = "up to " if found.missing else ""
-    what = ", ".join(map(str, found.variations)) or ("the same each time" if times > 1 else "")
+    what = ", ".join(map(str, found.variations)) or ("in the same conditions" if times > 1 else "")
+    failed, judged = (sum(getattr(test, n) for test in tests) for n in ("failed", "judged"))
+    matches = matches_text(drives)
+    shares = f"{failed} of {judged} drives fail{f' ({matches})' if matches else ''}"
     click.echo(
         f"{counted(len(tests), 'test')}, {up_to}{counted(times, 'drive')} of each"
-        f"{', ' if what else ''}{what}: {found or 'none was finished'}"
+        f"{', ' if what else ''}{what}: {shares if times > 1 else found or 'none was finished'}"
     )
     counts = [(kind, sum(test.stability is kind for test in tests)) for kind in Stability]
     if any(number for _, number in counts):
-        told = ", ".join(f"{number} {kind}" for kind, number in counts if number)
-        failed, judged = (sum(getattr(test, n) for test in tests) for n in ("failed", "judged"))
-        click.echo(f"{told}; {failed} of {judged} drives fail")
+        click.echo(", ".join(f"{number} {kind}" for kind, number in counts if number))
     influences = [one for test in tests for one in test.influences if one.matters]
     for name, number in Counter(one.quantity for one in influences).items():
         click.echo(f"{name} matters in {number} of {len(tests)}")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
 
@@ -151,6 +151,8 @@ class Screened(Strategy):
         options: What it was made with, for a campaign's record.
 
     """
+
+    BEHAVIOUR: ClassVar = 1
 
     def __init__(
         self,

@@ -6,11 +6,10 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import msgspec
 import numpy as np
@@ -25,12 +24,11 @@ from frenetic.twin.screened import Screened
 from frenetic.twin.twin import Twin
 from frenetic.versions import SHORT
 
+_OF_THE_RUN: Final = ("seed", "map_size")  # which the spec gives to the other strategy, too
+
 
 def screened(
-    spec: Spec,
-    profile: str | Path,
-    strategy: str = "frenetic",
-    options: Mapping[str, Any] | None = None,
+    spec: Spec, profile: str | Path, strategy: str = "frenetic", **options: Any
 ) -> Strategy:
     """The strategy ``screened``: a search in the twin of a profile, laid over another strategy.
 
@@ -46,7 +44,8 @@ def screened(
     """
     read = Profile.read(profile)
     _check_terms(read, spec, source=profile)
-    searching = replace(spec, strategy=Part(strategy, dict(options or {})))
+    own = {name: value for name, value in options.items() if name not in _OF_THE_RUN}
+    searching = replace(spec, strategy=Part(strategy, own))
     inner = searching.make_strategy()
     if not has_own(inner, "replace"):
         raise FreneticError(
@@ -56,18 +55,18 @@ def screened(
     seed = int(np.random.SeedSequence([spec.seed, 1]).generate_state(1)[0])
     scout = replace(searching, seed=seed).make_strategy()
     twin = Twin.of(replace(read.over(Spec(), has_roads=False), margin=spec.margin))
-    described, text = describe(inner), f"twin {read.name}, {read.driver}, from {profile}"
+    described = describe(inner)
     digest = hashlib.sha256(msgspec.json.encode(read)).hexdigest()[:SHORT]
     return Screened(
         inner,
         scout,
         partial(twin.evaluation, objective=Objective.load(spec.objective)),
         twin=twin,
-        name=text,
+        name=f"{read.name}, {read.driver}, from {profile}",
         options={
             **(options_of(inner) or {}),
-            "strategy": f"{described['class']}, {described['version']}",
-            "profile": f"{profile}, SHA-256 {digest}",
+            "strategy": f"{strategy} ({described['version']})",
+            "profile": f"{profile} (SHA-256 {digest})",
         },
     )
 
