@@ -316,18 +316,16 @@ def test_ledger_says_what_was_wrong_with_an_id(unknown_id: int) -> None:
 
 
 @pytest.mark.parametrize("outcome", [Outcome.PASS, Outcome.FAIL])
-@pytest.mark.parametrize("moobd", [None, float("nan"), float("inf")])
-def test_ledger_wants_a_finite_moobd_of_a_driven_candidate(
-    outcome: Outcome, moobd: float | None
-) -> None:
+@pytest.mark.parametrize("moobd", [float("nan"), float("inf")])
+def test_ledger_wants_a_finite_moobd_or_none(outcome: Outcome, moobd: float) -> None:
     ledger = Ledger()
     candidate = ledger.issue(np.zeros(3), 10.0, Origin("random"))
 
-    with pytest.raises(ValueError, match=f"{outcome} needs a finite MOOBD in m, got {moobd}"):
+    with pytest.raises(ValueError, match=f"MOOBD must be a finite number of m, got {moobd}"):
         ledger.settle(_evaluation(candidate, outcome, moobd))
 
     assert len(ledger) == 1  # it still waits
-    ledger.settle(_evaluation(candidate, outcome, -1.0))
+    ledger.settle(_evaluation(candidate, outcome, None))
     assert len(ledger) == 0
 
 

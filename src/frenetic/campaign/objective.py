@@ -228,12 +228,10 @@ def _told(
     severity: float | None,
     read_trace: Callable[[], Trace | None],
 ) -> Evaluation:
-    departure, outcome = result.departure, result.outcome
-    if outcome.is_driven and result.moobd is None:
-        outcome = Outcome.ERROR  # nobody measured how it went, so nothing is learnt
+    departure = result.departure
     return Evaluation(
         candidate,
-        outcome,
+        result.outcome,
         result.moobd,
         budget_spent,
         place=result.moobd_distance if departure is None else departure.distance,

@@ -256,10 +256,9 @@ class Frenetic(Strategy):
         parent = self._parents.pop(candidate.id, None)
         self._archive.settle(candidate.id)
         self._budget_spent = max(self._budget_spent, evaluation.budget_spent)
-        if not evaluation.outcome.is_driven:
-            return
         severity = evaluation.severity
-        assert severity is not None  # the ledger saw to it
+        if not evaluation.outcome.is_driven or severity is None:
+            return
         self._severities.append(severity)
         self._lowest = min(self._lowest, severity)
         self._is_moobd = evaluation.objective is None

@@ -219,12 +219,11 @@ class Frenetic2021(Strategy):
             return
         self._has_driven = True
         severity = evaluation.severity
-        assert severity is not None  # the ledger saw to it
         if siblings is not None and evaluation.outcome is Outcome.FAIL:
             siblings.has_failed = True
         if ran_in_main_loop and candidate.origin.operator not in (_MIX, _SPLICE):
             self._tests_since_crossover += 1
-        if severity < self._threshold:
+        if severity is not None and severity < self._threshold:
             self._remember(_Scored(severity, candidate.id, evaluation.outcome, candidate))
 
     def is_wanted(self, candidate: Candidate) -> bool:

@@ -117,7 +117,8 @@ class Evaluation:
     outcome: Outcome
     """An outcome, or its name."""
     moobd: float | None
-    """Minimum oob distance in m, smaller is worse for the driver; None unless PASS or FAIL."""
+    """Minimum oob distance in m, smaller is worse for the driver; None unless PASS or FAIL, or if
+    nobody measured it."""
     budget_spent: float
     """Share of the campaign's budget spent when this was told, 0..1."""
     place: float | None = None

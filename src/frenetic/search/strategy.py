@@ -35,8 +35,8 @@ class Strategy(ABC):
     - Candidates have ids 1, 2, 3, .. in the order of asking. Their curvatures are read-only, finite
       and at least two, and are never changed after they were handed out.
     - Each candidate is told exactly once, in any order, whatever its outcome: INVALID, ERROR and
-      DROPPED are told as well, with ``moobd=None``. Place, side, duration and trace of a drive may
-      be missing.
+      DROPPED are told as well, with ``moobd=None``. MOOBD, place, side, duration and trace of a
+      drive may be missing, also where it failed.
     - The same constructor arguments (the seed among them) and the same sequence of asks and tells
       give the same candidates, bit for bit. This is how a campaign is resumed: what was asked and
       told is replayed to a fresh strategy. So a strategy draws from a generator of its own and
@@ -188,8 +188,8 @@ class Ledger:
         The evaluation's candidate serves only by its id, so it may have been rebuilt from a log.
 
         Raises:
-            ValueError: The candidate was never issued or was settled already; a driven one has no
-                finite MOOBD; or the budget spent is not a finite number of at least 0. The
+            ValueError: The candidate was never issued or was settled already; its MOOBD is no
+                finite number; or the budget spent is not a finite number of at least 0. The
                 candidate, if there is one, still waits then.
 
         """
@@ -202,12 +202,10 @@ class Ledger:
             raise ValueError(
                 f"candidate {candidate_id} was never asked, the last one asked is {self._last_id}"
             )
-        if evaluation.outcome.is_driven and (
-            evaluation.moobd is None or not math.isfinite(evaluation.moobd)
-        ):
+        if evaluation.moobd is not None and not math.isfinite(evaluation.moobd):
             raise ValueError(
-                f"candidate {candidate_id}: {evaluation.outcome} needs a finite MOOBD in m, "
-                f"got {evaluation.moobd}"
+                f"candidate {candidate_id}: the MOOBD must be a finite number of m,"
+                f" got {evaluation.moobd}"
             )
         if not 0.0 <= evaluation.budget_spent < math.inf:
             raise ValueError(

@@ -158,10 +158,16 @@ class StrategyContract:
             _assert_is_road(candidate)
 
     @pytest.mark.parametrize("outcome", list(Outcome))
-    def test_it_goes_on_when_all_outcomes_are_alike(self, outcome: Outcome) -> None:
-        """It proposes roads even if each one is INVALID or an ERROR, or passes, or fails."""
+    @pytest.mark.parametrize("moobd", [-1.0, None])
+    def test_it_goes_on_when_all_outcomes_are_alike(
+        self, outcome: Outcome, moobd: float | None
+    ) -> None:
+        """It proposes roads even if each one is INVALID or an ERROR, or passes, or fails.
+
+        Of a drive that nobody measured there is no MOOBD.
+        """
         strategy = self.make(1)
-        moobd = -1.0 if outcome.is_driven else None
+        moobd = moobd if outcome.is_driven else None
 
         for count in range(1, _TESTS + 1):
             candidate = _ask(strategy)

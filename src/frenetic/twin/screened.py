@@ -252,9 +252,8 @@ class Screened(Strategy):
         row = self._row_of.pop(trial.id, None)
         if row is not None:
             self._promised[row] = self._promised[row][0], has_failed
-        if has_failed:
-            severity = evaluation.severity
-            assert severity is not None  # the strategy saw to it
+        severity = evaluation.severity
+        if has_failed and severity is not None:
             place = places_of(evaluation, trial, severity)[0]
             self._new[role] += self._failures.add(trial, place) >= _DISTINCT
             for prospect in self._prospects:
