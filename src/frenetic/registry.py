@@ -183,6 +183,14 @@ class Registry:
             found[entry.name] = entry
         return list(found.values())
 
+    def is_own(self, spec: str) -> bool:
+        """Whether a name stands for code that is not ours; nothing is imported."""
+        target = {entry.name: entry.target for entry in self.entries()}.get(spec, spec)
+        module, separator, _ = target.rpartition(":")
+        if not separator or Path(spec).suffix.lower() in self.files:
+            return False
+        return module.endswith(".py") or module.partition(".")[0] != __package__
+
     def load(self, spec: str) -> Callable[..., Any]:
         """The class (or factory) of a name, ``module:Class``, ``file.py:Class`` or a file of data.
 

@@ -18,7 +18,7 @@ import math
 import numbers
 import re
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
@@ -33,8 +33,9 @@ from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, read_setting
-from frenetic.drivers.loading import LAYERS, load_driver
+from frenetic.drivers.loading import LAYERS, under
 from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.recipe import Named, Recipe, Told
 from frenetic.registry import (
     SIMULATORS,
     STRATEGIES,
@@ -454,15 +455,22 @@ class Spec:
         return strategy
 
     def make_driver(self) -> Driver:
-        """The driver under its layers.
+        """The driver under its layers, see `driver_of`.
 
         Raises:
             FreneticError: it cannot be made.
         """
         assert self.driver.name is not None
-        driver = load_driver(self.driver.name, self.driver.options, **self.layers)
+        driver = driver_of(self.driver.name, self.driver.options, self.layers, self._preloads())
         trust.remember("driver", self.driver.name, self.driver.options)
         return driver
+
+    def _preloads(self) -> tuple[str, ...]:
+        """Modules that processes for the simulator have from the start."""
+        from frenetic.simulators.capabilities import usual  # numba takes its time
+
+        assert self.simulator.name is not None
+        return usual(SIMULATORS.load(self.simulator.name)).preloads
 
     def make_simulator(self) -> Simulator:
         """The simulator, with rules and wall limit if its class takes them; not yet entered.
@@ -617,6 +625,39 @@ def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
         raise FreneticError(str(error)) from None
 
 
+def driver_of(
+    name: str,
+    options: Mapping[str, Any],
+    layers: Mapping[str, float],
+    preloads: Sequence[str] = (),
+) -> Driver:
+    """The driver of a name under layers, which are given as to `load_driver`.
+
+    One of the user's own is a `NamedDriver`: a process that drives makes it, this one does not.
+
+    Args:
+        name: of the driver.
+        options: passed to its class.
+        layers: name -> amount.
+        preloads: modules that processes for the simulator have from the start.
+
+    Raises:
+        FreneticError: it cannot be made, or a layer's amount is out of range.
+    """
+    recipe = Recipe("driver", name, options)
+    if not recipe.registry.is_own(name):
+        return under(layers, recipe.make())
+    from frenetic.drivers.named import NamedDriver  # numpy takes its time
+
+    return under(layers, NamedDriver(recipe, recipe.ask(_told_by_driver, preloads=preloads)))
+
+
+def _told_by_driver(driver: Driver) -> Told:
+    from frenetic.drivers.named import attributes_of  # numpy takes its time
+
+    return Told(describe(driver), sources_of(driver), attributes_of(driver))
+
+
 def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> Any:
     assert part.name is not None
     for name in part.options:
@@ -646,6 +687,8 @@ def describe(part: object) -> dict[str, JSONValue]:
     from frenetic.simulators.capabilities import bare  # likewise
 
     part = bare(part)
+    if isinstance(part, Named):
+        return dict(part.told.described)
     described: dict[str, JSONValue] = {"class": _class_name(type(part))}
     inner = inner_driver(part)
     arguments = _options_and_arguments(part, without="" if inner is None else "driver")
@@ -673,6 +716,8 @@ def sources_of(part: object) -> dict[str, str]:
     from frenetic.simulators.capabilities import bare  # likewise
 
     part = bare(part)
+    if isinstance(part, Named):
+        return dict(part.told.sources)
     inner = inner_driver(part)
     arguments = _options_and_arguments(part, without="" if inner is None else "driver")
     under = {} if inner is None else sources_of(inner)

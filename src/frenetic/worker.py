@@ -19,6 +19,7 @@ from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from frenetic._support.child_processes import (
@@ -48,6 +49,10 @@ class LostWorkerError(Exception):
         super().__init__(reason)
         self.reason = reason
         self.traceback = traceback
+
+
+class RaisedError(LostWorkerError):
+    """What a worker holds raised."""
 
 
 class Worker:
@@ -138,7 +143,7 @@ class Worker:
             case _Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", self.name, text)
             case _Failed(reason, traceback):
-                raise LostWorkerError(reason, traceback)
+                raise RaisedError(reason, traceback)
             case _Answer(number, value) if self._calls and self._calls[0][0] == number:
                 self._calls.popleft()
                 self.since = time.monotonic()
@@ -243,6 +248,7 @@ def _serve(connection: Connection, files: Sequence[str], held: bytes) -> None:
             with one_process():
                 value = getattr(thing, method)(*args)
             send(_Answer(number, value))
+        _fall_silent()
     except (EOFError, OSError) as error:
         if not isinstance(error, EOFError) and traceback_of(error):
             send(_Failed(reason_of(error), traceback_of(error)))
@@ -251,6 +257,12 @@ def _serve(connection: Connection, files: Sequence[str], held: bytes) -> None:
     finally:
         with suppress(OSError):
             connection.close()
+
+
+def _fall_silent() -> None:
+    """Lets nobody hear what a driver says when it is thrown away."""
+    with Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
 
 
 def _attach_log(send: Callable[[_Message], None]) -> None:

@@ -132,16 +132,17 @@ def test_the_old_version_of_an_edited_driver_drives_as_it_did(folder: str) -> No
     assert len(tests) == 12
 
     def same(spec: Spec) -> list[bool]:
-        with own_modules():
-            tester = RoadTester(spec.make_simulator(), spec.make_driver())
-        return [tester.test(test.candidate).result == test.result for test in tests]
+        driver, simulator = spec.make_parts(isolate=True)
+        tester = RoadTester(simulator, driver)
+        with simulator:
+            return [tester.test(test.candidate).result == test.result for test in tests]
 
     assert not all(same(spec))
-    with own_modules(), as_recorded(folder, spec) as old:
+    with as_recorded(folder, spec) as old:
         assert all(same(old))
     shutil.rmtree("laws")
     Path("mpc.py").unlink()
-    with own_modules(), as_recorded(folder, spec) as old:
+    with as_recorded(folder, spec) as old:
         assert all(same(old))
 
 

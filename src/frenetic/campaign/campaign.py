@@ -32,8 +32,9 @@ from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
-from frenetic.drivers.driver import Driver
+from frenetic.drivers.driver import Driver, under_layers
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
+from frenetic.recipe import Named
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
@@ -683,7 +684,11 @@ class Campaign(Shown):
 
     def _isolates(self) -> bool:
         """Whether a single worker, too, drives in a process of its own."""
-        if not self.isolate or isinstance(self.tester.simulator, IsolatedSimulator):
+        if isinstance(self.tester.simulator, IsolatedSimulator):
+            return False
+        if isinstance(under_layers(self.tester.driver), Named):
+            return True
+        if not self.isolate:
             return False
         if capabilities(self.tester.simulator).drives_compiled(self.tester.driver):
             return False

@@ -9,6 +9,7 @@ from typing import Any, Self
 from frenetic.drive import CarBody, Drive
 from frenetic.drivers.driver import Driver, under_layers
 from frenetic.errors import CampaignError, FreneticError, describe_raised, traceback_of
+from frenetic.recipe import Named
 from frenetic.road import Road
 from frenetic.simulators.capabilities import VARIABLE, capabilities
 from frenetic.simulators.embedded import compile_kernels
@@ -36,6 +37,8 @@ def isolated(simulator: Simulator, driver: Driver, drive_limit: float | None = N
     try:
         pack((simulator, driver))
     except CampaignError as error:
+        if isinstance(under_layers(driver), Named):
+            raise
         logger.warning("nothing protects this process from the driver: %s", error)
         return simulator
     return IsolatedSimulator(simulator, drive_limit=drive_limit)
@@ -127,8 +130,9 @@ class IsolatedSimulator:
         assert self._worker is not None
         packed = b""
         if driver is not self._last:
-            packed = pack(driver, known=self._own)
-            self._last, self._own = driver, under_layers(driver)
+            own = under_layers(driver)
+            packed = pack((driver, own), known=self._own)
+            self._last, self._own = driver, own
         variable = capabilities(self.simulator_inside).variable
         values = {name: getattr(self.simulator_inside, name) for name in variable}
         try:
@@ -167,8 +171,7 @@ class _Held:
     def drive(self, road: Road, values: dict[str, Any], driver: bytes) -> Drive | tuple[str, str]:
         """The drive, or who broke it, with a traceback."""
         if driver:
-            self._driver = unpack(driver, known=self._own)
-            self._own = under_layers(self._driver)
+            self._driver, self._own = unpack(driver, known=self._own)
         assert self._driver is not None
         for name, value in values.items():
             if getattr(self._simulator, name) != value:

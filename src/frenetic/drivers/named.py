@@ -1,0 +1,52 @@
+"""A user's own driver by its name, which drives in other processes only."""
+
+from __future__ import annotations
+
+from typing import Any, NoReturn
+
+from frenetic.drivers.driver import (
+    Controls,
+    Driver,
+    DriveSetup,
+    Observation,
+    SelectiveDriver,
+    camera_of,
+)
+from frenetic.errors import DriverError
+from frenetic.recipe import Named
+
+
+class NamedDriver(Named):
+    """A user's own driver by its name."""
+
+    is_selective: bool
+
+    def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
+        """Raises a `DriverError`."""
+        self._refuse()
+
+    def act(self, observation: Observation) -> Controls:  # noqa: ARG002
+        """Raises a `DriverError`."""
+        self._refuse()
+
+    def check_simulator(self, simulator: Any) -> None:
+        """Raises an error if it cannot drive in this one."""
+        if self.is_selective:
+            self.recipe.ask(_check_simulator, simulator)
+
+    def _refuse(self) -> NoReturn:
+        raise DriverError(
+            f"the driver {self.recipe.name!r} drives in another process only: isolate it, or load"
+            " it into this one with frenetic.drivers.loading.load_driver"
+        )
+
+
+def attributes_of(driver: Driver) -> dict[str, Any]:
+    """What a `NamedDriver` has of a driver."""
+    camera = camera_of(driver)
+    seen = {} if camera is None else {"camera": camera}
+    return {"is_selective": isinstance(driver, SelectiveDriver), **seen}
+
+
+def _check_simulator(driver: SelectiveDriver, simulator: Any) -> None:
+    driver.check_simulator(simulator)
