@@ -7,15 +7,18 @@ an import, a constructor or a destructor may do there what it likes.
 from __future__ import annotations
 
 import logging
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from frenetic.errors import FreneticError, describe_raised
 from frenetic.registry import DRIVERS, SIMULATORS, Registry
-from frenetic.worker import LostWorkerError, RaisedError, Worker, pack
+from frenetic.worker import LostWorkerError, RaisedError, StandIn, Worker, pack
 
 LIMIT: Final = 60.0
 """Time that a part may take for its import, its constructor and an answer each, in s."""
@@ -47,6 +50,11 @@ class Recipe:
         """
         return self.registry.make_from(self.name, self.options, self.available)
 
+    def make_in(self, folder: str) -> Any:
+        """The part, made in a process whose folder another part may have left; likewise."""
+        os.chdir(folder)
+        return self.make()
+
     def ask(
         self, question: Callable[..., Any], *arguments: object, preloads: Sequence[str] = ()
     ) -> Any:
@@ -72,7 +80,7 @@ class Recipe:
         try:
             worker.start()
             answer = worker.answer()
-            for what, method in guest.steps.items():
+            for what, method in guest.steps.items():  # noqa: B007 - told below
                 answer = worker.call(method, limit=LIMIT)
         except RaisedError as error:
             logger.debug("%s", error.traceback)
@@ -97,16 +105,28 @@ class Told(NamedTuple):
     """What is read of it where it is not made."""
 
 
-class Named:
-    """A user's own part by its name; a copy in another process is the part itself."""
+class Named(StandIn):
+    """A user's own part by its name."""
 
     def __init__(self, recipe: Recipe, told: Told) -> None:
         self.recipe = recipe
         self.told = told
         vars(self).update(told.attributes)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return self.recipe.make, ()
+    @staticmethod
+    def attributes_of(part: Any) -> dict[str, Any]:
+        """The attributes of the part that it has, too."""
+        raise NotImplementedError
+
+    @property
+    def maker(self) -> Callable[[], Any]:
+        """Makes the part."""
+        return partial(self.recipe.make_in, str(Path.cwd()))
+
+    @property
+    def class_name(self) -> str:
+        """Name of its class."""
+        return str(self.told.described["class"]).rpartition(":")[2]
 
     @property
     def options(self) -> Mapping[str, Any]:

@@ -470,10 +470,14 @@ class Spec:
         from frenetic.simulators.capabilities import usual  # numba takes its time
 
         assert self.simulator.name is not None
+        if SIMULATORS.is_own(self.simulator.name):
+            return ()
         return usual(SIMULATORS.load(self.simulator.name)).preloads
 
     def make_simulator(self) -> Simulator:
         """The simulator, with rules and wall limit if its class takes them; not yet entered.
+
+        One of the user's own is a `NamedSimulator`, as a driver is by `driver_of`.
 
         Raises:
             FreneticError: it cannot be made.
@@ -601,8 +605,11 @@ def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
 
 def usual_wall_limit(simulator: str) -> float:
     """Default limit of a drive's wall time in the simulator of that name, in s."""
-    from frenetic.simulators.capabilities import usual  # numba takes its time
+    from frenetic.simulators.capabilities import Usual, usual  # numba takes its time
 
+    if SIMULATORS.is_own(simulator):
+        own: Usual = Recipe("simulator", simulator).ask_class(usual)
+        return own.usual_wall_limit
     return usual(SIMULATORS.load(simulator)).usual_wall_limit
 
 
@@ -644,18 +651,20 @@ def driver_of(
     Raises:
         FreneticError: it cannot be made, or a layer's amount is out of range.
     """
-    recipe = Recipe("driver", name, options)
-    if not recipe.registry.is_own(name):
-        return under(layers, recipe.make())
     from frenetic.drivers.named import NamedDriver  # numpy takes its time
 
-    return under(layers, NamedDriver(recipe, recipe.ask(_told_by_driver, preloads=preloads)))
+    return under(layers, _part_of(Recipe("driver", name, options), NamedDriver, preloads))
 
 
-def _told_by_driver(driver: Driver) -> Told:
-    from frenetic.drivers.named import attributes_of  # numpy takes its time
+def _part_of(recipe: Recipe, kind: type[Named], preloads: Sequence[str] = ()) -> Any:
+    """The part of a recipe; one of this kind if it is the user's own."""
+    if not recipe.registry.is_own(recipe.name):
+        return recipe.make()
+    return kind(recipe, recipe.ask(_told, kind, preloads=preloads))
 
-    return Told(describe(driver), sources_of(driver), attributes_of(driver))
+
+def _told(part: Any, kind: type[Named]) -> Told:
+    return Told(describe(part), sources_of(part), kind.attributes_of(part))
 
 
 def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> Any:
@@ -666,7 +675,12 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
                 f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
                 " the command"
             )
-    made = registry.make_from(part.name, part.options, available)
+    if registry is SIMULATORS:
+        from frenetic.simulators.named import NamedSimulator  # numba takes its time
+
+        made = _part_of(Recipe("simulator", part.name, part.options, available), NamedSimulator)
+    else:
+        made = registry.make_from(part.name, part.options, available)
     trust.remember(registry.kind, part.name, part.options)
     return made
 

@@ -283,6 +283,15 @@ def _attach_log(send: Callable[[_Message], None]) -> None:
 # Copies of objects for other processes
 
 
+class StandIn:
+    """A part that is not made in this process; its copy by `pack` is the part itself."""
+
+    @property
+    def maker(self) -> Callable[[], Any]:
+        """Makes the part."""
+        raise NotImplementedError
+
+
 def pack(part: object, known: object = None) -> bytes:
     """An object as bytes for a process that has loaded the user's files.
 
@@ -328,6 +337,8 @@ class _Pickler(pickle.Pickler):
         return "known" if part is self._known and part is not None else None
 
     def reducer_override(self, part: object) -> Any:
+        if isinstance(part, StandIn):
+            return part.maker, ()
         made = made_by(part) if self._by_name else None
         if made is None:
             return NotImplemented

@@ -32,9 +32,8 @@ from frenetic.campaign.state import stored_budget
 from frenetic.campaign.store import CampaignStore, JSONValue
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers import InProcessWorker, LocalWorkers, Workers, available_cores
-from frenetic.drivers.driver import Driver, under_layers
+from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
-from frenetic.recipe import Named
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search.records import Candidate
@@ -42,7 +41,7 @@ from frenetic.search.screened import Screened
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.simulators.isolated import IsolatedSimulator
+from frenetic.simulators.isolated import IsolatedSimulator, is_named
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import (
     MAX_WORKERS,
@@ -686,7 +685,7 @@ class Campaign(Shown):
         """Whether a single worker, too, drives in a process of its own."""
         if isinstance(self.tester.simulator, IsolatedSimulator):
             return False
-        if isinstance(under_layers(self.tester.driver), Named):
+        if is_named(self.tester.simulator, self.tester.driver):
             return True
         if not self.isolate:
             return False

@@ -21,6 +21,13 @@ class NamedDriver(Named):
 
     is_selective: bool
 
+    @staticmethod
+    def attributes_of(part: Driver) -> dict[str, Any]:
+        """Its camera, and whether it refuses simulators."""
+        camera = camera_of(part)
+        seen = {} if camera is None else {"camera": camera}
+        return {"is_selective": isinstance(part, SelectiveDriver), **seen}
+
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
         """Raises a `DriverError`."""
         self._refuse()
@@ -39,13 +46,6 @@ class NamedDriver(Named):
             f"the driver {self.recipe.name!r} drives in another process only: isolate it, or load"
             " it into this one with frenetic.drivers.loading.load_driver"
         )
-
-
-def attributes_of(driver: Driver) -> dict[str, Any]:
-    """What a `NamedDriver` has of a driver."""
-    camera = camera_of(driver)
-    seen = {} if camera is None else {"camera": camera}
-    return {"is_selective": isinstance(driver, SelectiveDriver), **seen}
 
 
 def _check_simulator(driver: SelectiveDriver, simulator: Any) -> None:

@@ -37,11 +37,16 @@ def isolated(simulator: Simulator, driver: Driver, drive_limit: float | None = N
     try:
         pack((simulator, driver))
     except CampaignError as error:
-        if isinstance(under_layers(driver), Named):
+        if is_named(simulator, driver):
             raise
         logger.warning("nothing protects this process from the driver: %s", error)
         return simulator
     return IsolatedSimulator(simulator, drive_limit=drive_limit)
+
+
+def is_named(simulator: Simulator, driver: Driver) -> bool:
+    """Whether one of them is a user's own that only other processes make."""
+    return any(isinstance(part, Named) for part in (simulator, under_layers(driver)))
 
 
 class IsolatedSimulator:
