@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from user_modules import own_modules
 
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
-from frenetic.registry import DRIVERS, arguments_of, own_modules
+from frenetic.registry import DRIVERS, arguments_of
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.spec import describe, sources_of

@@ -17,8 +17,8 @@ import re
 import sys
 import sysconfig
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -360,35 +360,6 @@ def _load_own_module(name: str) -> Any:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     return importlib.import_module(name)
-
-
-@contextmanager
-def own_modules() -> Iterator[None]:
-    """Forgets, in the end, the modules of users' own that were loaded meanwhile.
-
-    So one process can load two versions of a module, and of its neighbours, one after the other.
-    """
-    path, known = list(sys.path), set(sys.modules)
-    try:
-        yield
-    finally:
-        new = sys.modules.keys() - known
-        # All are looked at first: a package without its parent cannot say where it lies.
-        for name in [name for name in new if name.startswith(USER_MODULE) or _is_own(name)]:
-            del sys.modules[name]
-        sys.path[:] = path
-        importlib.invalidate_caches()
-
-
-def _is_own(name: str) -> bool:
-    """Whether a loaded module is local, and not ours."""
-    module = sys.modules[name]
-    file = getattr(module, "__file__", None)
-    # A folder without __init__.py is a package, too.
-    places = [Path(place) for place in ([file] if file else getattr(module, "__path__", ()))]
-    if name.partition(".")[0] == __package__ or not places:
-        return False
-    return all(map(is_local, places))
 
 
 def is_local(file: Path) -> bool:

@@ -155,17 +155,15 @@ def _driven(
         drive_old,
         pair_up,
     )
-    from frenetic.registry import own_modules
     from frenetic.simulators.isolated import isolated
     from frenetic.spec import describe
     from frenetic.versions import other_version
 
     log = Log()
-    # One version after the other, since both may call their modules alike. First both are made, so
-    # that a mistake in the new one shows before the old one has driven.
+    # First both are made, so that a mistake in the new one shows before the old one has driven.
     made = []
     for version in (old_version, lambda: nullcontext(new_spec)):
-        with own_modules(), version() as spec:
+        with version() as spec:
             made.append(describe(spec.make_driver()))
     simulator = new_spec.make_simulator()
     check_differ(*made)
@@ -177,16 +175,12 @@ def _driven(
         place = isolated(simulator, driver, drive_limit) if workers == 1 else simulator
         return Driving(place, driver, workers, drive_limit, **hooks)
 
-    with (
-        own_modules(),
-        old_version() as spec,
-        shown_driving(log, "Driving the old version") as hooks,
-    ):
+    with old_version() as spec, shown_driving(log, "Driving the old version") as hooks:
         old = drive_old(plan, driving(spec, hooks), spec)
     to_go = "{} to go; the same command goes on"
     if old.missing:
         raise interrupted(log, to_go.format(counted(old.missing + plan.drives, "drive")))
-    with own_modules(), shown_driving(log, "Driving the new version") as hooks:
+    with shown_driving(log, "Driving the new version") as hooks:
         new = drive_new(plan, driving(new_spec, hooks), old)
     if new.missing:
         raise interrupted(log, to_go.format(counted(new.missing, "drive")))
