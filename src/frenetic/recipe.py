@@ -42,13 +42,13 @@ class Recipe:
         """What knows its name."""
         return _REGISTRIES[self.kind]
 
-    def make(self) -> Any:
-        """The part, made in this process.
+    def make(self, factory: Callable[..., Any] | None = None) -> Any:
+        """The part, made in this process, where its ``factory`` may be loaded already.
 
         Raises:
             FreneticError: it cannot be made.
         """
-        return self.registry.make_from(self.name, self.options, self.available)
+        return self.registry.make_from(self.name, self.options, self.available, factory)
 
     def make_in(self, folder: str) -> Any:
         """The part, made in a process whose folder another part may have left; likewise."""
@@ -161,7 +161,7 @@ class _Guest:
 
     def make(self) -> None:
         with self._telling("making"):
-            self._part = self._recipe.make()
+            self._part = self._recipe.make(self._part)
 
     def answer(self) -> Any:
         with self._telling("asking"):

@@ -220,7 +220,9 @@ class Registry:
         Raises:
             FreneticError: as `load`; or the options do not suit, or it lacks a needed method.
         """
-        factory = self.load(spec)
+        return self._make(self.load(spec), spec, options)
+
+    def _make(self, factory: Callable[..., Any], spec: str, options: Mapping[str, Any]) -> Any:
         self._check_options(factory, spec, options)
         try:
             with redirect_stdout(sys.stderr):  # stdout is for results
@@ -248,9 +250,19 @@ class Registry:
         return made
 
     def make_from(
-        self, spec: str, options: Mapping[str, Any], available: Mapping[str, object]
+        self,
+        spec: str,
+        options: Mapping[str, Any],
+        available: Mapping[str, object],
+        factory: Callable[..., Any] | None = None,
     ) -> Any:
         """An instance made with the given options and those available ones that its class takes.
+
+        Args:
+            spec: which part.
+            options: given ones.
+            available: others.
+            factory: what `load` gave, if that was called.
 
         Raises:
             FreneticError: as `make`; or an option is one of those that are available.
@@ -261,9 +273,10 @@ class Registry:
                     f"the option {name} of the {self.kind} is not allowed here: it follows from"
                     " what else is given"
                 )
-        takes = self.option_names(self.load(spec))
+        factory = factory or self.load(spec)
+        takes = self.option_names(factory)
         taken = {k: v for k, v in available.items() if takes is None or k in takes}
-        return self.make(spec, **options, **taken)
+        return self._make(factory, spec, {**options, **taken})
 
     def option_names(self, factory: Callable[..., Any]) -> list[str] | None:
         """Names of a factory's options, None if it takes any or hides them."""
