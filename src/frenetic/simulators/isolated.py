@@ -14,7 +14,7 @@ from frenetic.road import Road
 from frenetic.simulators.capabilities import VARIABLE, capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.worker import LostWorkerError, Worker, pack, unpack
+from frenetic.worker import START_LIMIT, LostWorkerError, Worker, pack, unpack
 
 logger = logging.getLogger(__name__)
 
@@ -141,8 +141,10 @@ class IsolatedSimulator:
         variable = capabilities(self.simulator_inside).variable
         values = {name: getattr(self.simulator_inside, name) for name in variable}
         try:
+            if packed:
+                self._worker.call("take", packed, limit=START_LIMIT)
             drive: Drive | tuple[str, str] = self._worker.call(
-                "drive", road, values, packed, limit=self._drive_limit
+                "drive", road, values, limit=self._drive_limit
             )
         except LostWorkerError as error:
             self._kill()
@@ -173,10 +175,12 @@ class _Held:
         self._simulator.__enter__()
         return self._simulator.car
 
-    def drive(self, road: Road, values: dict[str, Any], driver: bytes) -> Drive | tuple[str, str]:
+    def take(self, driver: bytes) -> None:
+        """Makes the driver of the next drives."""
+        self._driver, self._own = unpack(driver, known=self._own)
+
+    def drive(self, road: Road, values: dict[str, Any]) -> Drive | tuple[str, str]:
         """The drive, or who broke it, with a traceback."""
-        if driver:
-            self._driver, self._own = unpack(driver, known=self._own)
         assert self._driver is not None
         for name, value in values.items():
             if getattr(self._simulator, name) != value:
