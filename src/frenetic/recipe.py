@@ -56,7 +56,11 @@ class Recipe:
         return self.make()
 
     def ask(
-        self, question: Callable[..., Any], *arguments: object, preloads: Sequence[str] = ()
+        self,
+        question: Callable[..., Any],
+        *arguments: object,
+        preloads: Sequence[str] = (),
+        meanwhile: Callable[[], None] = lambda: None,
     ) -> Any:
         """The answer of the part, which is made in another process.
 
@@ -64,21 +68,28 @@ class Recipe:
             question: a function of a module, called there with the part.
             arguments: its other arguments.
             preloads: modules that the server of processes imports beside the usual ones.
+            meanwhile: called here while the process starts.
 
         Raises:
             FreneticError: the part cannot be made, or does not answer.
         """
-        return self._ask(_Guest(self, question, arguments), preloads)
+        return self._ask(_Guest(self, question, arguments), preloads, meanwhile)
 
     def ask_class(self, question: Callable[..., Any]) -> Any:
         """The same of the part's class."""
-        return self._ask(_Guest(self, question, (), is_made=False), ())
+        return self._ask(_Guest(self, question, (), is_made=False))
 
-    def _ask(self, guest: _Guest, preloads: Sequence[str]) -> Any:
+    def _ask(
+        self,
+        guest: _Guest,
+        preloads: Sequence[str] = (),
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> Any:
         worker = Worker(f"{self.kind} {self.name!r}", pack(guest), preloads)
         what = "starting"
         try:
             worker.start()
+            meanwhile()
             answer = worker.answer()
             for what, method in guest.steps.items():  # noqa: B007 - told below
                 answer = worker.call(method, limit=LIMIT)

@@ -660,7 +660,10 @@ def _part_of(recipe: Recipe, kind: type[Named], preloads: Sequence[str] = ()) ->
     """The part of a recipe; one of this kind if it is the user's own."""
     if not recipe.registry.is_own(recipe.name):
         return recipe.make()
-    return kind(recipe, recipe.ask(_told, kind, preloads=preloads))
+    from frenetic.simulators.embedded import compile_kernels  # numba takes its time
+
+    told = recipe.ask(_told, kind, preloads=preloads, meanwhile=compile_kernels)
+    return kind(recipe, told)
 
 
 def _told(part: Any, kind: type[Named]) -> Told:
