@@ -9,19 +9,18 @@ from __future__ import annotations
 import logging
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, NoReturn
 
-from frenetic.errors import FreneticError, describe_raised
+from frenetic.errors import DriverError, FreneticError
 from frenetic.registry import DRIVERS, SIMULATORS, Registry
 from frenetic.worker import LostWorkerError, RaisedError, StandIn, Worker, pack
 
 LIMIT: Final = 60.0
-"""Time that a part may take for its import, its constructor and an answer each, in s."""
+"""Time that a part may take for its import, and again for its constructor, in s."""
 _REGISTRIES: Final[Mapping[str, Registry]] = {one.kind: one for one in (DRIVERS, SIMULATORS)}
 
 logger = logging.getLogger(__name__)
@@ -43,7 +42,7 @@ class Recipe:
         return _REGISTRIES[self.kind]
 
     def make(self, factory: Callable[..., Any] | None = None) -> Any:
-        """The part, made in this process, where its ``factory`` may be loaded already.
+        """The part, made in this process; its ``factory`` may be loaded already.
 
         Raises:
             FreneticError: it cannot be made.
@@ -62,10 +61,10 @@ class Recipe:
         preloads: Sequence[str] = (),
         meanwhile: Callable[[], None] = lambda: None,
     ) -> Any:
-        """The answer of the part, which is made in another process.
+        """The answer to a question about the part, from another process.
 
         Args:
-            question: a function of a module, called there with the part.
+            question: a function of a module, called there with the part as a `Guest`.
             arguments: its other arguments.
             preloads: modules that the server of processes imports beside the usual ones.
             meanwhile: called here while the process starts.
@@ -73,36 +72,57 @@ class Recipe:
         Raises:
             FreneticError: the part cannot be made, or does not answer.
         """
-        return self._ask(_Guest(self, question, arguments), preloads, meanwhile)
-
-    def ask_class(self, question: Callable[..., Any]) -> Any:
-        """The same of the part's class."""
-        return self._ask(_Guest(self, question, (), is_made=False))
-
-    def _ask(
-        self,
-        guest: _Guest,
-        preloads: Sequence[str] = (),
-        meanwhile: Callable[[], None] = lambda: None,
-    ) -> Any:
-        worker = Worker(f"{self.kind} {self.name!r}", pack(guest), preloads)
-        what = "starting"
+        worker = Worker(
+            f"{self.kind} {self.name!r}", pack(Guest(self, question, arguments)), preloads
+        )
+        step = "starting"
         try:
             worker.start()
             meanwhile()
-            answer = worker.answer()
-            for what, method in guest.steps.items():  # noqa: B007 - told below
-                answer = worker.call(method, limit=LIMIT)
+            worker.answer()
+            step = "importing"
+            worker.call("load", limit=LIMIT)
+            step = "making"
+            return worker.call("answer", limit=LIMIT)
         except RaisedError as error:
             logger.debug("%s", error.traceback)
             raise FreneticError(error.reason) from None
         except LostWorkerError as error:
             is_late = time.monotonic() > worker.deadline
             told = f"took more than {LIMIT:g} s" if is_late else f"broke its process: {error}"
-            raise FreneticError(f"{self.kind} {self.name!r}: {what} it {told}") from None
+            raise FreneticError(f"{self.kind} {self.name!r}: {step} it {told}") from None
         finally:
             worker.kill()
-        return answer
+
+
+class Guest:
+    """A part in a process that makes it to ask it, and then has no time to throw it away."""
+
+    factory: Callable[..., Any]
+    """Its class."""
+
+    def __init__(
+        self, recipe: Recipe, question: Callable[..., Any], arguments: Sequence[object]
+    ) -> None:
+        self._recipe = recipe
+        self._question = question
+        self._arguments = arguments
+
+    def start(self) -> None:
+        """Has nothing to start."""
+
+    def load(self) -> None:
+        """Imports it."""
+        self.factory = self._recipe.registry.load(self._recipe.name)
+
+    @cached_property
+    def part(self) -> Any:
+        """The part itself."""
+        return self._recipe.make(self.factory)
+
+    def answer(self) -> Any:
+        """The answer to the question."""
+        return self._question(self, *self._arguments)
 
 
 class Told(NamedTuple):
@@ -144,47 +164,9 @@ class Named(StandIn):
         """Its options, described."""
         return dict(self.told.described.get("options", {}))
 
-
-class _Guest:
-    """A part in a process that makes it to ask it."""
-
-    def __init__(
-        self,
-        recipe: Recipe,
-        question: Callable[..., Any],
-        arguments: Sequence[object],
-        *,
-        is_made: bool = True,
-    ) -> None:
-        self._recipe = recipe
-        self._question = question
-        self._arguments = arguments
-        self._part: Any = None
-        self.steps = {"importing": "load"} | ({"making": "make"} if is_made else {})
-        self.steps["asking"] = "answer"
-
-    def start(self) -> None:
-        """Has nothing to start."""
-
-    def load(self) -> None:
-        with self._telling("importing"):
-            self._part = self._recipe.registry.load(self._recipe.name)
-
-    def make(self) -> None:
-        with self._telling("making"):
-            self._part = self._recipe.make(self._part)
-
-    def answer(self) -> Any:
-        with self._telling("asking"):
-            return self._question(self._part, *self._arguments)
-
-    @contextmanager
-    def _telling(self, what: str) -> Iterator[None]:
-        """Says of an error that is none of ours what raised it."""
-        try:
-            yield
-        except FreneticError:
-            raise
-        except BaseException as error:  # a SystemExit, say
-            who = f"{self._recipe.kind} {self._recipe.name!r}"
-            raise FreneticError(f"{who}: {what} it raised {describe_raised(error)}") from error
+    def refuse(self) -> NoReturn:
+        """Raises an error: it is not here."""
+        raise DriverError(
+            f"the {self.recipe.kind} {self.recipe.name!r} drives in another process only: isolate"
+            " it, or make it from its class"
+        )

@@ -237,7 +237,7 @@ class Registry:
             raise FreneticError(f"{self.kind} {spec!r}{which}: {_line(error)}{place}") from error
         except FreneticError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise FreneticError(
                 f"{self.kind} {spec!r} cannot be made: {describe_raised(error)}"
             ) from error

@@ -35,7 +35,7 @@ from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, read_setting
 from frenetic.drivers.loading import LAYERS, under
 from frenetic.errors import CampaignError, FreneticError, describe_error
-from frenetic.recipe import Named, Recipe, Told
+from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.registry import (
     SIMULATORS,
     STRATEGIES,
@@ -605,12 +605,20 @@ def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
 
 def usual_wall_limit(simulator: str) -> float:
     """Default limit of a drive's wall time in the simulator of that name, in s."""
-    from frenetic.simulators.capabilities import Usual, usual  # numba takes its time
-
     if SIMULATORS.is_own(simulator):
-        own: Usual = Recipe("simulator", simulator).ask_class(usual)
-        return own.usual_wall_limit
-    return usual(SIMULATORS.load(simulator)).usual_wall_limit
+        limit: float = Recipe("simulator", simulator).ask(_usual_wall_limit)
+        return limit
+    return _limit_of_class(SIMULATORS.load(simulator))
+
+
+def _usual_wall_limit(guest: Guest) -> float:
+    return _limit_of_class(guest.factory)
+
+
+def _limit_of_class(factory: Callable[..., Any]) -> float:
+    from frenetic.simulators.capabilities import usual  # numba takes its time
+
+    return usual(factory).usual_wall_limit
 
 
 def drive_options() -> list[str]:
@@ -666,7 +674,8 @@ def _part_of(recipe: Recipe, kind: type[Named], preloads: Sequence[str] = ()) ->
     return kind(recipe, told)
 
 
-def _told(part: Any, kind: type[Named]) -> Told:
+def _told(guest: Guest, kind: type[Named]) -> Told:
+    part = guest.part
     return Told(describe(part), sources_of(part), kind.attributes_of(part))
 
 

@@ -50,7 +50,7 @@ DEEDS: Final = {
 }
 """Deed -> its code."""
 WORDS: Final = {
-    "exits": "it raised SystemExit: 7 (",
+    "exits": "SystemExit: 7 (",
     "dies": "it broke its process: it ended with exit code 7",
     "hangs": f"it took more than {LIMIT:g} s",
     "closes all": "it broke its process: it ended with exit code 0",
@@ -95,7 +95,8 @@ def check(
         assert Path.cwd() == elsewhere.parent
         assert not list(elsewhere.iterdir())
         if moment != "leaving" and deed in WORDS:
-            assert answer.refuses(f"'hostile.py:Hostile': {moment} {WORDS[deed]}")
+            step = "" if deed == "exits" else f": {moment} "
+            assert answer.refuses("'hostile.py:Hostile'", f"{step}{WORDS[deed]}")
             assert not Path("results").exists()
         elif command == "drive":
             assert answer.json["outcome"] == "PASS"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NoReturn
+from typing import Any
 
 from frenetic.drivers.driver import (
     Controls,
@@ -12,8 +12,7 @@ from frenetic.drivers.driver import (
     SelectiveDriver,
     camera_of,
 )
-from frenetic.errors import DriverError
-from frenetic.recipe import Named
+from frenetic.recipe import Guest, Named
 
 
 class NamedDriver(Named):
@@ -30,23 +29,17 @@ class NamedDriver(Named):
 
     def reset(self, setup: DriveSetup) -> None:  # noqa: ARG002
         """Raises a `DriverError`."""
-        self._refuse()
+        self.refuse()
 
     def act(self, observation: Observation) -> Controls:  # noqa: ARG002
         """Raises a `DriverError`."""
-        self._refuse()
+        self.refuse()
 
     def check_simulator(self, simulator: Any) -> None:
         """Raises an error if it cannot drive in this one."""
         if self.is_selective:
             self.recipe.ask(_check_simulator, simulator)
 
-    def _refuse(self) -> NoReturn:
-        raise DriverError(
-            f"the driver {self.recipe.name!r} drives in another process only: isolate it, or load"
-            " it into this one with frenetic.drivers.loading.load_driver"
-        )
 
-
-def _check_simulator(driver: SelectiveDriver, simulator: Any) -> None:
-    driver.check_simulator(simulator)
+def _check_simulator(guest: Guest, simulator: Any) -> None:
+    guest.part.check_simulator(simulator)

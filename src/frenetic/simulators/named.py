@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 from types import TracebackType
-from typing import Any, Final, NoReturn, Self
+from typing import Any, Final, Self
 
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver
-from frenetic.errors import FreneticError
-from frenetic.recipe import Named
+from frenetic.recipe import Guest, Named
 from frenetic.road import Road
 from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.simulator import Simulator
@@ -58,7 +57,7 @@ class NamedSimulator(Named):
 
     def __enter__(self) -> Self:
         """Raises an error: it starts in another process."""
-        self._refuse()
+        self.refuse()
 
     def __exit__(
         self,
@@ -70,13 +69,7 @@ class NamedSimulator(Named):
 
     def drive(self, road: Road, driver: Driver) -> Drive:  # noqa: ARG002
         """Raises an error: it drives in another process."""
-        self._refuse()
-
-    def _refuse(self) -> NoReturn:
-        raise FreneticError(
-            f"the simulator {self.recipe.name!r} drives in another process only: isolate it, or"
-            " make it in this one from its class"
-        )
+        self.refuse()
 
 
 def _set(maker: Callable[[], Any], values: Mapping[str, Any]) -> Simulator:
@@ -87,10 +80,11 @@ def _set(maker: Callable[[], Any], values: Mapping[str, Any]) -> Simulator:
     return simulator
 
 
-def _prepared(simulator: Simulator) -> CarBody:
-    capabilities(simulator).prepare()
-    return simulator.car
+def _prepared(guest: Guest) -> CarBody:
+    guest.part.prepare()
+    car: CarBody = guest.part.car
+    return car
 
 
-def _check_driver(simulator: Simulator, driver: Driver) -> None:
-    capabilities(simulator).check_driver(driver)
+def _check_driver(guest: Guest, driver: Driver) -> None:
+    guest.part.check_driver(driver)

@@ -32,7 +32,7 @@ from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat
 from frenetic.campaign.workers.workers import Workers
 from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of, traceback_of
-from frenetic.recipe import Named
+from frenetic.recipe import Guest, Named
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
 from frenetic.worker import CLOSING_LIMIT, START_LIMIT, LostWorkerError
@@ -497,12 +497,16 @@ def _parcel(part: object) -> bytes:
     return file.getvalue()
 
 
+def _parcel_of_guest(guest: Guest) -> bytes:
+    return _parcel(guest.part)
+
+
 class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
     """Lets a part that is not made here be packed where it is."""
 
     def reducer_override(self, part: object) -> Any:
         if isinstance(part, Named):
-            return pickle.loads, (part.recipe.ask(_parcel),)
+            return pickle.loads, (part.recipe.ask(_parcel_of_guest),)
         return super().reducer_override(part)
 
 
