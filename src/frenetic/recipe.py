@@ -15,6 +15,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple, NoReturn
 
+from frenetic._support.interrupt import catch_interrupt
 from frenetic.errors import DriverError, FreneticError
 from frenetic.registry import DRIVERS, SIMULATORS, Registry
 from frenetic.worker import LostWorkerError, RaisedError, StandIn, Worker, pack
@@ -77,7 +78,10 @@ class Recipe:
         )
         step = "starting"
         try:
-            worker.start()
+            with catch_interrupt() as interrupt:  # the server complains of half a request
+                worker.start()
+            if interrupt.requested:
+                raise KeyboardInterrupt
             meanwhile()
             worker.answer()
             step = "importing"
