@@ -13,13 +13,12 @@ import pytest
 from frenetic import trust
 from frenetic.campaign import CampaignStore
 from frenetic.errors import FreneticError
-from frenetic.registry import own_modules
 from frenetic.spec import Part, Spec
 
 if TYPE_CHECKING:
     from command_line import Frenetic
 
-pytest_plugins = ["command_line", "user_modules"]
+pytest_plugins = ["command_line"]
 
 DRIVER = """
 from pathlib import Path
@@ -46,7 +45,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
     folder = tmp_path_factory.mktemp("stranger")
     text = DRIVER.format(marker=str(folder / "was-here"))
     (folder / "theirs.py").write_text(text, encoding="utf-8")
-    with pytest.MonkeyPatch.context() as patch, own_modules():
+    with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setenv(trust.VARIABLE, str(folder / "home of the stranger"))
         prepare("run", *FEW, *NAMED, "--out", "c")
@@ -88,29 +87,33 @@ OTHERS: dict[str, Callable[[], tuple[str, ...]]] = {
 
 
 @pytest.mark.parametrize("command", [*DRIVING, *OTHERS])
-def test_a_strangers_driver_is_refused_unrun(anew: Frenetic, received: Path, command: str) -> None:
-    refused = anew(*(DRIVING | OTHERS)[command]())
+def test_a_strangers_driver_is_refused_unrun(
+    frenetic: Frenetic, received: Path, command: str
+) -> None:
+    refused = frenetic(*(DRIVING | OTHERS)[command]())
     assert refused.refuses("names the driver 'theirs.py:Theirs', code that you have not run")
     assert not received.exists()
 
 
 @pytest.mark.parametrize("command", DRIVING)
-def test_it_drives_once_the_command_names_it(anew: Frenetic, received: Path, command: str) -> None:
-    assert anew(*DRIVING[command](), *NAMED).code in (0, 1)
+def test_it_drives_once_the_command_names_it(
+    frenetic: Frenetic, received: Path, command: str
+) -> None:
+    assert frenetic(*DRIVING[command](), *NAMED).code in (0, 1)
     assert received.exists()
 
 
 def test_what_the_user_has_run_goes_on_unasked_until_it_is_edited(
-    anew: Frenetic, received: Path
+    frenetic: Frenetic, received: Path
 ) -> None:
-    assert anew("drive", a_failure(), *NAMED).code == 0
+    assert frenetic("drive", a_failure(), *NAMED).code == 0
     for command in ("drive", *OTHERS):
         received.unlink()
-        assert anew(*(DRIVING | OTHERS)[command]()).code in (0, 1, 3), command
+        assert frenetic(*(DRIVING | OTHERS)[command]()).code in (0, 1, 3), command
         assert received.exists()
     file = Path("theirs.py")
     file.write_text(file.read_text(encoding="utf-8") + "\n", encoding="utf-8")
-    assert anew(*DRIVING["drive"]()).refuses("code that you have not run as it is")
+    assert frenetic(*DRIVING["drive"]()).refuses("code that you have not run as it is")
 
 
 @pytest.mark.parametrize(
@@ -124,22 +127,22 @@ def test_what_the_user_has_run_goes_on_unasked_until_it_is_edited(
     ],
 )
 def test_looking_at_a_campaign_runs_nothing_of_it(
-    anew: Frenetic, received: Path, words: tuple[str, ...]
+    frenetic: Frenetic, received: Path, words: tuple[str, ...]
 ) -> None:
-    assert anew(*words).code == 0
+    assert frenetic(*words).code == 0
     assert not received.exists()
 
 
 @pytest.mark.parametrize("command", ["resume", "rerun"])
 def test_a_program_that_a_strangers_simulator_starts_is_refused(
-    anew: Frenetic, received: Path, command: str
+    frenetic: Frenetic, received: Path, command: str
 ) -> None:
     with CampaignStore.open("own") as store:
         config: dict[str, Any] = json.loads(json.dumps(dict(store.config)))
     config["command"] |= {"simulator": "beamng", "simulator_options": {"home": "/opt/theirs"}}
     shutil.rmtree("c")
     CampaignStore.create("c", config).close()
-    refused = anew(*(DRIVING | OTHERS)[command]())
+    refused = frenetic(*(DRIVING | OTHERS)[command]())
     assert refused.refuses("names the simulator 'beamng'")
     assert "--simulator beamng --simulator-option home=/opt/theirs" in refused.err
 

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from user_modules import own_modules
 
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
-from frenetic.registry import DRIVERS, arguments_of, own_modules
+from frenetic.registry import DRIVERS, arguments_of
 from frenetic.search import Frenetic
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.spec import describe, sources_of
+from frenetic.spec import describe, driver_of, sources_of
 from frenetic.versions import differences, short_version, sources_named, version_of
 
 DRIVER = """
@@ -83,8 +84,12 @@ def test_the_sources_are_its_file_and_the_local_ones_that_it_imports(
 ) -> None:
     used = {name: text for name, text in FILES.items() if name not in UNUSED[spec]}
     assert sources_named(spec) == used
+    named = driver_of(spec, {}, {"delay": 0.1})
+    assert sources_of(named) == used
     with own_modules():
-        assert sources_of(load_driver(spec, delay=0.1)) == used
+        driver = load_driver(spec, delay=0.1)
+        assert sources_of(driver) == used
+        assert describe(named) == describe(driver)
     assert made(spec) == made(spec)
 
 

@@ -17,8 +17,8 @@ import re
 import sys
 import sysconfig
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import redirect_stdout, suppress
 from dataclasses import dataclass, field
 from functools import cache, partial
 from pathlib import Path
@@ -183,6 +183,14 @@ class Registry:
             found[entry.name] = entry
         return list(found.values())
 
+    def is_own(self, spec: str) -> bool:
+        """Whether a name stands for code that is not ours; nothing is imported."""
+        target = {entry.name: entry.target for entry in self.entries()}.get(spec, spec)
+        module, separator, _ = target.rpartition(":")
+        if not separator or Path(spec).suffix.lower() in self.files:
+            return False
+        return module.endswith(".py") or module.partition(".")[0] != __package__
+
     def load(self, spec: str) -> Callable[..., Any]:
         """The class (or factory) of a name, ``module:Class``, ``file.py:Class`` or a file of data.
 
@@ -212,7 +220,9 @@ class Registry:
         Raises:
             FreneticError: as `load`; or the options do not suit, or it lacks a needed method.
         """
-        factory = self.load(spec)
+        return self._make(self.load(spec), spec, options)
+
+    def _make(self, factory: Callable[..., Any], spec: str, options: Mapping[str, Any]) -> Any:
         self._check_options(factory, spec, options)
         if missing := [name for name in self.needs(spec) if name not in options]:
             raise FreneticError(f"{self.kind} {spec!r} needs the option {' and '.join(missing)}")
@@ -229,7 +239,7 @@ class Registry:
             raise FreneticError(f"{self.kind} {spec!r}{which}: {_line(error)}{place}") from error
         except FreneticError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise FreneticError(
                 f"{self.kind} {spec!r} cannot be made: {describe_raised(error)}"
             ) from error
@@ -242,9 +252,19 @@ class Registry:
         return made
 
     def make_from(
-        self, spec: str, options: Mapping[str, Any], available: Mapping[str, object]
+        self,
+        spec: str,
+        options: Mapping[str, Any],
+        available: Mapping[str, object],
+        factory: Callable[..., Any] | None = None,
     ) -> Any:
         """An instance made with the given options and those available ones that its class takes.
+
+        Args:
+            spec: which part.
+            options: given ones.
+            available: others.
+            factory: what `load` gave, if that was called.
 
         Raises:
             FreneticError: as `make`; or an option is one of those that are available.
@@ -255,9 +275,10 @@ class Registry:
                     f"the option {name} of the {self.kind} is not allowed here: it follows from"
                     " what else is given"
                 )
-        takes = self.option_names(self.load(spec))
+        factory = factory or self.load(spec)
+        takes = self.option_names(factory)
         taken = {k: v for k, v in available.items() if takes is None or k in takes}
-        return self.make(spec, **options, **taken)
+        return self._make(factory, spec, {**options, **taken})
 
     def needs(self, spec: str) -> list[str]:
         """Names of the options without which nothing can be made; errors are those of `load`."""
@@ -363,35 +384,6 @@ def _load_own_module(name: str) -> Any:
     if folder not in sys.path:
         sys.path.insert(0, folder)
     return importlib.import_module(name)
-
-
-@contextmanager
-def own_modules() -> Iterator[None]:
-    """Forgets, in the end, the modules of users' own that were loaded meanwhile.
-
-    So one process can load two versions of a module, and of its neighbours, one after the other.
-    """
-    path, known = list(sys.path), set(sys.modules)
-    try:
-        yield
-    finally:
-        new = sys.modules.keys() - known
-        # All are looked at first: a package without its parent cannot say where it lies.
-        for name in [name for name in new if name.startswith(USER_MODULE) or _is_own(name)]:
-            del sys.modules[name]
-        sys.path[:] = path
-        importlib.invalidate_caches()
-
-
-def _is_own(name: str) -> bool:
-    """Whether a loaded module is local, and not ours."""
-    module = sys.modules[name]
-    file = getattr(module, "__file__", None)
-    # A folder without __init__.py is a package, too.
-    places = [Path(place) for place in ([file] if file else getattr(module, "__path__", ()))]
-    if name.partition(".")[0] == __package__ or not places:
-        return False
-    return all(map(is_local, places))
 
 
 def is_local(file: Path) -> bool:

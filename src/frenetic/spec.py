@@ -18,7 +18,7 @@ import math
 import numbers
 import re
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from dataclasses import field as dataclass_field
@@ -33,8 +33,9 @@ from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, read_setting
-from frenetic.drivers.loading import LAYERS, load_driver
+from frenetic.drivers.loading import LAYERS, under
 from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.registry import (
     SIMULATORS,
     STRATEGIES,
@@ -452,18 +453,29 @@ class Spec:
         return strategy
 
     def make_driver(self) -> Driver:
-        """The driver under its layers.
+        """The driver under its layers, see `driver_of`.
 
         Raises:
             FreneticError: it cannot be made.
         """
         assert self.driver.name is not None
-        driver = load_driver(self.driver.name, self.driver.options, **self.layers)
+        driver = driver_of(self.driver.name, self.driver.options, self.layers, self._preloads())
         trust.remember("driver", self.driver.name, self.driver.options)
         return driver
 
+    def _preloads(self) -> tuple[str, ...]:
+        """Modules that processes for the simulator have from the start."""
+        from frenetic.simulators.capabilities import usual  # numba takes its time
+
+        assert self.simulator.name is not None
+        if SIMULATORS.is_own(self.simulator.name):
+            return ()
+        return usual(SIMULATORS.load(self.simulator.name)).preloads
+
     def make_simulator(self) -> Simulator:
         """The simulator, with rules and wall limit if its class takes them; not yet entered.
+
+        One of the user's own is a `NamedSimulator`, as a driver is by `driver_of`.
 
         Raises:
             FreneticError: it cannot be made.
@@ -589,9 +601,20 @@ def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
 
 def usual_wall_limit(simulator: str) -> float:
     """Default limit of a drive's wall time in the simulator of that name, in s."""
+    if SIMULATORS.is_own(simulator):
+        limit: float = Recipe("simulator", simulator).ask(_usual_wall_limit)
+        return limit
+    return _limit_of_class(SIMULATORS.load(simulator))
+
+
+def _usual_wall_limit(guest: Guest) -> float:
+    return _limit_of_class(guest.factory)
+
+
+def _limit_of_class(factory: Callable[..., Any]) -> float:
     from frenetic.simulators.capabilities import usual  # numba takes its time
 
-    return usual(SIMULATORS.load(simulator)).usual_wall_limit
+    return usual(factory).usual_wall_limit
 
 
 def drive_options() -> list[str]:
@@ -613,6 +636,45 @@ def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
         raise FreneticError(str(error)) from None
 
 
+def driver_of(
+    name: str,
+    options: Mapping[str, Any],
+    layers: Mapping[str, float],
+    preloads: Sequence[str] = (),
+) -> Driver:
+    """The driver of a name under layers, which are given as to `load_driver`.
+
+    One of the user's own is a `NamedDriver`: a process that drives makes it, this one does not.
+
+    Args:
+        name: of the driver.
+        options: passed to its class.
+        layers: name -> amount.
+        preloads: modules that processes for the simulator have from the start.
+
+    Raises:
+        FreneticError: it cannot be made, or a layer's amount is out of range.
+    """
+    from frenetic.drivers.named import NamedDriver  # numpy takes its time
+
+    return under(layers, _part_of(Recipe("driver", name, options), NamedDriver, preloads))
+
+
+def _part_of(recipe: Recipe, kind: type[Named], preloads: Sequence[str] = ()) -> Any:
+    """The part of a recipe; one of this kind if it is the user's own."""
+    if not recipe.registry.is_own(recipe.name):
+        return recipe.make()
+    from frenetic.simulators.embedded import compile_kernels  # numba takes its time
+
+    told = recipe.ask(_told, kind, preloads=preloads, meanwhile=compile_kernels)
+    return kind(recipe, told)
+
+
+def _told(guest: Guest, kind: type[Named]) -> Told:
+    part = guest.part
+    return Told(describe(part), sources_of(part), kind.attributes_of(part))
+
+
 def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> Any:
     assert part.name is not None
     for name in part.options:
@@ -621,7 +683,12 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
                 f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
                 " the command"
             )
-    made = registry.make_from(part.name, part.options, available)
+    if registry is SIMULATORS:
+        from frenetic.simulators.named import NamedSimulator  # numba takes its time
+
+        made = _part_of(Recipe("simulator", part.name, part.options, available), NamedSimulator)
+    else:
+        made = registry.make_from(part.name, part.options, available)
     trust.remember(registry.kind, part.name, part.options)
     return made
 
@@ -642,6 +709,8 @@ def describe(part: object) -> dict[str, JSONValue]:
     from frenetic.simulators.capabilities import bare  # likewise
 
     part = bare(part)
+    if isinstance(part, Named):
+        return dict(part.told.described)
     described: dict[str, JSONValue] = {"class": _class_name(type(part))}
     inner = inner_driver(part)
     arguments = _options_and_arguments(part, without="" if inner is None else "driver")
@@ -669,6 +738,8 @@ def sources_of(part: object) -> dict[str, str]:
     from frenetic.simulators.capabilities import bare  # likewise
 
     part = bare(part)
+    if isinstance(part, Named):
+        return dict(part.told.sources)
     inner = inner_driver(part)
     arguments = _options_and_arguments(part, without="" if inner is None else "driver")
     under = {} if inner is None else sources_of(inner)

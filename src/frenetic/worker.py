@@ -20,6 +20,7 @@ from contextlib import suppress
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from frenetic._support.child_processes import (
@@ -52,6 +53,10 @@ class LostWorkerError(Exception):
         super().__init__(reason)
         self.reason = reason
         self.traceback = traceback
+
+
+class RaisedError(LostWorkerError):
+    """What a worker holds raised."""
 
 
 class Worker:
@@ -147,7 +152,7 @@ class Worker:
             case _Logged(level, name, text):
                 logging.getLogger(name).log(level, "%s: %s", self.name, text)
             case _Failed(reason, traceback):
-                raise LostWorkerError(reason, traceback)
+                raise RaisedError(reason, traceback)
             case _Report(value):
                 answers.append(value)
             case _Answer(number, value) if self._calls and self._calls[0][0] == number:
@@ -274,6 +279,7 @@ def _serve(connection: Connection, files: Sequence[str], held: bytes) -> None:
             with one_process():
                 value = getattr(thing, method)(*args)
             send(_Answer(number, value))
+        _fall_silent()
     except (EOFError, OSError) as error:
         if not isinstance(error, EOFError) and traceback_of(error):
             send(_Failed(reason_of(error), traceback_of(error)))
@@ -282,6 +288,12 @@ def _serve(connection: Connection, files: Sequence[str], held: bytes) -> None:
     finally:
         with suppress(OSError):
             connection.close()
+
+
+def _fall_silent() -> None:
+    """Lets nobody hear what a driver says when it is thrown away."""
+    with Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
 
 
 def _attach_log(send: Callable[[_Message], None]) -> None:
@@ -300,6 +312,15 @@ def _attach_log(send: Callable[[_Message], None]) -> None:
 
 
 # Copies of objects for other processes
+
+
+class StandIn:
+    """A part that is not made in this process; its copy by `pack` is the part itself."""
+
+    @property
+    def maker(self) -> Callable[[], Any]:
+        """Makes the part."""
+        raise NotImplementedError
 
 
 def pack(part: object, known: object = None) -> bytes:
@@ -347,6 +368,8 @@ class _Pickler(pickle.Pickler):
         return "known" if part is self._known and part is not None else None
 
     def reducer_override(self, part: object) -> Any:
+        if isinstance(part, StandIn):
+            return part.maker, ()
         made = made_by(part) if self._by_name else None
         if made is None:
             return NotImplemented

@@ -9,8 +9,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
@@ -48,11 +49,13 @@ from frenetic.campaign.log import CampaignLog
 from frenetic.campaign.workers import cluster as cluster_module
 from frenetic.campaign.workers.cluster import ClusterWorkers
 from frenetic.drivers import Driver
+from frenetic.drivers.named import NamedDriver
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
 from frenetic.search import Frenetic2021
 from frenetic.simulators import Simulator
+from frenetic.spec import driver_of
 from frenetic.testing import DummyDriver, DummySimulator
 
 pytest_plugins = ["marked"]
@@ -159,9 +162,14 @@ class Mine(DummyDriver):
 """
 
 
+@pytest.mark.parametrize("made", [DRIVERS.make, partial(driver_of, options={}, layers={})])
 @pytest.mark.parametrize("spec", ["{folder}/filed.py:Mine", "placed:Mine"])
 def test_workers_need_no_copy_of_a_users_file(
-    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, spec: str
+    cluster: Cluster,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    spec: str,
+    made: Callable[[str], Driver],
 ) -> None:
     name = "placed" if spec.startswith("placed") else "filed"
     was_there = tmp_path / "was-there"
@@ -172,17 +180,18 @@ def test_workers_need_no_copy_of_a_users_file(
         (tmp_path / file).write_text(text)
     monkeypatch.setattr(sys, "path", list(sys.path))
     monkeypatch.chdir(tmp_path)
-    driver = DRIVERS.make(spec.format(folder=tmp_path))
+    driver = made(spec.format(folder=tmp_path))
     try:
-        for path in tmp_path.glob("*.py"):
-            path.unlink()
         with workers_of(cluster, tmp_path, DummySimulator(), driver) as workers:
+            for path in tmp_path.glob("*.py"):
+                path.unlink()
             assert drive_one(workers).failure is None
         assert was_there.exists()
         assert cloudpickle.list_registry_pickle_by_value() == set()
     finally:
-        for module in (type(driver).__module__, f"{name}_helper"):
-            del sys.modules[module]
+        if not isinstance(driver, NamedDriver):
+            for module in (type(driver).__module__, f"{name}_helper"):
+                del sys.modules[module]
 
 
 # What goes wrong with simulators and drivers

@@ -294,14 +294,21 @@ def finish_times(folder: Path) -> list[str]:
 class Running:
     """A ``frenetic run`` in a group of its own, as a terminal starts it."""
 
-    def __init__(self, tmp_path: Path, marks: Marks, *options: str, workers: int = 2) -> None:
+    def __init__(
+        self,
+        tmp_path: Path,
+        marks: Marks,
+        *options: str,
+        workers: int = 2,
+        simulator: str = f"{faulty.__file__}:Waiting",
+    ) -> None:
         self.marks = marks
         self.folder = tmp_path / "campaign"
         self.out, self.err = tmp_path / "out", tmp_path / "err"
         command = [sys.executable, "-m", "frenetic", "run", "--simulations", "60", "--unordered"]
         command += ["--workers", str(workers), "--out", str(self.folder)]
-        command += ["--simulator", f"{faulty.__file__}:Waiting"]
-        for option in (f"folder={marks.folder}", *options):
+        command += ["--simulator", simulator]
+        for option in () if simulator == "embedded" else (f"folder={marks.folder}", *options):
             command += ["--simulator-option", option]
         with self.out.open("w") as out, self.err.open("w") as err:
             self.process = subprocess.Popen(
@@ -392,10 +399,13 @@ def test_ctrl_c_while_simulators_start(tmp_path: Path, marks: Marks, presses: in
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers are forked from a server there only")
+@pytest.mark.parametrize("is_named", [False, True])
 @pytest.mark.parametrize(("presses", "loaded"), [(1, "python"), (1, "llvmlite"), (2, "numpy")])
 def test_ctrl_c_while_the_server_of_the_workers_starts(
-    tmp_path: Path, marks: Marks, presses: int, loaded: str
+    tmp_path: Path, marks: Marks, presses: int, loaded: str, is_named: bool
 ) -> None:
+    """Of the campaign; or of the process that makes a named part, before there is a campaign."""
+
     def server_is_there() -> bool:
         """With what it loads on its way."""
         for child in descendants(running.process.pid):
@@ -407,16 +417,20 @@ def test_ctrl_c_while_the_server_of_the_workers_starts(
                 continue
         return False
 
-    with Running(tmp_path, marks) as running:
+    named: Any = {} if is_named else {"simulator": "embedded"}
+    with Running(tmp_path, marks, **named) as running:
         running.until(server_is_there, "the server starts")
-        for _ in range(presses):
+        for _ in range(1 if is_named else presses):
             running.press_ctrl_c()
-            if presses == 2:
+            if presses == 2 and not is_named:
                 running.until(lambda: "Finishing" in running.err.read_text(), "it is noticed")
         assert running.ends() == 130, running.err.read_text()
     assert "Traceback" not in running.err.read_text()
     assert "EOFError" not in running.err.read_text()
-    assert running.told() == 0
+    if is_named:
+        assert not running.folder.exists()
+    else:
+        assert running.told() == 0
 
 
 @posix_only

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,11 +15,21 @@ import numpy as np
 import pytest
 from contents import contents
 from faulty import Deed, Fault, FaultyDriver, FaultySimulator, Marks
+from numba.core.registry import CPUDispatcher
 from pids import LIMIT, until_gone
 
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.log import LOG
-from frenetic.drivers import Delayed, Driver, Noisy, Planner
+from frenetic.drivers import (
+    Controls,
+    Delayed,
+    Driver,
+    DriveSetup,
+    LimitedView,
+    Noisy,
+    Observation,
+    Planner,
+)
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.registry import DRIVERS
@@ -39,6 +51,27 @@ posix_only = pytest.mark.skipif(sys.platform == "win32", reason="by POSIX means"
 
 class PythonPlanner(Planner):
     """The planner as a driver in Python."""
+
+
+class Watching(PythonPlanner):
+    """A driver during whose drives no kernel may be compiled or loaded."""
+
+    def reset(self, setup: DriveSetup) -> None:
+        self.ready = ready_kernels()
+        super().reset(setup)
+
+    def act(self, observation: Observation) -> Controls:
+        controls = super().act(observation)
+        assert ready_kernels() == self.ready
+        return controls
+
+
+def ready_kernels() -> set[tuple[str, str]]:
+    """Name and arguments of each kernel that has its machine code."""
+    kernels = [one for one in gc.get_objects() if isinstance(one, CPUDispatcher)]
+    return {
+        (one.py_func.__name__, str(arguments)) for one in kernels for arguments in one.signatures
+    }
 
 
 def search(folder: Path, simulator: Simulator, driver: Driver, **options: object) -> Campaign:
@@ -78,6 +111,13 @@ def test_a_campaign_is_the_same_bit_for_bit(tmp_path: Path, ordered: bool) -> No
     ):
         assert one.config == two.config
         assert {test.outcome for test in one.tests()} >= {Outcome.PASS, Outcome.FAIL}
+
+
+@pytest.mark.parametrize("layer", [Delayed, LimitedView, Noisy])
+def test_no_kernel_is_loaded_on_a_drivers_time(layer: Callable[[Driver], Driver]) -> None:
+    """The wall limit is for the driver alone, also in a fresh process."""
+    with IsolatedSimulator(EmbeddedSimulator()) as apart:
+        assert apart.drive(Road([0.0] * 3), layer(Watching())).error is None
 
 
 def test_conditions_reach_the_other_process() -> None:

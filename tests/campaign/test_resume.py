@@ -19,6 +19,7 @@ from events import on_result
 from faulty import Marks
 from pids import until_gone
 from test_campaign import Scripted
+from user_modules import own_modules
 
 from frenetic.campaign import Budget, Campaign, CampaignStore, Summary
 from frenetic.campaign.campaign import LOOKAHEAD
@@ -26,7 +27,6 @@ from frenetic.campaign.check import check_campaign
 from frenetic.drivers import Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import CampaignError
-from frenetic.registry import own_modules
 from frenetic.search import Candidate, Evaluation, Frenetic, Frenetic2021, RandomSearch
 from frenetic.simulators import EmbeddedSimulator, Rules
 from frenetic.testing import DummyDriver, DummySimulator

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from frenetic.registry import own_modules
-
 if TYPE_CHECKING:
     from command_line import Frenetic
 
@@ -65,9 +63,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
             Path(name, f"{name}.py").write_text(f"PID = {os.getpid()}\n{DRIVER}")
             Path(name, "gains.py").write_text(f"AGGRESSION = {aggression}\n")
             run = ("run", "--driver", f"{name}/{name}.py:Mine", "--out", f"night-{name}")
-            # As in a process of its own.
-            with own_modules():
-                prepare(*run, "--simulations", "12", "--seed", "3", "--workers", "1")
+            prepare(*run, "--simulations", "12", "--seed", "3", "--workers", "1")
     return folder
 
 

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from frenetic.registry import own_modules
-
 if TYPE_CHECKING:
     from command_line import Frenetic
 
@@ -33,7 +31,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
     """A campaign with a road on which a driver of one's own fails."""
     folder = tmp_path_factory.mktemp("bold")
     budget = ("--failures", "1", "--seed", "1", "--workers", "1", "--out", "c")
-    with pytest.MonkeyPatch.context() as patch, own_modules():
+    with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         Path("mine.py").write_text(MINE, encoding="utf-8")
         prepare("run", *budget, *PARTS, *TERMS)

@@ -14,14 +14,13 @@ import pytest
 
 from frenetic.again.versions import as_recorded
 from frenetic.campaign import CampaignStore, RoadTester
-from frenetic.registry import own_modules
 from frenetic.spec import Spec
 from frenetic.versions import short_version
 
 if TYPE_CHECKING:
     from command_line import Frenetic
 
-pytest_plugins = ["command_line", "user_modules"]
+pytest_plugins = ["command_line"]
 
 DRIVER = """
 from frenetic.drivers.driver import Controls
@@ -53,13 +52,12 @@ def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None])
         patch.chdir(folder)
         for name, driver in CAMPAIGNS.items():
             write_gains("0.9" if name == "new" else "0.8")
-            with own_modules():
-                prepare(*RUN, "3", "--driver", driver, "--out", name)
+            prepare(*RUN, "3", "--driver", driver, "--out", name)
     return folder
 
 
 @pytest.fixture(autouse=True)
-def versions(made: Path, tmp_path: Path, anew: Frenetic) -> None:
+def versions(made: Path, tmp_path: Path, frenetic: Frenetic) -> None:
     """A copy of these in the folder of the command line."""
     shutil.copytree(made, tmp_path, dirs_exist_ok=True)
 
@@ -76,11 +74,11 @@ def version(folder: str) -> str:
         return short_version(store.config["driver"])
 
 
-def test_show_report_and_export_say_which(anew: Frenetic) -> None:
+def test_show_report_and_export_say_which(frenetic: Frenetic) -> None:
     assert version("old") != version("new")
     for folder in ("old", "new"):
-        assert f"Mpc(comfort=2.0) [{version(folder)}]" in anew("show", folder).out
-        shown = anew("show", folder, "--json").json["config"]["driver"]
+        assert f"Mpc(comfort=2.0) [{version(folder)}]" in frenetic("show", folder).out
+        shown = frenetic("show", folder, "--json").json["config"]["driver"]
         assert (shown["version"], shown["options"]) == (version(folder), {"comfort": 2.0})
         page = Path(folder, "report.html").read_text(encoding="utf-8")
         assert f"mpc.py:Mpc, {version(folder)}" in page
@@ -97,31 +95,31 @@ def test_a_campaign_keeps_its_sources() -> None:
         assert {"HEADING = 0.8  # rad/rad\n"} <= set(sources.values())
 
 
-def test_compare_never_takes_them_for_repeats(anew: Frenetic) -> None:
+def test_compare_never_takes_them_for_repeats(frenetic: Frenetic) -> None:
     names = [f"Mpc [{version(one)}]" for one in ("new", "old")]
-    assert sorted(anew("compare", "old", "new", "--json").json["groups"]) == sorted(names)
-    assert anew("compare", "old", "--json").code == 2
+    assert sorted(frenetic("compare", "old", "new", "--json").json["groups"]) == sorted(names)
+    assert frenetic("compare", "old", "--json").code == 2
 
 
 @pytest.mark.parametrize("folder", ["old", "module"])
 @pytest.mark.parametrize("heading", ["0.9", "1.1"])
 def test_resume_refuses_an_edited_driver_and_names_what_to_do(
-    anew: Frenetic, folder: str, heading: str
+    frenetic: Frenetic, folder: str, heading: str
 ) -> None:
     """Whether the user has run the edited one meanwhile, as the first, or not."""
     more = ("resume", folder, "--simulations", "2")
     write_gains(heading)
     gains = "gains.py" if folder == "old" else "laws/gains.py"
-    refused = anew(*more)
+    refused = frenetic(*more)
     assert refused.refuses(f"{gains} was edited")
     (command,) = re.findall("start a new campaign from this one: (frenetic .*)", refused.err)
     words = shlex.split(command)
     assert words == ["frenetic", "run", "--from", folder, "--driver", CAMPAIGNS[folder]]
-    assert anew(*words[1:], *RUN[1:], "4", "--out", "next").code == 0
+    assert frenetic(*words[1:], *RUN[1:], "4", "--out", "next").code == 0
     write_gains("0.8  ")
-    assert anew(*more).refuses(f"{gains} was edited")
+    assert frenetic(*more).refuses(f"{gains} was edited")
     write_gains("0.8")
-    assert anew(*more).code == 0
+    assert frenetic(*more).code == 0
 
 
 @pytest.mark.parametrize("folder", ["old", "module"])
@@ -132,27 +130,28 @@ def test_the_old_version_of_an_edited_driver_drives_as_it_did(folder: str) -> No
     assert len(tests) == 12
 
     def same(spec: Spec) -> list[bool]:
-        with own_modules():
-            tester = RoadTester(spec.make_simulator(), spec.make_driver())
-        return [tester.test(test.candidate).result == test.result for test in tests]
+        driver, simulator = spec.make_parts(isolate=True)
+        tester = RoadTester(simulator, driver)
+        with simulator:
+            return [tester.test(test.candidate).result == test.result for test in tests]
 
     assert not all(same(spec))
-    with own_modules(), as_recorded(folder, spec) as old:
+    with as_recorded(folder, spec) as old:
         assert all(same(old))
     shutil.rmtree("laws")
     Path("mpc.py").unlink()
-    with own_modules(), as_recorded(folder, spec) as old:
+    with as_recorded(folder, spec) as old:
         assert all(same(old))
 
 
 @pytest.mark.parametrize("folder", ["old", "module"])
-def test_an_edited_driver_is_compared_with_its_old_self(anew: Frenetic, folder: str) -> None:
+def test_an_edited_driver_is_compared_with_its_old_self(frenetic: Frenetic, folder: str) -> None:
     fresh = ("--fresh", "3", "--top", "2", "--json")
-    compared = anew("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh).json
+    compared = frenetic("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh).json
     assert compared["old"]["version"] == version(folder)
     assert compared["new"]["version"] not in (version(folder), "")
     write_gains("0.8")
-    same = anew("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh)
+    same = frenetic("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh)
     assert same.refuses("both versions are the same")
 
 
@@ -164,20 +163,20 @@ def test_an_edited_driver_is_compared_with_its_old_self(anew: Frenetic, folder: 
     ],
 )
 def test_driving_again_says_that_it_is_another(
-    anew: Frenetic, again: tuple[str, ...], caplog: pytest.LogCaptureFixture
+    frenetic: Frenetic, again: tuple[str, ...], caplog: pytest.LogCaptureFixture
 ) -> None:
     command, *options = again
-    assert anew(command, "new", *options).code in (0, 1)
+    assert frenetic(command, "new", *options).code in (0, 1)
     assert "another version" not in caplog.text
-    assert anew(command, "old", *options).code in (0, 1)
+    assert frenetic(command, "old", *options).code in (0, 1)
     text = "driver Mpc is another version than the campaign's: it is {}, it was {}"
     said = [record.getMessage() for record in caplog.records]
     assert said.count(text.format(version("new"), version("old"))) == 1
 
 
-def test_a_bench_goes_on_with_the_same_version_only(anew: Frenetic) -> None:
+def test_a_bench_goes_on_with_the_same_version_only(frenetic: Frenetic) -> None:
     bench = ("bench", "--simulations", "3", "--repeats", "1", "--workers", "1", "--out", "b")
-    assert anew(*bench, "--strategy", "random", "--driver", "mpc.py:Mpc").code == 0
-    assert anew("bench", "--resume", "--out", "b").code == 0
+    assert frenetic(*bench, "--strategy", "random", "--driver", "mpc.py:Mpc").code == 0
+    assert frenetic("bench", "--resume", "--out", "b").code == 0
     write_gains("0.8")
-    assert anew("bench", "--resume", "--out", "b").refuses("another driver: driver Mpc: it is")
+    assert frenetic("bench", "--resume", "--out", "b").refuses("another driver: driver Mpc: it is")

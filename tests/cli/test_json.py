@@ -116,14 +116,12 @@ def objective(road, drive):
 ONE_BY_ONE: Final = """
 import json, sys
 from frenetic.cli import main
-from frenetic.registry import own_modules
 
 for arguments in json.loads(sys.argv[1]):
-    with own_modules():  # it is imported by each
-        try:
-            main(arguments)
-        except SystemExit as stop:
-            assert stop.code == 1, stop.code
+    try:
+        main(arguments)
+    except SystemExit as stop:
+        assert stop.code == 1, stop.code
     for stream in (sys.stdout, sys.stderr):
         print("-" * 20, file=stream, flush=True)
 """

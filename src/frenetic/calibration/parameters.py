@@ -9,11 +9,12 @@ from typing import Any, Final, Literal, TypeAlias
 
 from frenetic.drive import Rules
 from frenetic.drivers.driver import Driver
-from frenetic.drivers.loading import LAYERS, load_driver
+from frenetic.drivers.loading import LAYERS
 from frenetic.errors import FreneticError
 from frenetic.registry import arguments_of, hint, options_of
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.vehicle import Vehicle
+from frenetic.spec import driver_of
 
 Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
 
@@ -108,7 +109,7 @@ class Model:
         if not asked:
             raise FreneticError("nothing is to be fitted: name parameters, as in --fit braking")
         made, _ = model.make({}, Rules())
-        starts = _starts(made if not model.layers else load_driver(driver, model.driver_options))
+        starts = _starts(made if not model.layers else driver_of(driver, model.driver_options, {}))
         car = Vehicle.of(model.vehicle)
         known: dict[str, float] = {f"driver.{name}": value for name, value in starts.items()}
         known |= {f"vehicle.{item.name}": getattr(car, item.name) for item in fields(car)}
@@ -202,7 +203,7 @@ class Model:
             ValueError: the car does.
         """
         options, vehicle, layers = self.options(values)
-        driver = load_driver(self.driver, options, **layers)
+        driver = driver_of(self.driver, options, layers)
         return driver, EmbeddedSimulator(vehicle=Vehicle.of(vehicle), rules=rules)
 
     def values(self, places: Sequence[float]) -> dict[str, float]:

@@ -48,7 +48,7 @@ from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities
 from frenetic.simulators.embedded import compile_kernels
-from frenetic.simulators.isolated import IsolatedSimulator
+from frenetic.simulators.isolated import IsolatedSimulator, is_named
 from frenetic.simulators.simulator import Simulator
 from frenetic.spec import (
     MAX_WORKERS,
@@ -638,7 +638,11 @@ class Campaign(Shown):
 
     def _isolates(self) -> bool:
         """Whether a single worker, too, drives in a process of its own."""
-        if not self.isolate or isinstance(self.tester.simulator, IsolatedSimulator):
+        if isinstance(self.tester.simulator, IsolatedSimulator):
+            return False
+        if is_named(self.tester.simulator, self.tester.driver):
+            return True
+        if not self.isolate:
             return False
         if capabilities(self.tester.simulator).drives_compiled(self.tester.driver):
             return False

@@ -156,17 +156,15 @@ def _driven(
         drive_old,
         pair_up,
     )
-    from frenetic.registry import own_modules
     from frenetic.simulators.isolated import isolated
     from frenetic.spec import describe
     from frenetic.versions import other_version
 
     log = Log()
-    # One version after the other, since both may call their modules alike. First both are made, so
-    # that a mistake in the new one shows before the old one has driven.
+    # First both are made, so that a mistake in the new one shows before the old one has driven.
     made = []
     for version in (old_version, lambda: nullcontext(new_spec)):
-        with own_modules(), version() as spec:
+        with version() as spec:
             made.append(describe(spec.make_driver()))
     simulator = new_spec.make_simulator()
     check_differ(*made)
@@ -179,7 +177,6 @@ def _driven(
         return Driving(place, driver, workers, drive_limit, on_event)
 
     with (
-        own_modules(),
         old_version() as spec,
         shown_driving(log, "Driving the old version", plan.drives) as on_event,
     ):
@@ -187,7 +184,7 @@ def _driven(
     to_go = "{} to go; the same command goes on"
     if old.missing:
         raise interrupted(log, to_go.format(counted(old.missing + plan.drives, "drive")))
-    with own_modules(), shown_driving(log, "Driving the new version", plan.drives) as on_event:
+    with shown_driving(log, "Driving the new version", plan.drives) as on_event:
         new = drive_new(plan, driving(new_spec, on_event), old)
     if new.missing:
         raise interrupted(log, to_go.format(counted(new.missing, "drive")))

@@ -82,7 +82,7 @@ def make_campaign(
         raise click.UsageError(
             "--workers and --cluster exclude each other: the cluster has its own"
         )
-    with as_usage_error():
+    with announced_compilation(Log()), as_usage_error():
         return Campaign.of(
             spec,
             folder=folder,

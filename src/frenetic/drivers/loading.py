@@ -150,9 +150,14 @@ def load_driver(
         FreneticError: it cannot be loaded or made, or a layer's amount is out of range.
         TypeError: there is no such layer.
     """
+    driver: Driver = DRIVERS.make(spec, **(options or {}))
+    return under(layers, driver)
+
+
+def under(layers: Mapping[str, float | None], driver: Driver) -> Driver:
+    """A driver under layers, which are given as to `load_driver`; likewise."""
     if unknown := layers.keys() - {layer.name for layer in LAYERS}:
         raise TypeError(f"there is no layer {', '.join(sorted(unknown))}")
-    driver: Driver = DRIVERS.make(spec, **(options or {}))
     for layer in reversed(LAYERS):
         amount = layers.get(layer.name)
         if amount is not None:

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from frenetic.drivers.driver import Driver, SelectiveDriver, camera_of, stack_of
 from frenetic.errors import DriverError, FreneticError
+from frenetic.recipe import Named
 from frenetic.simulators.checks import Check
 from frenetic.simulators.simulator import Simulator
 
@@ -98,6 +99,12 @@ def bare(simulator: Any) -> Any:
     return getattr(simulator, "simulator_inside", simulator)
 
 
+def class_name(simulator: Any) -> str:
+    """Name of a simulator's class."""
+    inside = bare(simulator)
+    return inside.class_name if isinstance(inside, Named) else type(inside).__name__
+
+
 def check_pair(simulator: Simulator, driver: Driver) -> None:
     """Checks whether a driver can drive in a simulator, before anything is driven.
 
@@ -110,7 +117,7 @@ def check_pair(simulator: Simulator, driver: Driver) -> None:
     """
     if camera_of(driver) is not None and not capabilities(simulator).draws:
         raise DriverError(
-            f"{type(bare(simulator)).__name__} draws nothing, and the driver has a camera: use the"
+            f"{class_name(simulator)} draws nothing, and the driver has a camera: use the"
             " embedded simulator, or a driver without a camera"
         )
     for one in stack_of(driver):

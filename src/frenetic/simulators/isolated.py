@@ -9,11 +9,12 @@ from typing import Any, Self
 from frenetic.drive import CarBody, Drive
 from frenetic.drivers.driver import Driver, under_layers
 from frenetic.errors import CampaignError, FreneticError, describe_raised, traceback_of
+from frenetic.recipe import Named
 from frenetic.road import Road
 from frenetic.simulators.capabilities import VARIABLE, capabilities
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.simulator import Simulator
-from frenetic.worker import LostWorkerError, Worker, pack, unpack
+from frenetic.worker import START_LIMIT, LostWorkerError, Worker, pack, unpack
 
 logger = logging.getLogger(__name__)
 
@@ -36,9 +37,16 @@ def isolated(simulator: Simulator, driver: Driver, drive_limit: float | None = N
     try:
         pack((simulator, driver))
     except CampaignError as error:
+        if is_named(simulator, driver):
+            raise
         logger.warning("nothing protects this process from the driver: %s", error)
         return simulator
     return IsolatedSimulator(simulator, drive_limit=drive_limit)
+
+
+def is_named(simulator: Simulator, driver: Driver) -> bool:
+    """Whether one of them is a user's own that only other processes make."""
+    return any(isinstance(part, Named) for part in (simulator, under_layers(driver)))
 
 
 class IsolatedSimulator:
@@ -127,13 +135,16 @@ class IsolatedSimulator:
         assert self._worker is not None
         packed = b""
         if driver is not self._last:
-            packed = pack(driver, known=self._own)
-            self._last, self._own = driver, under_layers(driver)
+            own = under_layers(driver)
+            packed = pack((driver, own), known=self._own)
+            self._last, self._own = driver, own
         variable = capabilities(self.simulator_inside).variable
         values = {name: getattr(self.simulator_inside, name) for name in variable}
         try:
+            if packed:
+                self._worker.call("take", packed, limit=START_LIMIT)
             drive: Drive | tuple[str, str] = self._worker.call(
-                "drive", road, values, packed, limit=self._drive_limit
+                "drive", road, values, limit=self._drive_limit
             )
         except LostWorkerError as error:
             self._kill()
@@ -164,11 +175,12 @@ class _Held:
         self._simulator.__enter__()
         return self._simulator.car
 
-    def drive(self, road: Road, values: dict[str, Any], driver: bytes) -> Drive | tuple[str, str]:
+    def take(self, driver: bytes) -> None:
+        """Makes the driver of the next drives."""
+        self._driver, self._own = unpack(driver, known=self._own)
+
+    def drive(self, road: Road, values: dict[str, Any]) -> Drive | tuple[str, str]:
         """The drive, or who broke it, with a traceback."""
-        if driver:
-            self._driver = unpack(driver, known=self._own)
-            self._own = under_layers(self._driver)
         assert self._driver is not None
         for name, value in values.items():
             if getattr(self._simulator, name) != value:

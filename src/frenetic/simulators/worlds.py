@@ -23,7 +23,7 @@ from frenetic.drivers.appearance import CameraLayer
 from frenetic.drivers.driver import OwnLayer
 from frenetic.drivers.layers import HEADING_PER_OFFSET
 from frenetic.errors import FreneticError
-from frenetic.simulators.capabilities import bare, capabilities
+from frenetic.simulators.capabilities import capabilities, class_name
 from frenetic.simulators.simulator import MAX_START_HEADING, MAX_START_OFFSET, Simulator
 
 
@@ -206,7 +206,7 @@ def check_can_vary(simulator: Simulator, names: Iterable[str]) -> None:
         attribute = QUANTITIES[name].attribute
         if attribute is not None and attribute not in capabilities(simulator).variable:
             raise FreneticError(
-                f"{type(bare(simulator)).__name__} cannot vary {name}: it has no attribute"
+                f"{class_name(simulator)} cannot vary {name}: it has no attribute"
                 f" {attribute!r}; leave it out, or use another simulator, such as the embedded one"
             )
 
@@ -240,7 +240,7 @@ def _set(simulator: Simulator, values: Mapping[str, object]) -> None:
             setattr(simulator, attribute, value)
         except (AttributeError, TypeError, ValueError) as error:
             raise FreneticError(
-                f"{type(bare(simulator)).__name__} cannot have {attribute} = {value}: {error}"
+                f"{class_name(simulator)} cannot have {attribute} = {value}: {error}"
             ) from error
 
 

@@ -9,6 +9,7 @@ campaign that is gone.
 
 from __future__ import annotations
 
+import io
 import logging
 import pickle
 import platform
@@ -30,7 +31,8 @@ from frenetic.campaign.record import Attempt
 from frenetic.campaign.tester import RoadTester
 from frenetic.campaign.workers.local import Seat
 from frenetic.campaign.workers.workers import Workers
-from frenetic.errors import CampaignError, describe_error, reason_of, traceback_of
+from frenetic.errors import CampaignError, FreneticError, describe_error, reason_of, traceback_of
+from frenetic.recipe import Guest, Named
 from frenetic.registry import USER_MODULE, user_files
 from frenetic.search.records import Candidate
 from frenetic.worker import CLOSING_LIMIT, START_LIMIT, LostWorkerError
@@ -479,14 +481,35 @@ def pack(tester: RoadTester) -> bytes:
         CampaignError: driver or simulator cannot be packed.
     """
     try:
-        with _by_value(own_modules()):
-            parcel: bytes = cloudpickle.dumps(Seat(tester))
+        parcel = _parcel(Seat(tester))
+    except FreneticError:
+        raise
     except Exception as error:
         raise CampaignError(
             "the driver or simulator cannot be sent to the workers of a cluster"
             f" ({describe_error(error)}): use local workers, or make it picklable"
         ) from error
     return parcel
+
+
+def _parcel(part: object) -> bytes:
+    with _by_value(own_modules()):
+        file = io.BytesIO()
+        _Pickler(file).dump(part)
+    return file.getvalue()
+
+
+def _parcel_of_guest(guest: Guest) -> bytes:
+    return _parcel(guest.part)
+
+
+class _Pickler(cloudpickle.Pickler):  # type: ignore[misc]  # it has no types
+    """Lets a part that is not made here be packed where it is."""
+
+    def reducer_override(self, part: object) -> Any:
+        if isinstance(part, Named):
+            return pickle.loads, (part.recipe.ask(_parcel_of_guest),)
+        return super().reducer_override(part)
 
 
 def own_modules() -> list[ModuleType]:

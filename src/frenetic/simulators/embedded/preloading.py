@@ -4,6 +4,6 @@ The server from which worker processes are forked (Linux) imports this, so they 
 from the start.
 """
 
-from frenetic.simulators.embedded import compile_kernels
+from frenetic.simulators.embedded import rehearse
 
-compile_kernels()
+rehearse()

@@ -1,0 +1,90 @@
+"""A user's own simulator by its name, which drives in other processes only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import TracebackType
+from typing import Any, Final, Self
+
+from frenetic.drive import CarBody, Drive, Rules
+from frenetic.drivers.driver import Driver
+from frenetic.recipe import Guest, Named
+from frenetic.road import Road
+from frenetic.simulators.capabilities import capabilities
+from frenetic.simulators.simulator import Simulator
+
+_VALUES: Final = (
+    *("preloads", "usual_wall_limit", "usual_workers"),
+    *("wall_limit", "workers_at_most", "draws"),
+)
+_METHODS: Final = ("prepare", "check_driver")
+
+
+class NamedSimulator(Named):
+    """A user's own simulator by its name; what `VARIABLE` names may be set here."""
+
+    rules: Rules
+    car: CarBody
+    declared: frozenset[str]
+    """The methods of `Capabilities` that it has."""
+    varies: frozenset[str]
+    """What of `VARIABLE` it has."""
+
+    @staticmethod
+    def attributes_of(part: Simulator) -> dict[str, Any]:
+        """Its rules, its car, what may vary, and its capabilities that are values."""
+        able = capabilities(part)
+        values = {name: getattr(able, name) for name in _VALUES}
+        values["varies"] = able.variable
+        values["declared"] = frozenset(name for name in _METHODS if hasattr(part, name))
+        return values | {name: getattr(part, name) for name in ("rules", "car", *able.variable)}
+
+    @property
+    def maker(self) -> Callable[[], Any]:
+        """Makes it as it is set here."""
+        return partial(_set, super().maker, {name: getattr(self, name) for name in self.varies})
+
+    def prepare(self) -> None:
+        """Finds out its `car` where that takes starting it."""
+        if "prepare" in self.declared:
+            self.car = self.recipe.ask(_prepared)
+
+    def check_driver(self, driver: Driver) -> None:
+        """Raises an error if a driver cannot drive in it."""
+        if "check_driver" in self.declared:
+            self.recipe.ask(_check_driver, driver)
+
+    def __enter__(self) -> Self:
+        """Raises an error: it starts in another process."""
+        self.refuse()
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Ends nothing."""
+
+    def drive(self, road: Road, driver: Driver) -> Drive:  # noqa: ARG002
+        """Raises an error: it drives in another process."""
+        self.refuse()
+
+
+def _set(maker: Callable[[], Any], values: Mapping[str, Any]) -> Simulator:
+    simulator: Simulator = maker()
+    for name, value in values.items():
+        if getattr(simulator, name) != value:
+            setattr(simulator, name, value)
+    return simulator
+
+
+def _prepared(guest: Guest) -> CarBody:
+    guest.part.prepare()
+    car: CarBody = guest.part.car
+    return car
+
+
+def _check_driver(guest: Guest, driver: Driver) -> None:
+    guest.part.check_driver(driver)
