@@ -224,7 +224,7 @@ class Registry:
 
     def _make(self, factory: Callable[..., Any], spec: str, options: Mapping[str, Any]) -> Any:
         self._check_options(factory, spec, options)
-        if missing := [name for name in self.needs(spec) if name not in options]:
+        if missing := [name for name in self.needs(factory) if name not in options]:
             raise FreneticError(f"{self.kind} {spec!r} needs the option {' and '.join(missing)}")
         try:
             with redirect_stdout(sys.stderr):  # stdout is for results
@@ -280,10 +280,10 @@ class Registry:
         taken = {k: v for k, v in available.items() if takes is None or k in takes}
         return self._make(factory, spec, {**options, **taken})
 
-    def needs(self, spec: str) -> list[str]:
-        """Names of the options without which nothing can be made; errors are those of `load`."""
+    def needs(self, factory: Callable[..., Any]) -> list[str]:
+        """Names of the options without which a factory makes nothing, as far as it shows them."""
         try:
-            parameters = inspect.signature(self.load(spec)).parameters.values()
+            parameters = inspect.signature(factory).parameters.values()
         except (TypeError, ValueError):
             return []
         kinds = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)

@@ -204,7 +204,7 @@ def test_drives_that_broke_count_neither_way(campaign: Path) -> None:
     assert (one.count(Outcome.ERROR), one.judged, one.share) == (6, 3, 0.0)
     (none,) = rerun(campaign, Broken(), DummyDriver(), tests=first, times=2).tests
     assert (none.judged, none.share, none.interval) == (0, None, (0.0, 1.0))
-    assert none.stability is Stability.UNCLEAR
+    assert none.stability is None
     assert str(none) == "none of 2 drives could be judged"
     assert none.change is Change.NOT_JUDGED
     assert {drive.reason for drive in none.drives} == {"no connection \\ud800"}

@@ -42,7 +42,7 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
     ids = failures_of(campaign)[:3]
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
     assert len(rows) == len(ids), "each fails every time, and in the same way"
-    assert "20 drives of each, the same each time" in answer.out
+    assert "20 drives of each, in the same conditions: " in answer.out
     assert f"{len(ids)} robust" in answer.out
     (kept,) = Path(campaign).glob("again/*")
     assert f"Kept in {kept}; to see it: frenetic report {campaign}" in answer.out
@@ -54,7 +54,7 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
 def test_what_drove_again_is_a_campaign(frenetic: Frenetic, campaign: str) -> None:
     out = ("--times", "2", "--top", "2", "--out", "again")
     answer = frenetic("rerun", campaign, *out)
-    assert "Kept in again; to see it: frenetic report again\n" in answer.out
+    assert "Kept in again; the same command shows it\n" in answer.out
     assert not Path(campaign, "again").exists()
     assert "4 tests of 2 different roads: 0 passed, 4 failed" in frenetic("show", "again").out
     assert "FAIL" in frenetic("show", "again", "1").out
@@ -123,9 +123,7 @@ def test_what_matters_is_said(frenetic: Frenetic, campaign: str) -> None:
 def test_a_summary_comes_first_and_rows_on_request(frenetic: Frenetic, campaign: str) -> None:
     total = 2 * len(failures_of(campaign))
     summary = frenetic("rerun", campaign, "--times", "2").out.splitlines()
-    failing = len(failures_of(campaign))
-    assert f"{failing} fail again ({total} same failure)" in summary[0]
-    assert f"{total} of {total} drives fail" in summary[1]
+    assert f"{total} of {total} drives fail ({total} same failure)" in summary[0]
     assert not any("interval" in line for line in summary)
     with_rows = frenetic("rerun", campaign, "--times", "2", "--rows").out.splitlines()
     hint = summary.index("Test by test: --rows")
@@ -231,7 +229,7 @@ def test_where_no_drive_can_be_judged_the_exit_code_is_1(frenetic: Frenetic, cam
     assert drives > 10, "so many in a row end a search"
     assert f"{drives} drives could not be judged" in answer.out
     assert "no idea" in answer.out
-    assert "not judged" in answer.out
+    assert "unclear" not in answer.out
     assert not (Path(campaign) / "elsewhere").exists()
 
 
@@ -241,7 +239,7 @@ def test_a_test_that_passed_is_said_to_be_no_failure(frenetic: Frenetic, campaig
     answer = frenetic("rerun", campaign, passed, "--times", "10")
     assert answer.code == 0
     assert "0 of 10" in answer.out
-    assert "1 passes again" in answer.out
+    assert "passes again" in answer.out
     assert "robust" not in answer.out
 
 
@@ -336,7 +334,7 @@ def test_a_campaign_that_cannot_be_written_is_driven_elsewhere(
         answer = frenetic(*again, "--out", "out")
     Path(campaign).chmod(0o755)
     assert answer.code == 0
-    assert "Kept in out; to see it: frenetic report out\n" in answer.out
+    assert "Kept in out; the same command shows it\n" in answer.out
     assert "At a glance: out/elsewhere/" in answer.out
 
 

@@ -54,7 +54,7 @@ def test_roads_that_fail_in_the_twin_are_handed_on_and_mostly_fail(whole: Path) 
     with CampaignStore.open(whole) as store:
         facts: Any = store.fact(FACTS)
         candidates = [candidate for candidate, _ in store.candidates()]
-    assert facts["screened by"].startswith("twin twin, planner, from ")
+    assert facts["screened by"].startswith("twin, planner, from ")
     assert facts["handed on"] + facts["controls"] == SIMULATIONS
     assert facts["roads screened"] >= DRAWN * facts["handed on"]
     assert facts["failed as promised"] > 0.6 * facts["handed on"]

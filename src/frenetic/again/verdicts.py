@@ -274,8 +274,8 @@ class Repeats:
 
     @property
     def stability(self) -> Stability | None:
-        """Whether its failure repeats; None if it did not fail, or was driven once."""
-        if self.recorded.outcome is not Outcome.FAIL or len(self.drives) < 2:
+        """Whether its failure repeats; None if it did not fail, or fewer than two were judged."""
+        if self.recorded.outcome is not Outcome.FAIL or self.judged < 2:
             return None
         low, high = self.interval
         if low >= LEVEL:

@@ -513,12 +513,10 @@ class Campaign(Shown):
                 for name in sorted(now)
                 if isinstance(before, Mapping) and before.get(name) != now[name]
             ]
-            remedy = "restore it, or start a new campaign"
-            if has_own(self.strategy, "start_from"):
-                remedy += f" from this one: {self._next_command()}"
             raise CampaignError(
                 f"{self.folder} was made with another {' and '.join(found)}:"
-                f" {'; '.join([*edited, *texts])[:1000]}; {remedy}"
+                f" {'; '.join([*edited, *texts])[:1000]}; restore it, or start a new campaign from"
+                f" this one: {self._next_command()}"
             )
 
     def _next_command(self) -> str:

@@ -300,7 +300,7 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
         entrants = tuple(
             Entrant(name=entry.name, spec=entry.name, is_strategy=True)
             for entry in STRATEGIES.entries()
-            if set(STRATEGIES.needs(entry.name)) <= {"seed", "map_size"}
+            if set(STRATEGIES.needs(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}
         )
     spec = asked_spec(context, {name: asked[name] for name in drive_options()})
     with as_usage_error():
