@@ -86,7 +86,7 @@ class CampaignStore(CampaignReader):
         self._opened = self._path.stat()
         self._held: dict[int, tuple[object, ...]] = {}  # rows for the next transaction
         self._findings: list[tuple[object, ...]] = []  # likewise
-        self._asked: dict[int, tuple[object, ...]] = {}  # values of candidates that wait
+        self._asked: dict[int, tuple[Candidate, tuple[object, ...]]] = {}  # and their values
         with translated(self._path):
             number = "SELECT coalesce(max(id), 0), count(told) FROM test"
             self._last_asked, self._told = connection.execute(number).fetchone()
@@ -230,7 +230,7 @@ class CampaignStore(CampaignReader):
         asked = row_of_candidate(candidate)
         row = (*asked, *_UNTOLD, self._told)
         self._held[candidate.id] = (*row, checksum(row), None)
-        self._asked[candidate.id] = asked
+        self._asked[candidate.id] = candidate, asked
         self._outstanding[candidate.id] = self._told
         self._last_asked = candidate.id
 
@@ -248,7 +248,9 @@ class CampaignStore(CampaignReader):
                 f" asked once, then told once, and the next result is number {self._told + 1}"
             )
         packed = test.attempt.pack(keep=True)
-        asked = self._asked.pop(test.id, None) or row_of_candidate(test.candidate)
+        candidate, asked = self._asked.pop(test.id, (None, ()))
+        if candidate is not test.candidate:
+            asked = row_of_candidate(test.candidate)
         row = (*asked, *row_of(replace(test, attempt=packed)), self._outstanding[test.id])
         numbered = enumerate(test.result.findings, start=1)
         findings = [(number, *row_of_finding(finding)) for number, finding in numbered]
