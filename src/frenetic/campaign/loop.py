@@ -309,7 +309,8 @@ class Dispatcher:
         if self._observing is not None:
             self._observing.observe(attempt)
         evaluation = evaluation_of(test, attempt.stored_trajectory, self._objective)
-        test = replace(test, objective=self._objective.value_of(evaluation))
+        if evaluation.objective is not None:
+            test = replace(test, objective=self._objective.value_of(evaluation))
         self._store.told(test)
         del self._outstanding[candidate.id]
         summary.measure(self._objective, evaluation)

@@ -251,7 +251,9 @@ class CampaignStore(CampaignReader):
         candidate, asked = self._asked.pop(test.id, (None, ()))
         if candidate is not test.candidate:
             asked = row_of_candidate(test.candidate)
-        row = (*asked, *row_of(replace(test, attempt=packed)), self._outstanding[test.id])
+        if packed is not test.attempt:
+            test = replace(test, attempt=packed)
+        row = (*asked, *row_of(test), self._outstanding[test.id])
         numbered = enumerate(test.result.findings, start=1)
         findings = [(number, *row_of_finding(finding)) for number, finding in numbered]
         total = checksum([*row, *(value for finding in findings for value in finding)])
