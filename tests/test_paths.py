@@ -32,12 +32,11 @@ from frenetic.errors import FreneticError
 from frenetic.export import ExportedRoad, format_of, write_road
 from frenetic.report import draw_road
 from frenetic.road.files import find_roads
+from frenetic.spec import Part, Spec
 from frenetic.testing import DummyDriver, DummySimulator
 from frenetic.twin.profile import Profile
-from frenetic.twin.profile import Terms as Limits
 
 API = Path(__file__).parents[1] / "docs" / "api"
-LIMITS = Limits(speed_limit=70.0, oob_tolerance=0.95)
 ROAD = Road([0.0, 0.01, 0.02, 0.0])
 
 
@@ -115,7 +114,7 @@ def test_files(tmp_path: Path) -> None:
     write_road(ExportedRoad(ROAD, "road"), format_of(road).name, road)
     assert [named.name for named in find_roads([road]).roads] == [road]
     draw_road(ROAD, str(tmp_path / "road.png"))
-    Profile(name="twin", driver="stanley", terms=LIMITS).write(str(tmp_path / "twin.json"))
+    Profile.of("twin", Spec(driver=Part("stanley"))).write(str(tmp_path / "twin.json"))
     assert Profile.read(str(tmp_path / "twin.json")).name == "twin"
     names = {file.name for file in tmp_path.iterdir()}
     assert names == {"road.xodr", "road.xosc", "road.png", "twin.json"}

@@ -27,6 +27,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import Struct, ValidationError, convert, defstruct, field, structs, to_builtins
+from msgspec.json import decode as json_decode
 
 from frenetic import trust
 from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
@@ -68,6 +69,8 @@ _DEEPEST: Final = 3  # nesting of arguments in a record
 _LONGEST: Final = 200  # characters of an argument in a record
 DRIVEN: Final = "driven"
 """Entry of a road's file with its `drive_record`."""
+MAX_BYTES: Final = 4 * 2**20
+"""Largest file that `Spec.read` reads."""
 _SHOWN_OPTIONS: Final = 3
 _PARTS: Final = ("strategy", "driver", "simulator")
 
@@ -377,6 +380,62 @@ class Spec:
                 f"{source}: its entry {DRIVEN!r} does not say with what the road was driven:"
                 f" {error}; remove the entry and give --driver"
             ) from None
+
+    @classmethod
+    def read(cls, path: Path | str) -> Spec:
+        """How a file says that roads are driven: that of a campaign's failing road, for example.
+
+        Args:
+            path: a JSON file with a `drive_record` as its entry ``driven``; the map may have lanes
+                of another width (``lane_width``, m). Other entries are not read.
+
+        Raises:
+            FreneticError: there is no such file, or it does not say it.
+        """
+        path = Path(path)
+        try:
+            with path.open("rb") as file:
+                data = file.read(MAX_BYTES + 1)
+            if len(data) > MAX_BYTES:
+                raise FreneticError(f"{path} is too large: it has more than {MAX_BYTES} bytes")
+            file_type = defstruct("File", [("driven", Any), ("lane_width", Positive, 4.0)])
+            record: Any = json_decode(data, type=file_type)
+        except FileNotFoundError:
+            raise FreneticError(f"there is no file {path}") from None
+        except OSError as error:
+            raise FreneticError(f"{path} cannot be read: {error.strerror or error}") from None
+        except (ValueError, RecursionError) as error:
+            raise FreneticError(f"{path} does not say how roads are driven: {error}") from None
+        return replace(
+            cls.from_drive_record(record.driven, source=path), lane_width=record.lane_width
+        )
+
+    def driven_as(
+        self, other: Spec, given: Mapping[str, Any], *, source: object, has_roads: bool
+    ) -> Spec:
+        """The same spec, driven as another one, with the options of a command line on top.
+
+        Args:
+            other: as `read` gives it.
+            given: as for `replaced`. The other's driver, given once more, keeps its options.
+            source: the other's file.
+            has_roads: whether the roads exist, with a map and a lane width of their own.
+
+        Raises:
+            FreneticError: an option is out of range, or the file names code that is not loaded
+                unasked (`frenetic.trust`).
+        """
+        named = [kind for kind in ("driver", "simulator") if given.get(kind)]
+        other.require_trusted(source, ("strategy", "objective", *named))
+        asked = dict(given)
+        if asked.get("driver") == other.driver.name:
+            asked["driver"] = None
+        spec = self
+        if not has_roads:
+            map_size = asked.get("map_size", other.map_size)
+            spec = replace(self, map_size=map_size, lane_width=other.lane_width)
+        layers = {layer.name: other.layers.get(layer.name, layer.nothing) for layer in LAYERS}
+        return spec.replaced({**(other.command() or {}), **layers}).replaced(asked)
 
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
@@ -937,7 +996,8 @@ def _driven_type() -> Any:
     """The type of a `drive_record`."""
     named = [("driver", str), ("simulator", str), ("map_size", Positive)]
     limits = [("speed_limit", Positive), ("oob_tolerance", Share), ("wall_limit", Positive)]
-    return defstruct("Driven", [*named, *limits, *_driving()], kw_only=True)
+    entries: list[Any] = [*named, *limits, *_driving()]
+    return defstruct("Driven", entries, kw_only=True, forbid_unknown_fields=True)
 
 
 def _record_type() -> Any:

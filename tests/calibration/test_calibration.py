@@ -191,7 +191,7 @@ def test_the_profile_drives_as_the_fitted_twin(calibration: Calibration, tmp_pat
     driver, simulator = read.spec().make_parts(isolate=False)
     assert driver.lateral_acceleration == calibration.parameters[0].value  # type: ignore[attr-defined]
     assert simulator.vehicle.brake_deceleration == calibration.parameters[1].value  # type: ignore[attr-defined]
-    assert read.over(Spec()).driver.name == "stanley"
+    assert Spec.read(tmp_path / "twin.json").driver.name == "stanley"
 
 
 def test_one_run_is_held_out_road_by_road_and_runs_of_a_road_stay_together(

@@ -48,11 +48,11 @@ def test_it_prints_a_verdict_and_writes_profile_page_and_picture(frenetic: Frene
     assert profile.validation is not None
     assert profile.validation.by == "road"
     assert profile.recordings[0].drives == 12
-    assert set(profile.layers) == {"delay"}
+    assert profile.driven["delay"] is not None
     again = frenetic("calibrate", "slow", *named, "--out", "twin.json", "--json")
     assert again.json == json.loads(Path("new/twin.json").read_text(encoding="utf-8"))
     budget = ("--simulations", "2", "--workers", "1", "--out", "fast")
-    assert frenetic("run", "--profile", "twin.json", *budget).code == 0
+    assert frenetic("run", "--as", "twin.json", *budget).code == 0
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,9 @@ from frenetic.outcome import Outcome
 from frenetic.ranking import Prospect, find_roads, rank
 from frenetic.road import Road
 from frenetic.road.opendrive import to_opendrive
-from frenetic.twin.profile import Profile, Terms
+from frenetic.simulators import Rules
+from frenetic.spec import Part, Spec
+from frenetic.twin.profile import Profile
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -130,11 +132,11 @@ def test_roads_are_ranked_by_what_drive_says_of_them(frenetic: Frenetic, roads: 
 
 def test_the_twin_of_a_profile_ranks(frenetic: Frenetic, roads: Path) -> None:
     options = ("--driver", "stanley", "--driver-option", "aggression=3", "--speed-limit", "90")
-    terms = Terms(speed_limit=90.0, oob_tolerance=0.95)
-    twin = Profile(name="twin", driver="stanley", driver_options={"aggression": 3.0}, terms=terms)
+    spec = Spec(driver=Part("stanley", {"aggression": 3.0}), rules=Rules(speed_limit=90.0))
+    twin = Profile.of("twin", spec)
     twin.write(Path("twin.json"))
     sharp = str(roads / "sharp.json")
-    by_profile = frenetic("rank", sharp, "--profile", "twin.json", "--json").json
+    by_profile = frenetic("rank", sharp, "--as", "twin.json", "--json").json
     assert by_profile == frenetic("rank", sharp, *options, "--json").json
     assert by_profile != frenetic("rank", sharp, "--json").json
 

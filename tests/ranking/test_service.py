@@ -19,8 +19,9 @@ from frenetic.outcome import Outcome
 from frenetic.ranking import Prospect, Twin
 from frenetic.ranking.service import CompetitionTool, serving
 from frenetic.road import Road
+from frenetic.simulators import Rules
 from frenetic.spec import Part, Spec
-from frenetic.twin.profile import Profile, Terms
+from frenetic.twin.profile import Profile
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -137,9 +138,9 @@ def test_the_command_serves_in_the_competitions_setting(
     )
     assert frenetic("rank-service", "--driver", "stanley").code == 0  # without its options
     assert tools[-1].twin.tester.driver == Stanley()
-    terms = Terms(speed_limit=80.0, oob_tolerance=0.85)
-    Profile(name="twin", driver="stanley", terms=terms).write(Path("twin.json"))
-    assert frenetic("rank-service", "--profile", "twin.json", "--oob-tolerance", "0.7").code == 0
+    rules = Rules(speed_limit=80.0, oob_tolerance=0.85)
+    Profile.of("twin", Spec(driver=Part("stanley"), rules=rules)).write(Path("twin.json"))
+    assert frenetic("rank-service", "--as", "twin.json", "--oob-tolerance", "0.7").code == 0
     assert type(tools[-1].twin.tester.driver).__name__ == "Stanley"
     assert (tools[-1].twin.rules.speed_limit, tools[-1].twin.rules.oob_tolerance) == (80.0, 0.7)
 

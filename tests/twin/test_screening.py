@@ -18,7 +18,7 @@ from frenetic.campaign.check import check_campaign
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.outcome import Outcome
 from frenetic.spec import Part, Spec
-from frenetic.twin.profile import Profile, Terms
+from frenetic.twin.profile import Profile
 from frenetic.twin.screened import DRAWN, NOTE
 
 if TYPE_CHECKING:
@@ -26,11 +26,8 @@ if TYPE_CHECKING:
 
 pytest_plugins = ["command_line"]
 
-TWIN = Profile(
-    name="twin",
-    driver="planner",
-    driver_options={"lateral_acceleration": 7.8, "lookahead_time": 0.33},
-    terms=Terms(speed_limit=70.0, oob_tolerance=0.95),
+TWIN = Profile.of(
+    "twin", Spec(driver=Part("planner", {"lateral_acceleration": 7.8, "lookahead_time": 0.33}))
 )
 SIMULATIONS = 20
 
@@ -125,14 +122,15 @@ def test_run_show_and_report_say_what_screening_came_to(frenetic: Frenetic) -> N
         ((), {"driver": "nobody"}, "nobody"),
         ((), {"driver": "metadrive-idm", "driver_options": {}}, "metadrive"),
         ((), {"driver_options": {"courage": 3}}, "courage"),
-        ((), {"terms": {"speed_limit": 70}}, "oob_tolerance"),
+        ((), {"oob_tolerance": 2}, "oob_tolerance"),
     ],
 )
 def test_a_twin_that_does_not_suit_is_refused_in_a_line(
     frenetic: Frenetic, options: tuple[str, ...], entries: dict[str, Any], message: str
 ) -> None:
     TWIN.write(Path("twin.json"))
-    document = json.loads(Path("twin.json").read_text(encoding="utf-8")) | entries
+    document = json.loads(Path("twin.json").read_text(encoding="utf-8"))
+    document["driven"] |= entries
     Path("twin.json").write_text(json.dumps(document), encoding="utf-8")
     screened = ("--strategy", "screened", "--strategy-option", "profile=twin.json")
     answer = frenetic("run", *screened, *options, "--out", "found")

@@ -40,8 +40,8 @@ from frenetic.calibration.validation import (
 from frenetic.drive import Rules
 from frenetic.errors import FreneticError
 from frenetic.oracle import assess
-from frenetic.spec import describe
-from frenetic.twin.profile import Figures, Fit, Fitted, Link, Profile, Recording, Terms, Validation
+from frenetic.spec import Part, Spec, describe
+from frenetic.twin.profile import Figures, Fit, Fitted, Link, Profile, Recording, Validation
 
 FOLDS: Final = 5
 SAMPLE: Final = 300
@@ -433,14 +433,18 @@ def _profile(
     options, vehicle, layers = model.options(values)
     driver, simulator = model.make(values, _rules(recordings))
     parts: Any = {"driver": describe(driver), "simulator": describe(simulator)}
-    terms: Any = asdict(recordings.terms)  # all known by now
-    return Profile(
-        name=name,
-        driver=model.driver,
-        driver_options=options,
+    terms: Any = recordings.terms  # all known by now
+    spec = Spec(
+        driver=Part(model.driver, options),
         layers=layers,
-        vehicle=vehicle,
-        terms=Terms(**terms),
+        simulator=Part("embedded", {"vehicle": vehicle} if vehicle else {}),
+        rules=Rules(speed_limit=terms.speed_limit, oob_tolerance=terms.oob_tolerance),
+        map_size=terms.map_size,
+        lane_width=terms.lane_width,
+    )
+    return Profile.of(
+        name,
+        spec,
         parts=parts,
         fitted=[
             Fitted(

@@ -28,7 +28,7 @@ from frenetic.cli.options import (
     json_option,
     objective_option,
 )
-from frenetic.cli.parts import PROFILE, asked_spec, driver_options, names_of, was_given
+from frenetic.cli.parts import AS, asked_spec, driver_options, names_of, was_given
 from frenetic.errors import FreneticError
 from frenetic.spec import drive_options
 
@@ -349,7 +349,7 @@ def _asked_entrants(given: Sequence[tuple[str, str]]) -> Iterator[_AskedEntrant]
 
 def _refuse_given(context: click.Context, why: str) -> None:
     """Refuses the options that begin a bench."""
-    for name in (*_FIXED, PROFILE, *drive_options()):
+    for name in (*_FIXED, AS, *drive_options()):
         if was_given(context, name):
             parameter = next(p for p in context.command.params if p.name == name)
             raise click.UsageError(f"{parameter.opts[0]} cannot be given here: {why}")

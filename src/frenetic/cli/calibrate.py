@@ -166,7 +166,7 @@ def calibrate(
     competition's test files or one of them, or a table of drives: JSON Lines, CSV or Parquet. The
     twin is cross-validated: by run where there are several, else by road. The command says how well
     it follows drives that it has not seen, whether it is good enough to screen with, and which
-    parameters the data do not determine. The profile is for --profile. The same command goes on
+    parameters the data do not determine. The profile is for --as. The same command goes on
     after Ctrl-C or a crash.
     """
     from frenetic._support.interrupt import catch_interrupt
@@ -300,7 +300,7 @@ def _print(result: Calibration, out: Path, page: Path) -> None:
     click.echo(result.answer)
     click.echo(f"Profile:     {out}")
     click.echo(f"Report:      {page}")
-    click.echo(f"Use it:      frenetic run --profile {shell(out)}")
+    click.echo(f"Use it:      frenetic run --as {shell(out)}")
 
 
 def _row(name: str, one: Figures) -> tuple[object, ...]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
 import click
 from click.shell_completion import CompletionItem
 
 from frenetic.cli.console import shell
-from frenetic.cli.options import Decorator, GroupedOption, Setting, file_option, with_options
+from frenetic.cli.options import Decorator, GroupedOption, Setting, with_options
 from frenetic.drivers.loading import LAYERS
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
 from frenetic.spec import NUMBERS, Spec, drive_options, usual_wall_limit
@@ -18,7 +19,8 @@ from frenetic.spec import NUMBERS, Spec, drive_options, usual_wall_limit
 P = ParamSpec("P")
 R = TypeVar("R")
 
-PROFILE: Final = "profile"
+AS: Final = "driven_as"
+"""Name of the parameter of ``--as``."""
 _EXAMPLES: Final = {
     "strategy": "threshold=-0.2",
     "driver": "aggression=1.2",
@@ -90,10 +92,13 @@ def part_choice(
     return lambda command: with_options(options, command)
 
 
-_profile_option: Final = file_option(
-    "--profile",
-    "Drive with the twin of this profile ('frenetic calibrate'): its driver, car and rules, unless"
-    " other options are given.",
+_as_option: Final = click.option(
+    "--as",
+    AS,
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Drive as this file says, that of a campaign's failing road or a twin's profile"
+    " ('frenetic calibrate'): driver, simulator and rules, unless other options are given.",
 )
 
 
@@ -138,7 +143,7 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
             for number in NUMBERS
         ),
     ]
-    return with_options([_profile_option, *options], beamng_options(command))
+    return with_options([_as_option, *options], beamng_options(command))
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -165,7 +170,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             if number.another
         ),
     ]
-    return with_options([_profile_option, *options], beamng_options(command))
+    return with_options([_as_option, *options], beamng_options(command))
 
 
 def was_given(context: click.Context, name: str) -> bool:
@@ -175,7 +180,7 @@ def was_given(context: click.Context, name: str) -> bool:
 
 def given_options(context: click.Context) -> dict[str, Any]:
     """Name -> value of the options of `driver_options` that the command line gives."""
-    names = (PROFILE, *drive_options())
+    names = (AS, *drive_options())
     return {name: context.params[name] for name in names if was_given(context, name)}
 
 
@@ -188,33 +193,31 @@ def asked_spec(context: click.Context, options: Mapping[str, Any], **others: Any
         others: likewise.
 
     Raises:
-        FreneticError: the profile cannot be read, or an option is out of range.
+        FreneticError: the file cannot be read, or an option is out of range.
     """
     # 0 s of delay are a layer in a campaign's record; an infinite view never was one.
     none = {
         layer.name: None for layer in LAYERS if layer.nothing == math.inf == options.get(layer.name)
     }
     spec, given = Spec.from_options({**options, **none}, **others), given_options(context)
-    return with_given(spec, given, has_roads=False) if PROFILE in given else spec
+    return with_given(spec, given, has_roads=False) if AS in given else spec
 
 
 def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) -> Spec:
-    """A spec with the twin of a profile, if one is given, and then with the given options.
+    """A spec that drives as a file says, if one is given, and then with the given options.
 
     Args:
         spec: what holds otherwise.
         given: values of the options of `driver_options` or `part_options`, None if not given.
-        has_roads: as for `frenetic.twin.profile.Profile.over`.
+        has_roads: as for `Spec.driven_as`.
 
     Raises:
-        FreneticError: the profile cannot be read, or an option is out of range.
+        FreneticError: the file cannot be read, or an option is out of range.
     """
-    path = given.get(PROFILE)
+    path = given.get(AS)
     if path is None:
         return spec.replaced(given)
-    from frenetic.twin.profile import Profile  # msgspec takes its time
-
-    return Profile.read(path).over(spec, given, has_roads=has_roads)
+    return spec.driven_as(Spec.read(path), given, source=path, has_roads=has_roads)
 
 
 def _option(name: str) -> str:

@@ -101,7 +101,7 @@ def calibration_report(calibration: Calibration) -> Report:
 
 
 def _headline(calibration: Calibration) -> Headline:
-    validation, terms = calibration.validation, calibration.profile.terms
+    validation, spec = calibration.validation, calibration.profile.spec()
     twin, interval = validation.twin, calibration.auc_interval
     tiles = [
         Tile(
@@ -127,7 +127,7 @@ def _headline(calibration: Calibration) -> Headline:
         warning=warning,
         tiles=tuple(tiles),
         facts=(
-            Fact("driver", calibration.profile.driver),
+            Fact("driver", str(spec.driver.name)),
             Fact(
                 "recorded",
                 f"{counted(twin.drives, 'drive')} of"
@@ -135,8 +135,8 @@ def _headline(calibration: Calibration) -> Headline:
             ),
             Fact(
                 "terms",
-                f"{terms.speed_limit:g} km/h, {terms.oob_tolerance:g} of the car may be out, lanes"
-                f" of {terms.lane_width:g} m",
+                f"{spec.rules.speed_limit:g} km/h, {spec.rules.oob_tolerance:g} of the car may be"
+                f" out, lanes of {spec.lane_width:g} m",
             ),
             Fact("held out", f"by {validation.by}, {validation.folds} folds"),
         ),

@@ -1,12 +1,12 @@
 """The profile of a twin: a driver and a car of the embedded simulator that drive as others do.
 
-`frenetic calibrate` writes it, `--profile` reads it. It is one JSON file, which may come from
-anywhere, so everything in it is validated. It names parts; reading it makes and imports none.
+`frenetic calibrate` writes it, `--as` reads how it drives, like a failing road's file. It is one
+JSON file, which may come from anywhere, so everything in it is validated. It names parts; reading
+it makes and imports none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
@@ -14,19 +14,14 @@ from typing import Annotated, Any, Final, Literal, Self
 import msgspec
 from msgspec import Meta, Struct
 
-from frenetic import trust
 from frenetic._support.files import write_file
-from frenetic.drivers.loading import LAYERS
 from frenetic.errors import FreneticError
-from frenetic.spec import Spec, describe
+from frenetic.spec import MAX_BYTES, Spec, describe, drive_record
+from frenetic.trust import NOT_DRIVING
 from frenetic.versions import other_version
 
 VERSION: Final = 1
 """Version of the format; a newer one is refused."""
-MAX_BYTES: Final = 4 * 2**20
-"""Largest profile that is read."""
-SIMULATOR: Final = "embedded"
-"""The simulator in which every twin drives."""
 
 Positive = Annotated[float, Meta(gt=0.0)]
 Count = Annotated[int, Meta(ge=0)]
@@ -34,19 +29,6 @@ Count = Annotated[int, Meta(ge=0)]
 
 class Record(Struct, frozen=True, forbid_unknown_fields=True):
     """An object of a profile; an entry that it does not know is a mistake."""
-
-
-class Terms(Record, frozen=True, kw_only=True):
-    """The terms under which the recorded drives were driven, and the twin drives."""
-
-    speed_limit: Positive
-    """km/h."""
-    oob_tolerance: Annotated[float, Meta(gt=0.0, le=1.0)]
-    """Share of the car that may be outside its lane."""
-    map_size: Positive = 200.0
-    """Side of the square map in m."""
-    lane_width: Positive = 4.0
-    """m."""
 
 
 class Fitted(Record, frozen=True, kw_only=True):
@@ -152,21 +134,17 @@ class Fit(Record, frozen=True, kw_only=True):
 class Profile(Record, frozen=True, kw_only=True):
     """A twin: a driver and a car that drive, in the embedded simulator, as others do.
 
-    Only the driver and the terms are needed; what a fit says about itself may be missing.
+    Only its name and how it drives are needed; what a fit says about itself may be missing.
     """
 
     version: int = VERSION
     """Version of the format."""
     name: str
     """Name for people."""
-    driver: str
-    """A registered name, ``package.module:Class`` or ``file.py:Class``."""
-    driver_options: dict[str, Any] = {}
-    layers: dict[str, float] = {}
-    """Name of a layer over the driver -> its amount."""
-    vehicle: dict[str, float | str] = {}
-    """Parameters of the car as `Vehicle.of` takes them."""
-    terms: Terms
+    driven: dict[str, Any]
+    """Driver, car, layers and rules, as `frenetic.spec.drive_record` has them."""
+    lane_width: Positive = 4.0
+    """m."""
     parts: dict[str, dict[str, Any]] = {}
     """``driver`` and ``simulator`` as `frenetic.spec.describe` gives them, to notice changes."""
     fitted: list[Fitted] = []
@@ -175,6 +153,18 @@ class Profile(Record, frozen=True, kw_only=True):
     fit: Fit | None = None
     written_by: str = ""
     """Version of frenetic."""
+
+    @classmethod
+    def of(cls, name: str, spec: Spec, **about: Any) -> Self:
+        """The profile of a twin with the parts, rules, map and lanes of a spec.
+
+        Args:
+            name: for people.
+            spec: names driver and simulator.
+            about: other fields.
+        """
+        driven = drive_record(spec.with_limit().to_json())
+        return cls(name=name, driven=driven or {}, lane_width=spec.lane_width, **about)
 
     @classmethod
     def read(cls, path: Path | str) -> Self:
@@ -197,45 +187,18 @@ class Profile(Record, frozen=True, kw_only=True):
             raise FreneticError(f"{path} is no profile: it has more than {MAX_BYTES} bytes")
         try:
             document = msgspec.json.decode(data)
-        except (ValueError, RecursionError) as error:
-            raise FreneticError(f"{path} is no profile of a twin: {error}") from None
-        return cls.of(document, source=path)
-
-    @classmethod
-    def of(cls, document: Any, *, source: object) -> Self:
-        """The profile of a JSON value.
-
-        Args:
-            document: the value.
-            source: name of its place for messages.
-
-        Raises:
-            FreneticError: it is none; the message names the place in it.
-        """
-        try:
             version = document.get("version") if isinstance(document, dict) else None
             if isinstance(version, int) and version > VERSION:
                 raise FreneticError(
-                    f"{source} was written by a newer version of frenetic: upgrade frenetic"
+                    f"{path} was written by a newer version of frenetic: upgrade frenetic"
                 )
             profile = msgspec.convert(document, cls)
-            profile.check()
+            if profile.version < 1:
+                raise ValueError(f"version is {profile.version}: {VERSION} is needed")
         except (ValueError, RecursionError) as error:
-            raise FreneticError(f"{source} is no profile of a twin: {error}") from None
+            raise FreneticError(f"{path} is no profile of a twin: {error}") from None
+        Spec.from_drive_record(profile.driven, source=path)
         return profile
-
-    def check(self) -> None:
-        """Raises ValueError if it does not describe a twin; what the driver takes is not known."""
-        from frenetic.simulators.embedded.vehicle import Vehicle  # numba takes its time
-
-        if self.version < 1:
-            raise ValueError(f"version is {self.version}: {VERSION} is needed")
-        known = {layer.name for layer in LAYERS}
-        if unknown := sorted(self.layers.keys() - known):
-            raise ValueError(
-                f"there is no layer {', '.join(unknown)}; known: {', '.join(sorted(known))}"
-            )
-        Vehicle.of(self.vehicle)
 
     def write(self, path: Path | str) -> None:
         """Writes the profile; the file is replaced whole.
@@ -246,48 +209,17 @@ class Profile(Record, frozen=True, kw_only=True):
         text = msgspec.json.format(msgspec.json.encode(self), indent=2).decode() + "\n"
         write_file(path, text, remedy="choose another place with --out", parents=True)
 
-    def options(self) -> dict[str, Any]:
-        """The options of a command line that it stands for, as `Spec.replaced` takes them."""
-        layers = {layer.name: self.layers.get(layer.name, layer.nothing) for layer in LAYERS}
-        vehicle = {"vehicle": self.vehicle} if self.vehicle else {}
-        return {
-            "driver": self.driver,
-            "driver_options": self.driver_options,
-            "simulator": SIMULATOR,
-            "simulator_options": vehicle,
-            "speed_limit": self.terms.speed_limit,
-            "oob_tolerance": self.terms.oob_tolerance,
-            **layers,
-        }
-
     def spec(self) -> Spec:
-        """The spec of the twin: driver, layers, car, rules, map and lane width."""
-        return self.over(Spec(), has_roads=False)
-
-    def over(
-        self, spec: Spec, given: Mapping[str, Any] | None = None, *, has_roads: bool = True
-    ) -> Spec:
-        """A spec driven by the twin instead, with the options of a command line on top.
-
-        Args:
-            spec: what else is wanted.
-            given: as for `Spec.replaced`. The twin's driver, given once more, keeps its options.
-            has_roads: whether the roads exist, with a map and a lane width of their own.
+        """The spec of the twin: driver, layers, car, rules, map and lane width.
 
         Raises:
-            FreneticError: an option is out of range, or the driver is code that is not loaded
-                unasked (`frenetic.trust`).
+            FreneticError: it is out of range, or the driver is code that is not loaded unasked
+                (`frenetic.trust`).
         """
-        asked = dict(given or {})
-        if asked.get("driver") == self.driver:
-            asked["driver"] = None
-        elif not asked.get("driver"):
-            named = {"driver": (self.driver, self.driver_options)}
-            trust.require(named, f"the profile {self.name!r}")
-        if not has_roads:
-            map_size = asked.get("map_size", self.terms.map_size)
-            spec = replace(spec, map_size=map_size, lane_width=self.terms.lane_width)
-        return spec.replaced(self.options()).replaced(asked)
+        source = f"the profile {self.name!r}"
+        own = Spec.from_drive_record(self.driven, source=source)
+        own.require_trusted(source, NOT_DRIVING)
+        return replace(own, lane_width=self.lane_width)
 
     def changes(self) -> list[str]:
         """How driver and simulator differ from those that were fitted, each in a line.

@@ -54,7 +54,8 @@ def screened(
         )
     seed = int(np.random.SeedSequence([spec.seed, 1]).generate_state(1)[0])
     scout = replace(searching, seed=seed).make_strategy()
-    twin = Twin.of(replace(read.over(Spec(), has_roads=False), margin=spec.margin))
+    of_twin = read.spec()
+    twin = Twin.of(replace(of_twin, margin=spec.margin))
     described = describe(inner)
     digest = hashlib.sha256(msgspec.json.encode(read)).hexdigest()[:SHORT]
     return Screened(
@@ -62,7 +63,7 @@ def screened(
         scout,
         partial(twin.evaluation, objective=Objective.load(spec.objective)),
         twin=twin,
-        name=f"{read.name}, {read.driver}, from {profile}",
+        name=f"{read.name}, {of_twin.driver.name}, from {profile}",
         options={
             **(options_of(inner) or {}),
             "strategy": f"{strategy} ({described['version']})",
@@ -77,13 +78,15 @@ def _check_terms(profile: Profile, spec: Spec, *, source: object) -> None:
     Raises:
         FreneticError: it differs.
     """
-    theirs = msgspec.structs.asdict(profile.terms)
-    ours = {
-        "speed_limit": spec.rules.speed_limit,
-        "oob_tolerance": spec.rules.oob_tolerance,
-        "map_size": spec.map_size,
-        "lane_width": spec.lane_width,
-    }
+    ours, theirs = (
+        {
+            "speed_limit": one.rules.speed_limit,
+            "oob_tolerance": one.rules.oob_tolerance,
+            "map_size": one.map_size,
+            "lane_width": one.lane_width,
+        }
+        for one in (spec, profile.spec())
+    )
     differing = [
         f"{name.replace('_', ' ')} {theirs[name]:g}, not {ours[name]:g}"
         for name in ours
