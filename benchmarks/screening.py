@@ -1,7 +1,7 @@
 """Distinct failures that a search finds with and without a screen, in a slow simulator.
 
     python benchmarks/screening.py PROFILE --out RUNS [--seeds 1-10] [--simulations 100]
-        -- --simulator metadrive --driver metadrive-idm --driver-option target_speed=50 ...
+        -- --simulator metadrive --driver metadrive-idm,target_speed=50 ...
 
 Each seed searches twice with the options after ``--``, once with the strategy ``screened`` over
 PROFILE. A run that is there is not run again, and one that was interrupted goes on. The profile
@@ -68,7 +68,7 @@ def main() -> None:
     for seed in asked.seeds:
         for how, numbers in found.items():
             folder = asked.out / f"{how}-{seed}"
-            screen = ["--strategy", "screened", "--strategy-option", f"profile={asked.profile}"]
+            screen = ["--strategy", f"screened,profile={asked.profile}"]
             own = screen if how == "screened" else []
             search(folder, [*options, *own], seed, asked.simulations)
             with CampaignStore.open(folder) as store:

@@ -186,7 +186,7 @@ def test_it_makes_what_it_says(tmp_path: Path) -> None:
 
 def test_an_option_that_follows_from_others_is_refused() -> None:
     spec = Spec(strategy=Part("random", {"seed": 5}))
-    with pytest.raises(FreneticError, match="--strategy-option seed is not allowed"):
+    with pytest.raises(FreneticError, match="the option seed of the strategy is not allowed"):
         spec.make_strategy()
 
 

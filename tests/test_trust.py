@@ -80,7 +80,7 @@ OTHERS: dict[str, Callable[[], tuple[str, ...]]] = {
     "resume": lambda: ("resume", "c", "--simulations", "1"),
     "back-to-back, as the old one": lambda: (*FRESH, "c", "--driver", "planner"),
     "back-to-back, with an option": lambda: (
-        *(*FRESH, "c", "--old-driver-option", "gain=3.4", "--driver", "planner"),
+        *(*FRESH, "c", "--old-driver", "gain=3.4", "--driver", "planner"),
     ),
     "back-to-back, as the new one": lambda: (*FRESH, "own", "c"),
 }
@@ -144,7 +144,7 @@ def test_a_program_that_a_strangers_simulator_starts_is_refused(
     CampaignStore.create("c", config).close()
     refused = frenetic(*(DRIVING | OTHERS)[command]())
     assert refused.refuses("names the simulator 'beamng'")
-    assert "--simulator beamng --simulator-option home=/opt/theirs" in refused.err
+    assert "--simulator beamng,home=/opt/theirs" in refused.err
 
 
 def is_trusted(kind: str, name: str, **options: object) -> bool:

@@ -86,7 +86,7 @@ class Generator:
         name = type(self).__name__
         seed = os.environ.get(SEED, "").strip() or str(secrets.randbelow(2**31))
         folder = Path("campaigns").absolute() / f"{datetime.now():%Y%m%d-%H%M%S-%f}"
-        words = ["--strategy", self.strategy, "--seed", seed, "--out", str(folder)]
+        words = ["--seed", seed, "--out", str(folder)]
         words += ["--map-size", str(self._map_size), "--name", type(self._executor).__name__]
         total = math.ceil(sum(self._budget.totals.values()))
         if total > 0:  # for the record: the spent share that is told replaces the search's count
@@ -95,8 +95,7 @@ class Generator:
             settings = shlex.split(os.environ.get(OPTIONS, ""))
         except ValueError as error:
             raise RuntimeError(f"{OPTIONS} is {os.environ[OPTIONS]!r}: {error}") from None
-        for setting in settings:
-            words += ["--strategy-option", setting]
+        words += ["--strategy", ",".join([self.strategy, *settings])]
         logger.info(
             "%s starts: seed %s, %s, map of %g m, %s, campaign in %s",
             name,

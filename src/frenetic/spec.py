@@ -12,7 +12,6 @@ help reads this module, so slow imports are inside functions.
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import math
 import numbers
@@ -33,7 +32,7 @@ from frenetic import trust
 from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
-from frenetic._support.words import counted, read_setting
+from frenetic._support.words import counted, part_word
 from frenetic.drivers.loading import LAYERS, under
 from frenetic.errors import CampaignError, FreneticError, describe_error
 from frenetic.recipe import Guest, Named, Recipe, Told
@@ -204,17 +203,16 @@ class Part:
 
     def replaced(self, name: str | None, options: Mapping[str, Any]) -> Part:
         """Another part with its own options, or else this one with added options."""
-        if name is not None:
+        if name not in (None, self.name):
             return Part(name, options)
         return Part(self.name, {**self.options, **options}) if options else self
 
     def words(self, kind: str, usual: Part | None = None) -> list[str]:
         """The options of a command line that choose it, without a default name."""
         assert self.name is not None
-        words = [] if usual is not None and self.name == usual.name else [f"--{kind}", self.name]
-        for name, value in self.options.items():
-            words += [f"--{kind}-option", f"{name}={_setting(value)}"]
-        return words
+        name = None if usual is not None and self.name == usual.name else self.name
+        word = part_word(name, self.options)
+        return [f"--{kind}", word] if word else []
 
 
 def _usual_rules() -> Rules:
@@ -739,8 +737,8 @@ def _made(registry: Registry, part: Part, available: Mapping[str, object]) -> An
     for name in part.options:
         if name in available:
             raise FreneticError(
-                f"--{registry.kind}-option {name} is not allowed: it follows from the options of"
-                " the command"
+                f"the option {name} of the {registry.kind} is not allowed: it follows from the"
+                " options of the command"
             )
     if registry is SIMULATORS:
         from frenetic.simulators.named import NamedSimulator  # numba takes its time
@@ -936,13 +934,6 @@ def _in_words(options: Mapping[str, object]) -> list[str]:
 def number_word(value: object) -> str:
     """A number for a command line."""
     return str(value).removesuffix(".0")
-
-
-def _setting(value: object) -> str:
-    """A value in a form that `read_setting` reads back."""
-    if isinstance(value, str):
-        return value if read_setting(value) == value else json.dumps(value)
-    return json.dumps(value, default=plain)
 
 
 # Decoding

@@ -18,6 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from frenetic._support.words import part_word
 from frenetic.errors import FreneticError
 from frenetic.registry import DRIVERS, OBJECTIVES, SIMULATORS, STRATEGIES, Registry
 from frenetic.versions import digest_of_file, sources_named
@@ -79,10 +80,12 @@ def require(
             continue
         key = _key(kind, name, options)
         if key is not None and key not in known:
-            words = [f"--{kind}", name]
-            for option in _STARTING:
-                if kind == "simulator" and option in options:
-                    words += [f"--{kind}-option", f"{option}={options[option]}"]
+            starting = {
+                option: options[option]
+                for option in _STARTING
+                if kind == "simulator" and option in options
+            }
+            words = [f"--{kind}", part_word(name, starting)]
             raise FreneticError(
                 f"{source} names the {kind} {name!r}, code that you have not run as it is on this"
                 f" computer: {remedy} {shlex.join(words)}"

@@ -307,9 +307,8 @@ class Running:
         self.out, self.err = tmp_path / "out", tmp_path / "err"
         command = [sys.executable, "-m", "frenetic", "run", "--simulations", "60", "--unordered"]
         command += ["--workers", str(workers), "--out", str(self.folder)]
-        command += ["--simulator", simulator]
-        for option in () if simulator == "embedded" else (f"folder={marks.folder}", *options):
-            command += ["--simulator-option", option]
+        given = () if simulator == "embedded" else (f"folder={marks.folder}", *options)
+        command += ["--simulator", ",".join([simulator, *given])]
         with self.out.open("w") as out, self.err.open("w") as err:
             self.process = subprocess.Popen(
                 command, stdout=out, stderr=err, cwd=tmp_path, start_new_session=True

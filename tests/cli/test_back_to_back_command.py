@@ -107,12 +107,12 @@ def test_json_holds_the_answer_and_all_behind_it(
 
 
 def test_another_driver_takes_the_place_of_a_campaigns(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("back-to-back", campaign, "--driver-option", "aggression=1.3", *FEW)
+    answer = frenetic("back-to-back", campaign, "--driver", "aggression=1.3", *FEW)
     assert answer.code in (1, 3)
-    assert "new: planner --driver-option aggression=1.3" in answer.out
-    options = "--driver", "stanley", "--old-driver-option", "aggression=0.9"
+    assert "new: planner,aggression=1.3" in answer.out
+    options = "--driver", "stanley", "--old-driver", "aggression=0.9"
     answer = frenetic("back-to-back", campaign, *options, *FEW)
-    assert "old: planner --driver-option aggression=0.9 (" in answer.out
+    assert "old: planner,aggression=0.9 (" in answer.out
     assert "old passes " in answer.out, "it is not the version of the campaign"
 
 
@@ -176,9 +176,9 @@ def test_two_versions_of_one_file_are_told_apart(
         (("elsewhere",), ("elsewhere does not exist",)),
         (("--driver", "planner"), ("both versions are the same",)),
         (("--driver", "missing.py:Mine"), ("there is no file 'missing.py'",)),
-        (("--driver-option", "agression=1"), ("did you mean 'aggression'?",)),
+        (("--driver", "agression=1"), ("did you mean 'aggression'?",)),
         (("--driver", "stanley", "--seed", "3"), ("seed 3 is that of a campaign",)),
-        (("--driver", "stanley", "--beamng-host", "h"), ("--beamng-host is for",)),
+        (("--driver", "stanley", "--simulator", "host=h"), ("which is nowhere else",)),
     ],
 )
 def test_mistakes(

@@ -73,7 +73,7 @@ def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic
     assert failing.code == 1
     assert frenetic("resume", "c", "--simulations", "1", "--fail-on-failure").code == 1
     assert frenetic("resume", "c", "--simulations", "1").code == 0
-    calm = ("--driver-option", "aggression=0.3", "--simulations", "3", "--out", "d")
+    calm = ("--driver", "aggression=0.3", "--simulations", "3", "--out", "d")
     answer = frenetic(*run, *calm, "--fail-on-failure")
     assert (answer.code, answer.json["failed"]) == (0, 0)
 
@@ -114,9 +114,9 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         (["--driver", "no.py:Driver"], ["there is no file 'no.py'"]),
         (["--driver", "no_such_module:Driver"], ["no module 'no_such_module'"]),
         (["--driver", "json:JSONDecoder"], ["is no driver", "no method reset"]),
-        (["--driver-option", "agression=1"], ["did you mean 'aggression'?"]),
-        (["--driver-option", "aggression=-1"], ["aggression is -1"]),
-        (["--driver-option", "aggression"], ["is not NAME=VALUE"]),
+        (["--driver", "agression=1"], ["did you mean 'aggression'?"]),
+        (["--driver", "aggression=-1"], ["aggression is -1"]),
+        (["--driver", "planner,aggression"], ["'aggression' is not OPTION=VALUE"]),
         (["--noise", "-1"], ["noise is -1: 0 or more m are needed"]),
         (["--noise", "1e308"], ["noise is 1e+308: at most 100 m"]),
         (["--delay", "99"], ["delay is 99: at most 10 s"]),
@@ -128,12 +128,12 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
             ["--strategy", "genetic"],
             ["unknown strategy 'genetic'", "frenetic, frenetic-2021, random"],
         ),
-        (["--strategy-option", "threshold=inf"], ["threshold"]),
-        (["--strategy-option", "seed=5"], ["--strategy-option seed is not allowed"]),
-        (["--strategy-option", "map_size=100"], ["--strategy-option map_size is not allowed"]),
-        (["--simulator-option", "friction=-1"], ["friction is -1"]),
-        (["--simulator-option", "fricton=1"], ["did you mean 'friction'?"]),
-        (["--driver-option", "aggression=abc"], ["aggression is 'abc'", "a number is needed"]),
+        (["--strategy", "threshold=inf"], ["threshold"]),
+        (["--strategy", "seed=5"], ["the option seed of the strategy is not allowed"]),
+        (["--strategy", "map_size=100"], ["the option map_size of the strategy is not allowed"]),
+        (["--simulator", "friction=-1"], ["friction is -1"]),
+        (["--simulator", "fricton=1"], ["did you mean 'friction'?"]),
+        (["--driver", "aggression=abc"], ["aggression is 'abc'", "a number is needed"]),
         (["--simulator", "carla"], ["unknown simulator 'carla'", "embedded"]),
         (["--map-size", "15"], ["map_size is 15", "more than twice the margin"]),
         (["--speed-limit", "0"], ["speed_limit is 0"]),
@@ -446,8 +446,9 @@ def stored_tests(folder: Path) -> int:
 
 
 def test_campaign_goes_on_with_more_simulations(frenetic: Frenetic) -> None:
-    options = ["--seed", "3", "--driver", "stanley", "--noise", "0.1", "--strategy-option"]
-    frenetic("run", "--simulations", "20", *options, "random_roads=5", "--out", "c")
+    options = ["--seed", "3", "--driver", "stanley", "--noise", "0.1"]
+    search = ("run", "--simulations", "20", "--strategy", "random_roads=5")
+    frenetic(*search, *options, "--out", "c")
     answer = frenetic("resume", "c", "--simulations", "10")
     assert answer.code == 0
     assert "30 simulations" in answer.out
@@ -491,7 +492,7 @@ def test_drive_says_what_happened(frenetic: Frenetic) -> None:
     assert answer.code == 0
     assert answer.out.startswith("PASS  Car reached the end of the road")
     assert "MOOBD" in answer.out
-    answer = frenetic("drive", "road.json", "--driver-option", "aggression=3")
+    answer = frenetic("drive", "road.json", "--driver", "aggression=3")
     assert answer.out.startswith("FAIL  Car drove out of the lane ")
     assert "left lane" in answer.out
 
@@ -613,7 +614,7 @@ def test_show_a_campaign_and_a_test(frenetic: Frenetic) -> None:
 
 def test_show_an_invalid_test(frenetic: Frenetic) -> None:
     frenetic(
-        *("run", "--strategy", "random", "--strategy-option", "max_redraws=0"),
+        *("run", "--strategy", "random,max_redraws=0"),
         *("--simulations", "40", "--seed", "3", "--out", "c"),
     )
     from frenetic.outcome import Outcome

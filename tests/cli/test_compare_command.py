@@ -134,7 +134,7 @@ def test_page_and_table_are_written(frenetic: Frenetic) -> None:
 @pytest.mark.usefixtures("runs")
 def test_json_holds_everything_and_no_infinity(frenetic: Frenetic) -> None:
     frenetic(
-        *("run", "--simulations", "3", "--driver-option", "aggression=0.3", "--seed", "1"),
+        *("run", "--simulations", "3", "--driver", "aggression=0.3", "--seed", "1"),
         *("--out", "calm"),
     )
     answer = frenetic("compare", "a=runs/f-*", "calm=calm", "c=runs/r-*", "--json")

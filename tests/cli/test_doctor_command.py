@@ -20,7 +20,7 @@ def test_doctor_of_the_embedded_simulator(frenetic: Frenetic) -> None:
 
 
 def test_doctor_finds_what_is_wrong_and_exits_1(frenetic: Frenetic) -> None:
-    arguments = ("doctor", "--simulator", "embedded", "--simulator-option", "friction=0.2")
+    arguments = ("doctor", "--simulator", "embedded,friction=0.2")
     answer = frenetic(*arguments)
     assert answer.code == 1
     assert "WRONG curve, Stanley: Car drove out of the lane" in answer.out
@@ -49,5 +49,5 @@ def test_doctor_of_a_users_own_simulator(frenetic: Frenetic) -> None:
 
 
 def test_options_need_a_simulator(frenetic: Frenetic) -> None:
-    assert frenetic("doctor", "--headless").refuses("options of a simulator need --simulator")
+    assert frenetic("doctor", "--simulator", "friction=0.2").refuses("needs a name before")
     assert json.loads(frenetic("doctor", "--simulator", "embedded", "--json").out)

@@ -22,7 +22,7 @@ class Bold(Planner):
     def __init__(self, extra=0.0):
         super().__init__(aggression=1.2 + extra)
 """
-PARTS = ("--driver", "mine.py:Bold", "--driver-option", "extra=0.1")
+PARTS = ("--driver", "mine.py:Bold,extra=0.1")
 TERMS = ("--delay", "0.02", "--speed-limit", "75", "--map-size", "210")
 
 
@@ -75,7 +75,7 @@ def test_an_edited_driver_is_run_only_if_it_is_named_and_said_to_be_another_vers
     assert frenetic("drive", str(road)).refuses("have not run", "--driver mine.py:Bold")
     driven = frenetic("drive", str(road), "--driver", "mine.py:Bold").out
     assert "another version than the campaign's" in driven
-    other = frenetic("drive", str(road), "--driver-option", "extra=0.2").out
+    other = frenetic("drive", str(road), "--driver", "extra=0.2").out
     assert "driver     Bold, aggression 1.4, extra 0.2, delayed" in other
     assert "; recorded with Bold, aggression 1.3, extra 0.1, delayed" in other
 

@@ -28,7 +28,7 @@ def test_the_driver_passes_its_test_and_most_roads(frenetic: Frenetic) -> None:
     assert done.returncode == 0, done.stdout
     assert "5 passed" in done.stdout
     ended = frenetic(
-        *("run", "--driver", "parts/lane_keeper.py:LaneKeeper", "--driver-option", "sight=30"),
+        *("run", "--driver", "parts/lane_keeper.py:LaneKeeper,sight=30"),
         *("--strategy", "random", "--simulations", "8", "--seed", "1", "--workers", "1", "--json"),
     )
     assert ended.json["passed"] >= 5

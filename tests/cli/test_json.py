@@ -28,7 +28,7 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
     "check": ("c",),
     "export": ("c", "--format", "csv"),
     "rerun": ("c", "--top", "1", "--times", "2"),
-    "back-to-back": ("c", "--driver-option", "aggression=0.5", "--fresh", "20", "--top", "1"),
+    "back-to-back": ("c", "--driver", "aggression=0.5", "--fresh", "20", "--top", "1"),
     "minimise": ("c", "--max-drives", "5"),
     "calibrate": (
         "c",

@@ -42,7 +42,7 @@ STRAIGHT = [0.0] * 12
 def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """A campaign whose driver and map are not the default ones."""
     folder = tmp_path_factory.mktemp("made") / "c"
-    options = ["--driver-option", "aggression=1.1", "--noise", "0.03", "--map-size", "210"]
+    options = ["--driver", "aggression=1.1", "--noise", "0.03", "--map-size", "210"]
     budget = ["--failures", "4", "--seed", "1", "--workers", "1"]
     prepare("run", *budget, *options, "--out", str(folder))
     return folder
@@ -95,7 +95,7 @@ def test_printed_line_repeats_the_failure(frenetic: Frenetic, campaign: None) ->
     (item,) = frenetic("minimise", "c", "--max-drives", "40", "--json").json
     command = shlex.split(item["repeat"])
     assert command[:2] == ["frenetic", "drive"]
-    options = {"--driver-option", "aggression=1.1", "--noise", "0.03", "--map-size", "210"}
+    options = {"--driver", "aggression=1.1", "--noise", "0.03", "--map-size", "210"}
     assert options == set(command[3:])
     again = frenetic(*command[1:], "--json").json
     stored = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
@@ -135,7 +135,7 @@ def test_other_driver_than_the_campaigns(frenetic: Frenetic, campaign: None) -> 
     (item,) = frenetic(
         "minimise",
         "c",
-        "--driver-option",
+        "--driver",
         "aggression=1.3",
         "--noise",
         "0.1",
@@ -154,7 +154,7 @@ def test_a_failure_that_is_not_the_recorded_one_is_said_to_be_another(
 ) -> None:
     (own,) = frenetic("minimise", "c", "--max-drives", "1", "--json").json
     assert (own["match"], own["difference"]) == ("same failure", 0.0)
-    options = ("minimise", "c", "--simulator-option", "friction=0.7", "--max-drives", "1")
+    options = ("minimise", "c", "--simulator", "friction=0.7", "--max-drives", "1")
     answer = frenetic(*options)
     assert "is a different failure than recorded (" in answer.err
     assert "not the one recorded: " in answer.out

@@ -141,7 +141,7 @@ def test_ids_choose_tests_and_an_unknown_one_is_refused(frenetic: Frenetic, camp
 
 
 def test_a_campaign_without_failures_is_said_to_have_none(frenetic: Frenetic) -> None:
-    frenetic("run", "--simulations", "2", "--driver-option", "aggression=0.3", "--out", "calm")
+    frenetic("run", "--simulations", "2", "--driver", "aggression=0.3", "--out", "calm")
     answer = frenetic("rerun", "calm")
     assert (answer.code, answer.out) == (0, "calm holds no failure\n")
     assert read_reruns("calm") == []
@@ -285,7 +285,7 @@ def test_an_interrupted_run_replaces_no_complete_one(
 
 @pytest.mark.usefixtures("drawn")
 def test_in_another_simulator_both_paths_are_drawn(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--simulator-option", "friction=0.8", "--top", "3")
+    answer = frenetic("rerun", campaign, "--simulator", "friction=0.8", "--top", "3")
     assert answer.code == 0
     assert re.search(r": 3 fail again \(\d .*elsewhere\)", answer.out)
     assert "rank correlation of MOOBD with the campaign's" in answer.out
@@ -303,7 +303,7 @@ def test_ctrl_c_while_it_draws_loses_no_result(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("frenetic.report.elsewhere.write_elsewhere", interrupted)
-    options = ("rerun", campaign, "--simulator-option", "friction=0.8", "--top", "1")
+    options = ("rerun", campaign, "--simulator", "friction=0.8", "--top", "1")
     answer = frenetic(*options)
     assert answer.code == 130
     assert len(frenetic(*options, "--json").json["tests"]) == 1
@@ -312,7 +312,7 @@ def test_ctrl_c_while_it_draws_loses_no_result(
 def test_driving_some_tests_replaces_nothing_of_the_others(
     frenetic: Frenetic, campaign: str
 ) -> None:
-    again = ("rerun", campaign, "--simulator-option", "friction=0.8", "--json")
+    again = ("rerun", campaign, "--simulator", "friction=0.8", "--json")
     first = frenetic(*again, "--top", "3").json["tests"]
     (second,) = frenetic(*again, str(first[0]["test"])).json["tests"]
     assert second["drives"][0]["moobd"] == first[0]["drives"][0]["moobd"]
@@ -326,7 +326,7 @@ def test_driving_some_tests_replaces_nothing_of_the_others(
 def test_a_campaign_that_cannot_be_written_is_driven_elsewhere(
     frenetic: Frenetic, campaign: str, tmp_path: Path
 ) -> None:
-    again = ("rerun", campaign, "--simulator-option", "friction=0.8", "--top", "1")
+    again = ("rerun", campaign, "--simulator", "friction=0.8", "--top", "1")
     tmp_path.chmod(0o777)
     Path(campaign).chmod(0o555)
     with bound_by_permissions(Path(campaign).resolve()):
@@ -392,7 +392,7 @@ def test_a_driver_that_crashes_is_an_error_and_exits_1(frenetic: Frenetic, campa
 
 
 def test_all_looks_for_new_failures(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--all", "--driver-option", "aggression=2.0", "--json")
+    answer = frenetic("rerun", campaign, "--all", "--driver", "aggression=2.0", "--json")
     assert answer.code == 0
     document = answer.json
     assert len(document["tests"]) == 60
@@ -408,7 +408,7 @@ def test_what_is_given_takes_the_place_of_what_is_recorded(
 ) -> None:
     document = frenetic(
         *("rerun", campaign, "--driver", "stanley", "--delay", "0.1", "--noise", "0.01"),
-        *("--simulator-option", "friction=0.9", "--oob-tolerance", "0.5", "--json"),
+        *("--simulator", "friction=0.9", "--oob-tolerance", "0.5", "--json"),
     ).json
     assert document["driver"]["class"].endswith(":Delayed")
     assert document["driver"]["options"] == {"seconds": 0.1}
@@ -449,7 +449,7 @@ def test_mistakes_in_files_and_parts_are_one_line(frenetic: Frenetic, campaign: 
     assert answer.refuses("--junit", "folder cannot be written: Is a directory")
     assert not Path(campaign, "again").exists(), "nothing is driven before that"
     assert frenetic("rerun", campaign, "--speed-limit", "-3").refuses("speed_limit is -3")
-    assert frenetic("rerun", campaign, "--driver-option", "courage=1").refuses("courage")
+    assert frenetic("rerun", campaign, "--driver", "courage=1").refuses("courage")
 
 
 def test_help_names_every_quantity(frenetic: Frenetic) -> None:

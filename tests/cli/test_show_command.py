@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 pytest_plugins = ["command_line"]
 
 SLOW = (
-    *("run", "--driver-option", "aggression=0.3", "--simulations", "40"),
+    *("run", "--driver", "aggression=0.3", "--simulations", "40"),
     *("--seed", "3", "--workers", "1", "--out", "slow"),
 )
 
@@ -74,10 +74,10 @@ def test_headings_say_how_many_drives_broke(
     frenetic: Frenetic, out: float, every: int, broken: str
 ) -> None:
     Path("unreliable.py").write_text(UNRELIABLE)
-    parts = ("--simulator", "unreliable.py:Unreliable", "--driver", "stanley")
-    options = ("--simulator-option", f"out={out}", "--simulator-option", f"every={every}")
+    simulator = f"unreliable.py:Unreliable,out={out},every={every}"
+    parts = ("--simulator", simulator, "--driver", "stanley")
     how = ("--strategy", "random", "--simulations", "6", "--seed", "3", "--workers", "1")
-    run = frenetic("run", *parts, *options, *how, "--out", "c", "--fail-on-failure")
+    run = frenetic("run", *parts, *how, "--out", "c", "--fail-on-failure")
     shown = frenetic("show", "c")
     assert (run.code, shown.code) == (1, 0)
     title = re.search(r"<title>(.*?)</title>", Path("c/report.html").read_text(encoding="utf-8"))

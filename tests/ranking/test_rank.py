@@ -27,7 +27,7 @@ GENTLE = [0.0, 0.01, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0]
 SHARP = [0.0, 0.0, 0.0, 0.0, 0.05, 0.05, 0.05, 0.0, 0.0, 0.0]
 MIRRORED = [-value for value in SHARP]
 CIRCLE = [0.08] * 15
-FAST = ("--driver-option", "aggression=3")
+FAST = ("--driver", "aggression=3")
 
 
 @pytest.fixture
@@ -131,7 +131,7 @@ def test_roads_are_ranked_by_what_drive_says_of_them(frenetic: Frenetic, roads: 
 
 
 def test_the_twin_of_a_profile_ranks(frenetic: Frenetic, roads: Path) -> None:
-    options = ("--driver", "stanley", "--driver-option", "aggression=3", "--speed-limit", "90")
+    options = ("--driver", "stanley,aggression=3", "--speed-limit", "90")
     spec = Spec(driver=Part("stanley", {"aggression": 3.0}), rules=Rules(speed_limit=90.0))
     twin = Profile.of("twin", spec)
     twin.write(Path("twin.json"))

@@ -551,9 +551,9 @@ def command_of(*arguments: str) -> dict[str, Any]:
         [
             "--simulations",
             "2",
-            "--driver-option",
+            "--driver",
             "aggression=1.2",
-            "--strategy-option",
+            "--strategy",
             "threshold=-0.2",
         ],
     ],

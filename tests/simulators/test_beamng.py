@@ -236,7 +236,7 @@ def test_next_road_needs_no_restart(stand_in: StandIn) -> None:
     ("driver", "road", "text"),
     [
         (Delayed(BeamngAi(), seconds=0.2), ROAD, "takes no noise, delay or view"),
-        (BeamngAi(aggression=1.2), ROAD, "use --aggression"),
+        (BeamngAi(aggression=1.2), ROAD, "use aggression of the simulator"),
         (BeamngAi(), Road([0.0] * 6, lane_width=6.5), "less than 6.3 m"),
     ],
 )
@@ -435,8 +435,8 @@ def test_given_box_has_to_be_the_true_one(stand_in: StandIn) -> None:
             {"car_length": -3, "car_width": 2},
             "car_length is -3: a number of m above 1 and below 30 is needed",
         ),
-        ({"headless": True}, "give --beamng-home, too"),
-        ({"restart_every": 5}, "give --beamng-home, too"),
+        ({"headless": True}, "give home, too"),
+        ({"restart_every": 5}, "give home, too"),
         ({"restart_every": 0}, "restart_every is 0: a whole number of at least 1 is needed"),
         ({"home": ""}, "home is '': the name of a folder is needed"),
         ({"home": "/opt/b", "host": "10.0.0.1"}, "exclude each other"),
@@ -499,7 +499,7 @@ def test_beamngpy_that_lacks_what_is_used_is_told(
 def test_somebody_has_to_say_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("BNG_HOME", raising=False)
     with pytest.raises(
-        BeamngError, match=r"nothing says where BeamNG\.tech is: give --beamng-home"
+        BeamngError, match=r"nothing says where BeamNG\.tech is: give its folder as home"
     ):
         BeamngSimulator()
 
@@ -707,7 +707,7 @@ def test_launch_says_what_the_options_say(tmp_path: Path, monkeypatch: pytest.Mo
     ("make", "text"),
     [
         (lambda home: home / "nowhere", "there is no folder"),
-        (lambda home: home, r"there is no program of BeamNG\.tech in .*: give --beamng-home"),
+        (lambda home: home, r"there is no program of BeamNG\.tech in .*: give the folder"),
     ],
 )
 def test_home_without_a_program(tmp_path: Path, make: Callable[[Path], Path], text: str) -> None:
@@ -849,7 +849,7 @@ def test_doctor_checks_the_installation(tmp_path: Path) -> None:
     (check,) = examination.failed
     assert check.name == "installation"
     assert check.found == f"there is no program of BeamNG.tech in {tmp_path}"
-    assert check.remedy == "give --beamng-home the folder into which BeamNG.tech was unpacked"
+    assert check.remedy == "give the folder into which BeamNG.tech was unpacked as home"
     program(tmp_path)
     examination = examine("beamng", {"home": str(tmp_path)})
     assert examination.health is Health.OK, examination.failed

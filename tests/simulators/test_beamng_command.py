@@ -54,15 +54,9 @@ def stand_in() -> Iterator[StandIn]:
         yield server
 
 
-def beamng(server: StandIn) -> tuple[str, ...]:
-    return (
-        "--simulator",
-        "beamng",
-        "--beamng-host",
-        "127.0.0.1",
-        "--beamng-port",
-        str(server.port),
-    )
+def beamng(server: StandIn, *options: str) -> tuple[str, str]:
+    place = ("beamng", "host=127.0.0.1", f"port={server.port}")
+    return "--simulator", ",".join([*place, *options])
 
 
 def configuration(folder: str) -> Any:
@@ -72,8 +66,8 @@ def configuration(folder: str) -> Any:
 
 def test_campaign_and_its_resumption(frenetic: Frenetic, stand_in: StandIn) -> None:
     search = ("run", "--simulations", "4", "--seed", "1", "--driver", "beamng-ai", "--out", "c")
-    options = ("--aggression", "0.9", "--steps-per-second", "20", "--json")
-    code, out, err = frenetic(*search, *beamng(stand_in), *options)
+    options = ("aggression=0.9", "steps_per_second=20")
+    code, out, err = frenetic(*search, *beamng(stand_in, *options), "--json")
     assert code == 0, err
     assert json.loads(out)["simulations"] == 4
     config = configuration("c")
@@ -93,19 +87,19 @@ def test_campaign_and_its_resumption(frenetic: Frenetic, stand_in: StandIn) -> N
 
 def test_resumption_at_another_place(frenetic: Frenetic, stand_in: StandIn, tmp_path: Path) -> None:
     search = ("run", "--simulations", "2", "--seed", "1", "--out", "c", "--json")
-    assert frenetic(*search, *beamng(stand_in), "--aggression", "0.9")[0] == 0
+    assert frenetic(*search, *beamng(stand_in, "aggression=0.9"))[0] == 0
     stand_in.close()
     more = ("resume", "c", "--simulations", "1", "--json")
     code, _, err = frenetic(*more)
     assert code == 2
     assert "nothing answers" in err
     with StandIn() as other:
-        code, out, err = frenetic(*more, "--beamng-port", str(other.port))
+        code, out, err = frenetic(*more, "--simulator", f"port={other.port}")
     assert code == 0, err
     assert json.loads(out)["simulations"] == 3
     if sys.platform == "linux":
         program(tmp_path / "home")
-        code, out, err = frenetic(*more, "--beamng-home", "home", "--headless")
+        code, out, err = frenetic(*more, "--simulator", "home=home,headless=true")
         assert code == 0, err
         assert json.loads(out)["simulations"] == 4
     assert configuration("c")["command"]["simulator_options"]["port"] == stand_in.port
@@ -116,23 +110,28 @@ def test_what_was_started_is_gone_on_with_where_one_runs(
     frenetic: Frenetic, stand_in: StandIn, tmp_path: Path
 ) -> None:
     program(tmp_path / "home")
-    search = ("run", "--simulations", "1", "--seed", "1", "--out", "c", "--simulator", "beamng")
-    options = ("--beamng-home", "home", "--headless", "--simulator-option", "restart_every=9")
-    code, _, err = frenetic(*search, *options)
+    search = ("run", "--simulations", "1", "--seed", "1", "--out", "c")
+    options = "beamng,home=home,headless=true,restart_every=9"
+    code, _, err = frenetic(*search, "--simulator", options)
     assert code == 0, err
-    place = ("--beamng-host", "127.0.0.1", "--beamng-port", str(stand_in.port))
-    code, _, err = frenetic("resume", "c", "--simulations", "1", *place)
+    place = f"host=127.0.0.1,port={stand_in.port}"
+    code, _, err = frenetic("resume", "c", "--simulations", "1", "--simulator", place)
     assert code == 0, err
     assert "Step" in stand_in.types()
 
 
 def test_place_is_for_no_campaign_of_another_simulator(frenetic: Frenetic) -> None:
     assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c")[0] == 0
-    code, _, err = frenetic("resume", "c", "--simulations", "1", "--beamng-port", "25252")
-    assert code == 2
-    assert err.strip().splitlines() == [
-        "frenetic: --beamng-port is for --simulator beamng, but the simulator is 'embedded'"
-    ]
+    more = ("resume", "c", "--simulations", "1", "--simulator")
+    for given, text in (
+        ("port=25252", "the simulator is 'embedded', which is nowhere else"),
+        ("friction=0.9", "can only say where BeamNG.tech is (home, user, "),
+        ("beamng,port=25252", "can only say where BeamNG.tech is (home, user, "),
+    ):
+        code, _, err = frenetic(*more, given)
+        assert code == 2
+        assert text in err
+        assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -144,9 +143,7 @@ def test_place_is_for_no_campaign_of_another_simulator(frenetic: Frenetic) -> No
     ],
 )
 def test_wrong_value_is_one_line(frenetic: Frenetic, setting: str, text: str) -> None:
-    code, _, err = frenetic(
-        "drive", "road.json", "--simulator", "beamng", "--simulator-option", setting
-    )
+    code, _, err = frenetic("drive", "road.json", "--simulator", f"beamng,{setting}")
     assert code == 2
     assert err.strip().splitlines() == [f"frenetic: simulator 'beamng': {text}"]
 
@@ -161,35 +158,16 @@ def test_seed_gives_the_same_campaign(frenetic: Frenetic, stand_in: StandIn) -> 
     assert tests[0] == tests[1]
 
 
-@pytest.mark.parametrize(
-    ("option", "value"),
-    [("--aggression", "0.8"), ("--beamng-port", "25252"), ("--headless", None)],
-)
-@pytest.mark.parametrize("command", [("run",), ("drive", "road.json"), ("minimise", "road.json")])
-def test_its_options_are_for_no_other_simulator(
-    frenetic: Frenetic, command: tuple[str, ...], option: str, value: str | None
-) -> None:
-    code, _, err = frenetic(*command, option, *([] if value is None else [value]))
+def test_its_options_are_for_no_other_simulator(frenetic: Frenetic) -> None:
+    code, _, err = frenetic("run", "--simulator", "headless=true")
     assert code == 2
-    assert err.strip().splitlines() == [
-        f"frenetic: {option} is for --simulator beamng, but the simulator is 'embedded'"
-    ]
-
-
-@pytest.mark.parametrize("command", ["run", "resume", "drive", "minimise", "rerun"])
-def test_help_shows_its_options_as_a_group(frenetic: Frenetic, command: str) -> None:
-    code, out, _ = frenetic(command, "--help")
-    assert code == 0
-    first, group = out.split("BeamNG.tech options (with --simulator beamng):")
-    assert "--beamng-home DIR" in group
-    assert "--beamng-home" not in first
-    assert "--driver" in first or command == "resume"
+    assert "simulator 'embedded' has no option 'headless'" in err
 
 
 def test_nobody_says_where_it_is(frenetic: Frenetic) -> None:
     code, _, err = frenetic("drive", "road.json", "--simulator", "beamng")
     assert code == 2
-    assert "give --beamng-home its folder, set BNG_HOME, or give --beamng-port" in err
+    assert "give its folder as home, set BNG_HOME, or give the port" in err
 
 
 def test_it_does_not_start(frenetic: Frenetic, stand_in: StandIn) -> None:
@@ -237,7 +215,7 @@ def test_failures_of_the_embedded_simulator_fail_again(
 
 def test_driving_again_in_beamng(frenetic: Frenetic, stand_in: StandIn) -> None:
     search = ("run", "--failures", "2", "--seed", "3", "--driver", "beamng-ai", "--out", "c")
-    assert frenetic(*search, *beamng(stand_in), "--aggression", "0.9")[0] == 0
+    assert frenetic(*search, *beamng(stand_in, "aggression=0.9"))[0] == 0
     with CampaignStore.open(Path("c")) as store:
         failures = store.counts().by_outcome[Outcome.FAIL]
     code, out, _ = frenetic("rerun", "c", "--json")
@@ -245,7 +223,7 @@ def test_driving_again_in_beamng(frenetic: Frenetic, stand_in: StandIn) -> None:
     assert code == 0
     assert document["same"] == failures == 2
     with StandIn() as other:
-        code, out, _ = frenetic("rerun", "c", "--beamng-port", str(other.port), "--json")
+        code, out, _ = frenetic("rerun", "c", "--simulator", f"port={other.port}", "--json")
         assert json.loads(out)["same"] == 2
 
 
@@ -254,7 +232,7 @@ def test_doctor_in_full_and_as_json(frenetic: Frenetic, stand_in: StandIn) -> No
     assert code == 0
     assert "ok    licence: it found its licence" in out
     assert out.endswith("beamng: all is well\n")
-    code, out, _ = frenetic("doctor", *beamng(stand_in), "--beamng-vehicle", "tank", "--json")
+    code, out, _ = frenetic("doctor", *beamng(stand_in, "vehicle=tank"), "--json")
     assert code == 1
     (examination,) = json.loads(out)
     assert examination["health"] == "something is wrong"
@@ -293,8 +271,9 @@ def processes_of(program: Path) -> list[str]:
 def test_interrupt_finishes_the_drive_and_leaves_no_process(tmp_path: Path, workers: str) -> None:
     home = tmp_path / "home"
     program(home)
-    search = ["run", "--simulator", "beamng", "--beamng-home", str(home), "--workers", workers]
-    options = ["--beamng-user", str(tmp_path), "--simulations", "100000", "--out", "c"]
+    place = f"beamng,home={home},user={tmp_path}"
+    search = ["run", "--simulator", place, "--workers", workers]
+    options = ["--simulations", "100000", "--out", "c"]
     running = subprocess.Popen(
         [sys.executable, "-m", "frenetic", *search, *options],
         cwd=tmp_path,
@@ -324,7 +303,8 @@ def test_several_workers_start_one_each(
 ) -> None:
     program(tmp_path / "home")
     monkeypatch.setitem(os.environ, "BNG_HOME", str(tmp_path / "home"))
-    search = ("run", "--simulator", "beamng", "--headless", "--workers", "2", "--simulations", "4")
+    place = ("--simulator", "beamng,headless=true")
+    search = ("run", *place, "--workers", "2", "--simulations", "4")
     code, out, err = frenetic(*search, "--seed", "1", "--out", "c", "--json")
     assert code == 0, err
     assert json.loads(out)["simulations"] == 4

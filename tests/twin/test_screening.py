@@ -91,7 +91,7 @@ def test_a_screened_campaign_does_not_depend_on_its_workers(tmp_path: Path, whol
 
 def test_run_show_and_report_say_what_screening_came_to(frenetic: Frenetic) -> None:
     TWIN.write(Path("twin.json"))
-    screened = ("--strategy", "screened", "--strategy-option", "profile=twin.json")
+    screened = ("--strategy", "screened,profile=twin.json")
     run = ("run", *screened, "--seed", "3", "--workers", "1", "--out", "found")
     facts = frenetic(*run, "--simulations", "3", "--json").json["facts"]
     assert facts["handed on"] + facts["controls"] == 3
@@ -114,7 +114,7 @@ def test_run_show_and_report_say_what_screening_came_to(frenetic: Frenetic) -> N
         (("--map-size", "150"), {}, "map size 200, not 150"),
         (("--oob-tolerance", "0.5"), {}, "oob tolerance 0.95, not 0.5"),
         (
-            ("--strategy-option", "strategy=frenetic-2021"),
+            ("--strategy", "screened,profile=twin.json,strategy=frenetic-2021"),
             {},
             "frenetic-2021 has no method 'replace'",
         ),
@@ -132,7 +132,7 @@ def test_a_twin_that_does_not_suit_is_refused_in_a_line(
     document = json.loads(Path("twin.json").read_text(encoding="utf-8"))
     document["driven"] |= entries
     Path("twin.json").write_text(json.dumps(document), encoding="utf-8")
-    screened = ("--strategy", "screened", "--strategy-option", "profile=twin.json")
+    screened = ("--strategy", "screened,profile=twin.json")
     answer = frenetic("run", *screened, *options, "--out", "found")
     assert answer.refuses(message)
     assert not Path("found").exists()

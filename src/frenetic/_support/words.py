@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, Final
+
+from frenetic._support.json_value import plain
 
 
 def counted(number: int, what: str) -> str:
@@ -56,6 +59,51 @@ def read_setting(text: str) -> Any:
         except ValueError:
             continue
     return text
+
+
+_PIECE: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[^,"\[\]{}]+|[\[\]{},"]')  # of a part's text
+
+
+def read_part(text: str) -> tuple[str | None, dict[str, Any]]:
+    """The name and options in ``planner,aggression=1.2``; None for options without a name.
+
+    A comma separates, unless it is quoted or within brackets: ``sites=[1,2]``, ``path="a,b"``.
+
+    Raises:
+        ValueError: an option has no value, or is there twice.
+    """
+    items, depth = [""], 0
+    for piece in _PIECE.findall(text):
+        depth += (piece in "[{") - (piece in "]}")
+        if piece == "," and depth == 0:
+            items.append("")
+        else:
+            items[-1] += piece
+    first = str(read_setting(items[0])) if items[0][:1] == '"' else items[0].strip()
+    is_name = items[0][:1] == '"' or "=" not in items[0]
+    options: dict[str, Any] = {}
+    for item in items[is_name:]:
+        name, equals, value = item.partition("=")
+        if not equals or not name.strip():
+            raise ValueError(f"{item!r} is not OPTION=VALUE, as in {first or 'name'},option=1.2")
+        if name.strip() in options:
+            raise ValueError(f"the option {name.strip()} is there twice")
+        options[name.strip()] = read_setting(value)
+    return first if is_name else None, options
+
+
+def part_word(name: str | None, options: Mapping[str, Any]) -> str:
+    """A part in the form that `read_part` reads back."""
+    first = [] if name is None else [json.dumps(name) if set(name) & set(',="[]{}') else name]
+    return ",".join([*first, *(f"{key}={_setting(value)}" for key, value in options.items())])
+
+
+def _setting(value: object) -> str:
+    """A value in a form that `read_setting` reads back."""
+    if isinstance(value, str):
+        is_plain = read_setting(value) == value and not set(value) & set(',"[]{}')
+        return value if is_plain else json.dumps(value)
+    return json.dumps(value, default=plain)
 
 
 def parse_duration(text: object) -> float:

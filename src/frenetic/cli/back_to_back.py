@@ -25,7 +25,7 @@ from frenetic.cli.options import (
     json_option,
     workers_option,
 )
-from frenetic.cli.parts import moved, part_choice, place_options
+from frenetic.cli.parts import moved, part_choice, place_option
 from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
@@ -42,12 +42,11 @@ _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
 @click.command(name="back-to-back", cls=GroupedCommand)
 @click.argument("old", type=CampaignFolder())
 @click.argument("new", type=CampaignFolder(), required=False)
-@part_choice("driver", "The new version, in place of NEW's driver.", whose="the new version")
+@part_choice("driver", "The new version, in place of NEW's driver.")
 @part_choice(
     "driver",
     "The old version, in place of OLD's driver.",
     name="old-driver",
-    whose="the old version",
 )
 @count_option("--fresh", "Number of fresh random roads.", default=200)
 @click.option(
@@ -65,7 +64,7 @@ _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
 @count_option("--top", "Only the N most telling failures of each campaign. [default: all]", least=0)
 @workers_option
 @drive_limit_option
-@place_options
+@place_option
 @json_option
 def back_to_back(
     old: Path,
@@ -74,6 +73,8 @@ def back_to_back(
     driver_options: tuple[tuple[str, Any], ...],
     old_driver: str | None,
     old_driver_options: tuple[tuple[str, Any], ...],
+    simulator: str | None,
+    simulator_options: tuple[tuple[str, Any], ...],
     fresh: int,
     seed: int | None,
     repeats: int,
@@ -97,14 +98,14 @@ def back_to_back(
 
     if new is None and driver is None and not driver_options:
         raise click.UsageError(
-            "say what the new version is: give its campaign after OLD, or --driver or"
-            " --driver-option"
+            "say what the new version is: give its campaign after OLD, or --driver"
         )
     with as_usage_error():
         plan = plan_roads(old, new, fresh=fresh, seed=seed, repeats=repeats, top=top)
+    place = simulator, simulator_options
     is_recorded = old_driver is None and not old_driver_options
-    old_spec = _spec(old, old_driver, old_driver_options, checked=not is_recorded)
-    new_spec = _spec(new or old, driver, driver_options)
+    old_spec = _spec(old, old_driver, old_driver_options, place, checked=not is_recorded)
+    new_spec = _spec(new or old, driver, driver_options, place)
     old_version = partial(as_recorded, old) if is_recorded else nullcontext
     result = _driven(plan, lambda: old_version(old_spec), new_spec, workers, drive_limit)
     if as_json:
@@ -115,7 +116,12 @@ def back_to_back(
 
 
 def _spec(
-    folder: Path, driver: str | None, options: tuple[tuple[str, Any], ...], *, checked: bool = True
+    folder: Path,
+    driver: str | None,
+    options: tuple[tuple[str, Any], ...],
+    place: tuple[str | None, tuple[tuple[str, Any], ...]],
+    *,
+    checked: bool = True,
 ) -> Spec:
     """The spec of a version, whose parts have to be trusted if that is ``checked``.
 
@@ -138,7 +144,7 @@ def _spec(
     return replace(
         spec,
         driver=replace(spec.driver, made=recorded if spec.driver.made else {}),
-        simulator=replace(simulator, options=moved(simulator.name, simulator.options)),
+        simulator=replace(simulator, options=moved(simulator, *place)),
     )
 
 

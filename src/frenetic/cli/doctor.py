@@ -10,7 +10,7 @@ import click
 
 from frenetic.cli.console import Log, announced_compilation
 from frenetic.cli.options import GroupedCommand, as_usage_error, json_option
-from frenetic.cli.parts import beamng_options, part_choice
+from frenetic.cli.parts import part_choice
 
 if TYPE_CHECKING:
     from frenetic.doctor import Check, Examination
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     "simulator",
     "Check only this one, and in full. [default: all that are installed, in short]",
 )
-@beamng_options
 @json_option
 def doctor(
     simulator: str | None, simulator_options: tuple[tuple[str, Any], ...], as_json: bool
@@ -34,7 +33,7 @@ def doctor(
     from frenetic.doctor import Health, examine, examine_all
 
     if simulator is None and simulator_options:
-        raise click.UsageError("options of a simulator need --simulator, which says of which")
+        raise click.UsageError("--simulator needs a name before the options: NAME,OPTION=VALUE")
     examinations: list[Examination] = []
     with announced_compilation(Log()) as compiled, as_usage_error():
         if simulator is not None:

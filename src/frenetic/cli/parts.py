@@ -10,11 +10,11 @@ from typing import Any, Final, ParamSpec, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
-from frenetic.cli.console import shell
-from frenetic.cli.options import Decorator, GroupedOption, Setting, with_options
+from frenetic._support.words import read_part
+from frenetic.cli.options import Decorator, with_options
 from frenetic.drivers.loading import LAYERS
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
-from frenetic.spec import NUMBERS, Spec, drive_options, usual_wall_limit
+from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_wall_limit
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -22,9 +22,9 @@ R = TypeVar("R")
 AS: Final = "driven_as"
 """Name of the parameter of ``--as``."""
 _EXAMPLES: Final = {
-    "strategy": "threshold=-0.2",
-    "driver": "aggression=1.2",
-    "simulator": "friction=0.7",
+    "strategy": "frenetic-2021,threshold=-0.2",
+    "driver": "planner,aggression=1.2",
+    "simulator": "embedded,friction=0.7",
 }
 
 
@@ -55,41 +55,51 @@ def part_choice(
     show_default: bool | str = True,
     required: bool = False,
     name: str | None = None,
-    whose: str | None = None,
 ) -> Decorator:
-    """The options for a part and for its own options.
+    """The option for a part with its own options: ``planner,aggression=1.2``.
+
+    Options alone, ``aggression=1.2``, are those of the part that is taken otherwise.
 
     Args:
         kind: of the part.
-        help: of the option for the part, as the next three.
+        help: of the option.
         default: its default.
         show_default: its words for that.
         required: whether it has to be given.
         name: its name if that is not the kind.
-        whose: words for what has the options, such as "the new version".
     """
-    is_simulator, name, whose = kind == "simulator", name or kind, whose or f"the {kind}"
-    options = [
-        click.option(
-            f"--{name}",
-            default=default,
-            show_default=show_default,
-            required=required,
-            is_eager=is_simulator,
-            metavar=kind[0].upper(),
-            help=help,
-            shell_complete=names_of(kind),
-        ),
-        click.option(
-            f"--{name}-option",
-            f"{name.replace('-', '_')}_options",
-            type=Setting(),
-            multiple=True,
-            callback=with_beamng if is_simulator else None,
-            help=f"An option of {whose}, such as {_EXAMPLES[kind]}; may be repeated.",
-        ),
-    ]
-    return lambda command: with_options(options, command)
+    name = name or kind
+
+    def split(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
+        """Gives the options a parameter of their own; returns the name."""
+        try:
+            given, options = (None, {}) if value is None else read_part(value)
+        except ValueError as error:
+            raise click.BadParameter(str(error), ctx, param) from None
+        assert param.name is not None
+        source = ctx.get_parameter_source(param.name)
+        ctx.params[f"{param.name}_options"] = tuple(options.items())
+        if options and source is not None:
+            ctx.set_parameter_source(f"{param.name}_options", source)
+        if given is None and value is not None:
+            if required:
+                raise click.BadParameter("a name is needed before the options", ctx, param)
+            ctx.set_parameter_source(param.name, click.core.ParameterSource.DEFAULT)
+            return default
+        return given
+
+    option = click.option(
+        f"--{name}",
+        default=default,
+        show_default=show_default,
+        required=required,
+        is_eager=kind == "simulator",
+        metavar=kind.upper(),
+        help=f"{help} Its options follow a comma: {_EXAMPLES[kind]}.",
+        shell_complete=names_of(kind),
+        callback=split,
+    )
+    return lambda command: with_options([option], command)
 
 
 _as_option: Final = click.option(
@@ -143,7 +153,7 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
             for number in NUMBERS
         ),
     ]
-    return with_options([_as_option, *options], beamng_options(command))
+    return with_options([_as_option, *options], command)
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -170,7 +180,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             if number.another
         ),
     ]
-    return with_options([_as_option, *options], beamng_options(command))
+    return with_options([_as_option, *options], command)
 
 
 def was_given(context: click.Context, name: str) -> bool:
@@ -228,26 +238,15 @@ def _or_usual_limit(ctx: click.Context, _: click.Parameter, value: float | None)
     return usual_wall_limit(ctx.params["simulator"]) if value is None else value
 
 
-# BeamNG.tech: short forms of options of its simulator
+# BeamNG.tech: options of its simulator that say where it is, and change no drive
 
 BEAMNG: Final = "beamng"
-_GROUP: Final = "BeamNG.tech options (with --simulator beamng)"
-_GIVEN: Final = "frenetic.beamng"
-# Options of a BeamNG.tech that is started.
 _STARTING: Final = ("home", "user", "headless", "no_gpu", "restart_every")
+"""Those of a BeamNG.tech that is started."""
 _PLACE: Final = ("home", "user", "headless", "no_gpu", "host", "port")
-# Name of the parameter -> of the simulator's option.
-_OPTIONS: Final = {
-    "beamng_home": "home",
-    "beamng_user": "user",
-    "headless": "headless",
-    "no_gpu": "no_gpu",
-    "beamng_host": "host",
-    "beamng_port": "port",
-    "beamng_vehicle": "vehicle",
-    "aggression": "aggression",
-    "steps_per_second": "steps_per_second",
-}
+place_option: Final = part_choice(
+    "simulator", "Where BeamNG.tech is now, if it has moved: host=pc,port=25252 or home=/opt/b."
+)
 
 
 def is_beamng(simulator: str) -> bool:
@@ -256,117 +255,32 @@ def is_beamng(simulator: str) -> bool:
 
 
 def without_place(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Recorded options of the simulator without those that `place_options` give."""
+    """Recorded options of the simulator without those that say where it is."""
     return {k: v for k, v in options.items() if k not in (*_STARTING, "host", "port")}
 
 
-def place_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options that say where BeamNG.tech is and change no drive."""
-    options = [
-        _beamng(
-            "--beamng-home",
-            metavar="DIR",
-            help="Start BeamNG.tech from this installation. [default: what BNG_HOME says]",
-        ),
-        _beamng("--beamng-user", metavar="DIR", help="Folder for what it writes."),
-        _beamng("--headless", is_flag=True, default=None, help="Start it without a window."),
-        _beamng("--no-gpu", is_flag=True, default=None, help="Start it without a graphics card."),
-        _beamng("--beamng-host", metavar="HOST", help="Connect to one that runs there."),
-        _beamng(
-            "--beamng-port",
-            type=click.IntRange(1, 65535),
-            metavar="PORT",
-            help="Where it listens. [default: 25252, or a free one if it is started]",
-        ),
-    ]
-    return with_options(options, command)
-
-
-def beamng_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options of BeamNG.tech, which become options of the simulator."""
-    options = [
-        _beamng("--beamng-vehicle", metavar="MODEL", help="The car. [default: etk800]"),
-        _beamng(
-            "--aggression", type=float, help="Of BeamNG.AI, --driver beamng-ai. [default: 0.7]"
-        ),
-        _beamng(
-            "--steps-per-second",
-            type=int,
-            metavar="N",
-            help="Steps of a simulated second, a multiple of 20. [default: 60]",
-        ),
-    ]
-    return place_options(with_options(options, command))
-
-
-def _beamng(name: str, **how: Any) -> Decorator:
-    # Eager, so that all are known when `with_beamng` collects them.
-    return click.option(
-        name,
-        cls=GroupedOption,
-        group=_GROUP,
-        is_eager=True,
-        expose_value=False,
-        callback=_remember,
-        **how,
-    )
-
-
-def _remember(ctx: click.Context, param: click.Parameter, value: Any) -> None:
-    if value is not None and param.name is not None:
-        ctx.meta.setdefault(_GIVEN, {})[param.name] = (param.opts[0], value)
-
-
-def with_beamng(
-    ctx: click.Context, param: click.Parameter, value: tuple[tuple[str, Any], ...]
-) -> tuple[tuple[str, Any], ...]:
-    """Adds the given options of BeamNG.tech to those of the simulator.
-
-    Raises:
-        click.UsageError: the simulator is another.
-    """
-    given = _given(ctx, ctx.params.get("simulator"))
-    if not given:
-        return value
-    assert param.name is not None
-    ctx.set_parameter_source(param.name, click.core.ParameterSource.COMMANDLINE)
-    return (*value, *given.items())
-
-
-def place_words(context: click.Context) -> list[str]:
-    """The given options of `place_options` as words of a command line."""
-    given: dict[str, tuple[str, Any]] = context.meta.get(_GIVEN, {})
-    words = []
-    for name, (option, value) in given.items():
-        if _OPTIONS[name] in _PLACE:
-            words += [option] if value is True else [option, shell(str(value))]
-    return words
-
-
-def moved(simulator: str | None, recorded: Mapping[str, Any]) -> dict[str, Any]:
-    """A campaign's options of its simulator, with what `place_options` say in their place.
+def moved(
+    recorded: Part, simulator: str | None, options: tuple[tuple[str, Any], ...]
+) -> dict[str, Any]:
+    """The options of a campaign's simulator, with what `place_option` says in their place.
 
     If BeamNG.tech was started and is now connected to, or the other way round, recorded options for
     that no longer hold.
 
     Raises:
-        click.UsageError: the simulator is another.
+        click.UsageError: it says more than a place, or the simulator is another.
     """
-    given = _given(click.get_current_context(), simulator)
+    given = dict(options)
+    if simulator not in (None, recorded.name) or given.keys() - set(_PLACE):
+        raise click.UsageError(
+            f"--simulator can only say where BeamNG.tech is ({', '.join(_PLACE)}): all else would"
+            " be another campaign"
+        )
+    if given and not is_beamng(recorded.name or ""):
+        raise click.UsageError(f"the simulator is {recorded.name!r}, which is nowhere else")
     ended: tuple[str, ...] = ()
     if "host" in given:
         ended = _STARTING
-    elif "home" in given and "home" not in recorded:
+    elif "home" in given and "home" not in recorded.options:
         ended = ("host", "port")
-    return {name: value for name, value in recorded.items() if name not in ended} | given
-
-
-def _given(ctx: click.Context, simulator: str | None) -> dict[str, Any]:
-    """The given options of BeamNG.tech, by their names for the simulator."""
-    given: dict[str, tuple[str, Any]] = ctx.meta.get(_GIVEN, {})
-    if given and simulator is not None and not is_beamng(simulator):
-        (option, _), *_ = given.values()
-        raise click.UsageError(
-            f"{option} is for --simulator {BEAMNG}, but the simulator is {simulator!r}"
-        )
-    return {_OPTIONS[name]: value for name, (_, value) in given.items()}
+    return {k: v for k, v in recorded.options.items() if k not in ended} | given

@@ -10,18 +10,12 @@ import click
 
 from frenetic.cli.console import Log
 from frenetic.cli.options import GroupedCommand, json_option
-from frenetic.cli.parts import asked_spec, driver_options, was_given
+from frenetic.cli.parts import asked_spec, driver_options
 from frenetic.spec import drive_options
 
 _SETTING: Final = {
-    "driver": "planner",
-    "driver_options": [
-        "lateral_acceleration=6.44",
-        "braking=6.1",
-        "lookahead_time=0.454",
-        "lookahead_min=2.19",
-        "speed_gain=0.517",
-    ],
+    "driver": "planner,lateral_acceleration=6.44,braking=6.1,lookahead_time=0.454,"
+    "lookahead_min=2.19,speed_gain=0.517",
     "speed_limit": 120.0,
     "oob_tolerance": 0.5,
 }
@@ -66,8 +60,6 @@ def rank_service(
     from frenetic.ranking.service import CompetitionTool, serving
 
     given = {name: context.params[name] for name in drive_options()}
-    if was_given(context, "driver") and not was_given(context, "driver_options"):
-        given["driver_options"] = ()  # the default's
     with (
         Twin.of(asked_spec(context, given)) as twin,
         serving(CompetitionTool(twin, lane_width=lane_width), host, port) as bound,

@@ -16,7 +16,7 @@ from frenetic.cli.options import (
     as_usage_error,
     json_option,
 )
-from frenetic.cli.parts import moved, place_options
+from frenetic.cli.parts import moved, place_option
 from frenetic.cli.search import (
     fail_on_failure_option,
     is_finished,
@@ -33,7 +33,7 @@ from frenetic.spec import Budget, Spec
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
 @worker_options
-@place_options
+@place_option
 @fail_on_failure_option
 @json_option
 def resume(
@@ -44,6 +44,8 @@ def resume(
     workers: int | None,
     cluster: str | None,
     drive_limit: float | None,
+    simulator: str | None,
+    simulator_options: tuple[tuple[str, Any], ...],
     fail_on_failure: bool,
     as_json: bool,
 ) -> None:
@@ -54,7 +56,7 @@ def resume(
     failures. A part that was changed since, such as a driver's source, a module that it imports or
     a file that is its argument, is refused. A campaign that was killed between its last result and
     its report gets what is missing. A given budget is added to what is spent. If
-    BeamNG.tech has moved, give its new place, which holds for this time.
+    BeamNG.tech has moved, give its new place with --simulator, which holds for this time.
     """
     from frenetic.campaign import CampaignStore
     from frenetic.campaign.campaign import SOURCES
@@ -105,11 +107,9 @@ def resume(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    simulator = spec.simulator
-    simulator = replace(simulator, options=moved(simulator.name, simulator.options))
-    the_campaign = make_campaign(
-        replace(spec, simulator=simulator), campaign, workers, cluster, drive_limit
-    )
+    there = moved(spec.simulator, simulator, simulator_options)
+    spec = replace(spec, simulator=replace(spec.simulator, options=there))
+    the_campaign = make_campaign(spec, campaign, workers, cluster, drive_limit)
     text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
     if is_spent:
         text = f"Finishing after {counts.tests} tests, which spent the budget"

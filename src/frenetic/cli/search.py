@@ -22,7 +22,6 @@ from frenetic.cli.console import (
     shell,
 )
 from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, with_options
-from frenetic.cli.parts import place_words
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.spec import number_word
 
@@ -109,7 +108,7 @@ def _resume_words(folder: Path) -> str:
         if parameter.name in _TO_GO_ON and value is not None:
             unit = "s" if isinstance(value, float) else ""
             words += [parameter.opts[0], f"{shell(number_word(value))}{unit}"]
-    return " ".join([*words, *place_words(context)])
+    return " ".join(words)
 
 
 def search(

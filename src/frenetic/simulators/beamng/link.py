@@ -129,13 +129,13 @@ class Place:
         if home is None and host is None and port is None:
             raise BeamngError(
                 "nothing says where BeamNG.tech is",
-                f"give --beamng-home its folder, set {HOME_VARIABLE}, or give --beamng-port (and"
-                " --beamng-host) of one that runs",
+                f"give its folder as home, set {HOME_VARIABLE}, or give the port (and the host) of"
+                " one that runs",
             )
         if home is None and (user or headless or no_gpu):
             raise BeamngError(
                 "user, headless and no_gpu are for a BeamNG.tech that is started",
-                "give --beamng-home, too",
+                "give home, too",
             )
         place = cls(
             None if home is None else Path(home).expanduser(),
@@ -160,7 +160,7 @@ class Place:
         if " " in folder:
             raise BeamngError(
                 f"user {folder!r}: BeamNG.tech takes no folder with a space in its path",
-                "give --beamng-user another",
+                "give another one as user",
             )
         return folder
 
@@ -197,7 +197,7 @@ def executable(home: Path) -> Path:
     Raises:
         BeamngError: it does not exist.
     """
-    remedy = "give --beamng-home the folder into which BeamNG.tech was unpacked"
+    remedy = "give the folder into which BeamNG.tech was unpacked as home"
     if not home.is_dir():
         raise BeamngError(f"there is no folder {home}", remedy)
     beamngpy()
@@ -264,7 +264,7 @@ class Link:
         if _is_taken(port):
             raise BeamngError(
                 f"port {port} is taken, maybe by a BeamNG.tech that still runs",
-                "end it, choose another --beamng-port, or leave out --beamng-home to use it",
+                "end it, choose another port, or leave out home to use it",
             )
         start = _part(self._bng, "_start_beamng")
         with _asking("starting it"), _child_deaf_to_interrupt():

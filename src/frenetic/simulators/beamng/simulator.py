@@ -144,7 +144,7 @@ class BeamngSimulator:
         self.place = Place.of(home, user, host, port, headless, no_gpu)
         if restart_every is not None and self.place.home is None:
             raise BeamngError(
-                "restart_every is for a BeamNG.tech that is started", "give --beamng-home, too"
+                "restart_every is for a BeamNG.tech that is started", "give home, too"
             )
         self.rules = rules or Rules()
         self.vehicle = vehicle
@@ -384,7 +384,7 @@ class BeamngSimulator:
         if camera_of(driver) is not None and self.place.no_gpu:
             raise DriverError(
                 "without a graphics card BeamNG.tech draws nothing, and the driver has a camera:"
-                " leave out --no-gpu"
+                " leave out no_gpu"
             )
         appearance.check_other_world(driver, "BeamNG.tech")
 
@@ -410,7 +410,7 @@ class BeamngSimulator:
         if inner != BeamngAi():
             raise DriverError(
                 "in BeamNG.tech beamng-ai is BeamNG.AI itself, which has no options of a driver:"
-                " use --aggression and --speed-limit"
+                " use aggression of the simulator, and the speed limit"
             )
         return True
 

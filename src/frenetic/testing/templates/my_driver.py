@@ -12,7 +12,7 @@ TOP_SPEED = 60 / 3.6  # m/s
 
 
 class MyDriver:
-    """Keeps to the middle of its lane. An argument is an option: --driver-option sight=30."""
+    """Keeps to the middle of its lane. An argument is an option: FILE:MyDriver,sight=30."""
 
     def __init__(self, sight: float = 20.0) -> None:
         """Take ``sight``, the m of road for which the speed is chosen."""
