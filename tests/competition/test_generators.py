@@ -308,7 +308,7 @@ def test_a_search_that_is_killed_ends_in_one_line() -> None:
         ("FRENETIC_SEED", "many", "'many' is not a valid integer"),
         ("FRENETIC_SEED", "-1", "-1 is not in the range x>=0"),
         ("FRENETIC_STRATEGY_OPTIONS", "treshold=-0.3", "did you mean 'threshold'?"),
-        ("FRENETIC_STRATEGY_OPTIONS", "threshold", "NAME=VALUE"),
+        ("FRENETIC_STRATEGY_OPTIONS", "threshold", "OPTION=VALUE"),
         ("FRENETIC_STRATEGY_OPTIONS", "cross_num=1", "cross_num must be"),
         ("FRENETIC_STRATEGY_OPTIONS", "seed=3", "--seed"),
         ("FRENETIC_STRATEGY_OPTIONS", "threshold='-0.3", "No closing quotation"),
