@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, cast
+
 import numpy as np
 import pytest
 
+from frenetic.analysis.features import FEATURES as AXES
 from frenetic.analysis.features import Features
 from frenetic.outcome import Outcome
 from frenetic.report.html import feature_map
-from frenetic.report.html.feature_map import FeatureMap, Measured, choose_mapped, map_section
+from frenetic.report.html.blocks import Part
+from frenetic.report.html.feature_map import MapAxis, Measured, choose_mapped, map_section
 from frenetic.report.html.tests import TestSummary
 from frenetic.search import Origin
 
@@ -51,13 +57,13 @@ def numbers(tests: list[TestSummary]) -> tuple[int, int]:
     return failed, len(tests) - failed
 
 
-def section_of(tests: list[TestSummary]) -> tuple[str, FeatureMap]:
-    """The lead and the block."""
+def section_of(tests: list[TestSummary]) -> tuple[str, Mapping[str, Any]]:
+    """The lead and the block's data."""
     ids = [test.id for test in choose_mapped(tests)]
-    section = map_section(ids, dict.fromkeys(ids, Measured(FEATURES, FEATURES)), tests)
+    section = map_section(dict.fromkeys(ids, Measured(FEATURES, FEATURES)), tests)
     (block,) = section.blocks
-    assert isinstance(block, FeatureMap)
-    return section.lead, block
+    assert isinstance(block, Part)
+    return section.lead, block.data
 
 
 @pytest.mark.usefixtures("small")
@@ -121,13 +127,37 @@ def test_of_too_many_failures_some_of_every_severity_are_mapped() -> None:
 def test_it_is_said_what_is_mapped(failures: int, passes: int, text: str) -> None:
     lead, block = section_of(made(failures, passes))
     assert lead.endswith(f"to see its roads. {text}")
-    assert not block.all_driven
-    assert block.all_failures is (failures < 50)
+    assert not block["all_driven"]
+    assert block["all_failures"] is (failures < 50)
 
 
 @pytest.mark.usefixtures("small")
 def test_of_a_map_of_everything_nothing_is_said() -> None:
     lead, block = section_of(made(10, 20))
     assert lead.endswith("to see its roads.")
-    assert block.all_driven
-    assert block.all_failures
+    assert block["all_driven"]
+    assert block["all_failures"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "shown"),
+    [
+        ("max_curvature", [0.021, 0.034, 0.07], (0.021, 0.07)),
+        ("mean_speed", [10.0, 15.0, 15.0], (36.0, 54.0)),
+        ("bends", [1, 2, 4], (0.5, 4.5)),
+        ("mean_offset", [0.1, 0.1], (-0.05, 0.25)),
+        ("mean_speed", [], (0.0, 90.0)),
+    ],
+)
+def test_an_axis_has_the_range_of_its_values(
+    name: str, values: list[Any], shown: tuple[float, float]
+) -> None:
+    axis = MapAxis.of(AXES[name], [replace(FEATURES, **cast("Any", {name: value})) for value in values])
+    steps = np.diff(axis.edges)
+    assert steps == pytest.approx(steps[0])
+    assert 4 <= len(steps) <= 12
+    assert shown[0] - steps[0] < axis.edges[0] <= shown[0] + 1e-9
+    assert shown[1] - 1e-9 <= axis.edges[-1] < shown[1] + steps[0]
+    factor = 3.6 if name == "mean_speed" else 1.0
+    for value, cell in zip(values, axis.cells.tolist(), strict=True):
+        assert axis.edges[cell] <= factor * value <= axis.edges[cell + 1]

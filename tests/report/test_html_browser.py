@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import re
 import shlex
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +17,8 @@ import pytest
 from click.testing import CliRunner
 from html_browser import background, low_contrast
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_searched
-from playwright.sync_api import Browser, Page, expect
+from PIL import Image
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import Clusters, distinct_failures
@@ -41,7 +42,7 @@ from frenetic.report.html import (
     Table,
     write_report,
 )
-from frenetic.search import Origin, RandomSearch
+from frenetic.search import RandomSearch
 from frenetic.simulators import EmbeddedSimulator
 
 pytest_plugins = ["browsing"]
@@ -90,19 +91,23 @@ def test_page_has_all_parts(page: Page) -> None:
         "Failures over time",
         "Failures",
         "Feature map",
-        "Family tree",
         "Operators",
+        "All tests",
         "Configuration",
     ]
-    expect(page.locator(".block-timeline .series .line")).to_have_count(4)
+    expect(page.locator(".block-switch canvas")).to_have_count(1)
+    expect(page.locator(".block-switch .legend button")).to_have_count(4)
     assert page.locator(".block-bars .bar-fill").count() > 5
     assert page.locator(".gallery .card svg .path").count() > 5
 
 
 def test_time_can_be_counted_in_three_ways(page: Page) -> None:
+    drawing = page.locator(".block-switch .chart-drawing")
     for name, title in (("tests", "tests, roads that"), ("wall time", "wall time (s)")):
         page.get_by_role("button", name=name, exact=True).click()
-        expect(page.locator(".block-timeline .x-title")).to_contain_text(title)
+        label = re.compile(re.escape(f"found so far over {title}"))
+        expect(drawing).to_have_attribute("aria-label", label)
+    expect(drawing).to_have_count(1)
 
 
 def test_cell_of_the_map_shows_its_roads(page: Page) -> None:
@@ -301,7 +306,7 @@ def test_failures_are_found_by_words_and_by_number(page: Page, searched: Path) -
     assert 0 < len(wanted) < len(clusters)
     assert set(heads(page)) >= {one.most_severe for one in wanted}
     assert len(heads(page)) == len(wanted)
-    expect(page.locator(".choices .found")).to_have_text(f"{len(wanted)} of {len(clusters)}")
+    expect(page.locator("#failures .found")).to_have_text(f"{len(wanted)} of {len(clusters)}")
     member = next(i for one in clusters if len(one) > 1 for i in one.ids if i != one.most_severe)
     search.fill(f"#{member}")
     assert heads(page) == [member]
@@ -370,14 +375,6 @@ def test_failures_are_chosen_by_robustness(
     page.select_option("#gallery-robust", "none")
     assert len(heads(page)) >= len(everything) - 2
     assert not set(robust) & set(heads(page))
-
-
-def test_family_tree_leads_from_test_to_test(page: Page) -> None:
-    node = page.locator("#family button.node").first
-    words = node.get_attribute("aria-label") or ""
-    node.click()
-    title = page.locator("#player-title").text_content() or ""
-    assert words.startswith(title.split(" FAIL")[0].split(" PASS")[0])
 
 
 def test_commands_are_copied_as_they_are(page: Page, searched: Path) -> None:
@@ -490,12 +487,12 @@ def test_all_text_can_be_read(
     )
     assert low_contrast(page) == []
     raised = "els => els.forEach(el => { el.style.background = 'var(--raised)'; })"
-    page.locator(".card, tbody tr > *, .node").evaluate_all(raised)
+    page.locator(".card, tbody tr > *").evaluate_all(raised)
     assert low_contrast(page) == []
     page.locator(".legend button").first.click()
     page.locator("button.alike").first.click()
     page.locator(".cell[class*=severity]").first.click()
-    page.locator(".block-timeline .chart-drawing").focus()
+    page.locator(".block-switch .chart-drawing").focus()
     page.keyboard.press("ArrowRight")
     assert low_contrast(page) == []
     page.evaluate("location.hash = '#test-99999'")
@@ -506,19 +503,28 @@ def test_all_text_can_be_read(
     assert low_contrast(page) == []
 
 
+def has_colour(canvas: Locator, colour: tuple[int, int, int]) -> bool:
+    """Whether a chart has lines of a colour."""
+    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB"))
+    return int((np.abs(pixels.astype(int) - colour).max(axis=2) < 8).sum()) > 50
+
+
 def test_dark_colours_follow_the_system_and_the_switch(
     show: Callable[..., Page], searched: Path
 ) -> None:
     page = show(searched / "report.html", color_scheme="dark")
-    expect(page.locator(".x-title").first).to_be_visible()
+    canvas = page.locator(".block-switch canvas")
+    expect(canvas).to_be_visible()
     assert background(page) < 150
-    ink = "getComputedStyle(document.querySelector('.x-title')).fill"
-    dark = page.evaluate(ink)
+    light, dark = (196, 31, 39), (255, 122, 112)  # of failures
+    assert has_colour(canvas, dark)
+    assert not has_colour(canvas, light)
     button = page.locator("#theme")
     button.click()
     expect(button).to_have_text("Light")
     assert background(page) > 600
-    assert page.evaluate(ink) != dark
+    assert has_colour(canvas, light)
+    assert not has_colour(canvas, dark)
     page.reload()
     expect(page.locator("#theme")).to_have_text("Light")
     page.locator("#theme").click()
@@ -547,7 +553,7 @@ def test_paper_is_white_and_has_no_switches(show: Callable[..., Page], searched:
     assert background(page) == 3 * 255
     for hidden in (".bar", ".choices", ".copy", ".map-panel"):
         expect(page.locator(hidden).first).to_be_hidden()
-    widths = page.locator(".chart-drawing > svg").evaluate_all(
+    widths = page.locator(".chart-drawing canvas").evaluate_all(
         "els => els.map(el => el.clientWidth)"
     )
     assert 500 < max(widths) <= 660
@@ -581,90 +587,103 @@ def test_paper_shows_what_is_folded(page: Page) -> None:
     assert details.evaluate_all(folded) == before
 
 
-def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -> None:
-    with CampaignStore.open(searched) as store:
-        tested = [test for test in store.tests() if test.outcome.is_test]
-    drawing = page.locator(".block-timeline .chart-drawing")
-    drawing.scroll_into_view_if_needed()
-    grid = drawing.locator("svg.lines").bounding_box()
-    assert grid is not None
-    page.mouse.move(grid["x"] + 0.6 * grid["width"], grid["y"] + 60)
-    tip = page.locator(".chart-tip")
-    at = int(re.findall(r"^(\d+) simulations", tip.locator("p").first.text_content() or "")[0])
-    assert at == pytest.approx(90, abs=2)
-    driven = [test for test in tested if test.outcome is not Outcome.INVALID][:at]
-    failed = [test.id for test in driven if test.outcome is Outcome.FAIL]
-    said = {
+def pointed(page: Page, share: float) -> tuple[float, float]:
+    """A place in the first chart, so far from its left edge."""
+    over = page.locator(".block-switch .u-over")
+    over.scroll_into_view_if_needed()
+    box = over.bounding_box()
+    assert box is not None
+    return box["x"] + share * box["width"], box["y"] + 60
+
+
+def said(page: Page) -> tuple[int, dict[str | None, str | None]]:
+    """Where the first chart's cursor is, and the values there."""
+    tip = page.locator(".block-switch .chart-tip")
+    rows = {
         row.locator("span").text_content(): row.locator("b").text_content()
         for row in tip.locator("> div").all()
     }
-    assert said["failures"] == str(len(failed))
+    return int(re.findall(r"^(\d+) ", tip.locator("p").first.text_content() or "")[0]), rows
+
+
+def test_chart_says_what_it_shows_where_one_points(page: Page, searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        tested = [test for test in store.tests() if test.outcome.is_test]
+    page.mouse.move(*pointed(page, 0.6))
+    at, rows = said(page)
+    assert at == pytest.approx(90, abs=2)
+    driven = [test for test in tested if test.outcome is not Outcome.INVALID][:at]
+    failed = [test.id for test in driven if test.outcome is Outcome.FAIL]
+    assert rows["failures"] == str(len(failed))
+    assert list(rows) == page.locator(".block-switch .legend button").all_text_contents()
+    tip = page.locator(".chart-tip")
     expect(tip).to_contain_text(f"Latest failure: test {failed[-1]}.")
+    page.locator(".block-switch .legend button", has_text="distinct failures").first.click()
+    page.mouse.move(*pointed(page, 0.6))
+    assert "distinct failures" not in said(page)[1]
     page.mouse.down()
     page.mouse.up()
     expect(page.locator("#player-title")).to_contain_text(f"Test {failed[-1]} FAIL")
 
 
 def test_chart_is_enlarged_by_dragging(page: Page) -> None:
-    drawing = page.locator(".block-timeline .chart-drawing")
-    drawing.scroll_into_view_if_needed()
-    ticks = drawing.locator(".x-tick")
-    before = ticks.all_text_contents()
-    grid = drawing.locator("svg.lines").bounding_box()
-    assert grid is not None
-    page.mouse.move(grid["x"] + grid["width"] / 3, grid["y"] + 60)
+    page.mouse.move(*pointed(page, 1 / 3))
     page.mouse.down()
-    page.mouse.move(grid["x"] + grid["width"] * 2 / 3, grid["y"] + 60, steps=3)
+    page.mouse.move(*pointed(page, 2 / 3), steps=3)
     page.mouse.up()
-    shown = [int(text) for text in ticks.all_text_contents()]
-    assert shown != [int(text) for text in before]
-    assert min(shown) >= 47
-    assert max(shown) <= 103
+    whole = page.get_by_role("button", name="Whole range")
+    expect(whole).to_be_visible()
+    for share, simulations in ((0.02, 50), (0.98, 100)):
+        page.mouse.move(*pointed(page, share))
+        assert said(page)[0] == pytest.approx(simulations, abs=3)
     expect(page.get_by_role("dialog")).to_have_count(0)
-    page.get_by_role("button", name="Whole range").click()
-    assert ticks.all_text_contents() == before
+    whole.click()
+    page.mouse.move(*pointed(page, 0.98))
+    assert said(page)[0] > 140
+    expect(whole).to_be_hidden()
 
 
 def test_chart_is_read_with_the_keyboard(page: Page) -> None:
-    drawing = page.locator(".block-timeline .chart-drawing")
-    drawing.focus()
-    tip = page.locator(".chart-tip")
+    page.locator(".block-switch .chart-drawing").focus()
     page.keyboard.press("ArrowRight")
-    first = tip.locator("p").first.text_content()
+    first, _ = said(page)
     for _ in range(60):
         page.keyboard.press("ArrowRight")
-    assert tip.locator("p").first.text_content() != first
+    assert said(page)[0] > first + 50
+    tip = page.locator(".block-switch .chart-tip")
     number = re.findall(r"test (\d+)", tip.text_content() or "")[0]
     page.keyboard.press("Enter")
     expect(page.locator("#player-title")).to_contain_text(f"Test {number} ")
 
 
-def test_tapping_a_chart_shows_its_values_before_it_opens_a_test(
-    show: Callable[..., Page], searched: Path
-) -> None:
-    page = show(searched / "report.html", viewport={"width": 390, "height": 844}, has_touch=True)
-    drawing = page.locator(".block-timeline .chart-drawing")
-    drawing.scroll_into_view_if_needed()
-    box = drawing.bounding_box()
-    assert box is not None
-    place = (box["x"] + 0.8 * box["width"], box["y"] + 0.7 * box["height"])
-    page.touchscreen.tap(*place)
-    expect(page.locator(".chart-tip")).to_contain_text("Tap again")
-    expect(page.get_by_role("dialog")).to_have_count(0)
-    page.touchscreen.tap(*place)
-    expect(page.get_by_role("dialog")).to_be_visible()
-
-
-def test_a_line_is_hidden_by_its_legend(page: Page) -> None:
-    lines = page.locator(".block-timeline .series")
-    expect(lines).to_have_count(4)
-    button = page.locator(".block-timeline .legend button").last
-    expect(button).to_have_text("distinct failures")
-    button.click()
-    expect(button).to_have_attribute("aria-pressed", "false")
-    expect(lines).to_have_count(3)
-    button.click()
-    expect(lines).to_have_count(4)
+def test_tests_are_sorted_and_found(page: Page, searched: Path) -> None:
+    with CampaignStore.open(searched) as store:
+        tests = {test.id: test for test in store.tests()}
+    rows, ids = page.locator("#tests tbody tr"), page.locator("#tests tbody th")
+    expect(rows).to_have_count(50)
+    assert ids.all_text_contents() == [str(i) for i in sorted(tests)[:50]]
+    page.get_by_role("button", name="MOOBD (m)").click()
+    head = page.locator("#tests thead th", has_text="MOOBD (m)")
+    expect(head).to_have_attribute("aria-sort", "ascending")
+    known = {i: test.moobd for i, test in tests.items() if test.moobd is not None}
+    shown = [known[int(text)] for text in ids.all_text_contents()]
+    assert shown == pytest.approx(sorted(known.values())[:50], abs=0.011)
+    page.keyboard.press("Enter")
+    expect(head).to_have_attribute("aria-sort", "descending")
+    page.select_option("#tests-outcome", "FAIL")
+    failures = sum(test.outcome is Outcome.FAIL for test in tests.values())
+    expect(page.locator("#tests .found")).to_have_text(f"{failures} of {len(tests)}")
+    expect(rows).to_have_count(failures)
+    page.select_option("#tests-outcome", "")
+    page.get_by_role("button", name=f"Show more of {len(tests)}").click()
+    expect(rows).to_have_count(len(tests))
+    child = next(test for test in tests.values() if test.candidate.origin.parents)
+    parent = child.candidate.origin.parents[0]
+    page.fill("#tests-search", f"#{parent}")
+    assert {str(child.id), str(parent)} <= set(ids.all_text_contents())
+    page.locator("#tests tbody a", has_text=re.compile(f"^{parent}$")).click()
+    opened = page.locator("#player-title, #notice code")
+    expect(opened.first).to_contain_text(str(parent))
 
 
 def test_player_fits_on_a_phone(show: Callable[..., Page], searched: Path) -> None:
@@ -755,13 +774,14 @@ def test_a_table_hints_at_more_columns_to_the_right(
 def test_counts_of_the_map_stand_at_the_middle_of_their_cells(page: Page) -> None:
     page.select_option("#map-across", "bends")
     labels = page.locator(".edges-x span")
-    assert labels.all_text_contents() == [*map(str, range(9)), "9+"]
+    numbers = [int(text) for text in labels.all_text_contents()]
+    assert numbers == list(range(numbers[0], numbers[-1] + 1))
     middle = "const b = el.getBoundingClientRect(); return b.x + b.width / 2;"
     centre = f"els => els.map(el => {{ {middle} }})"
-    cells = page.locator(".cell-row").first.locator(".cell").evaluate_all(centre)
-    assert labels.evaluate_all(centre) == pytest.approx(cells, abs=1.5)
-    last = page.locator(".cell-row").first.locator(".cell").last
-    expect(last).to_have_attribute("title", re.compile("^Number of bends 9 or more, "))
+    cells = page.locator(".cell-row").first.locator(".cell")
+    assert labels.evaluate_all(centre) == pytest.approx(cells.evaluate_all(centre), abs=1.5)
+    title = re.compile(f"^Number of bends {numbers[-1]}, ")
+    expect(cells.last).to_have_attribute("title", title)
 
 
 def test_profile_ticks_stand_where_they_say(page: Page, searched: Path) -> None:
@@ -780,11 +800,8 @@ def test_profile_ticks_stand_where_they_say(page: Page, searched: Path) -> None:
 def test_operators_are_explained(page: Page) -> None:
     row = page.locator("#operators tbody tr", has_text="random")
     expect(row).to_contain_text("draws a new road")
-    expect(page.locator("#family .tree-box")).to_contain_text("random: draws a new road")
     bar = page.locator("#operators .bar-row", has=page.get_by_text("random", exact=True))
     expect(bar).to_contain_text("draws a new road")
-    node = page.locator("#family .node", has_text="random").first
-    expect(node).to_have_attribute("title", re.compile("^random: draws a new road"))
 
 
 def test_a_minimised_road_can_be_driven_again(
@@ -825,28 +842,6 @@ def test_failures_like_another_that_cannot_be_opened_say_why(
     page = show(write_report(searched, tmp_path / "r.html"))
     closed = page.locator("p.alike").first
     expect(closed).to_have_text(re.compile("(its drive is|their drives are) not in this"))
-
-
-def test_a_few_failures_are_counted_in_whole_numbers(
-    show: Callable[..., Page], searched: Path, tmp_path: Path
-) -> None:
-    make_empty(tmp_path / "few", searched)
-    with CampaignStore.open(searched) as store:
-        (failure,) = store.tests(Outcome.FAIL, order_by="moobd", limit=1, with_trajectory=True)
-        passed = list(store.tests(Outcome.PASS, limit=19, with_trajectory=True))
-    with CampaignStore.open(tmp_path / "few", readonly=False) as store:
-        for number, like in enumerate([failure, *passed], start=1):
-            candidate = replace(like.candidate, id=number, origin=Origin("random"))
-            store.asked(candidate)
-            store.told(replace(like, candidate=candidate, told=number, elapsed=float(number)))
-    page = show(write_report(tmp_path / "few"))
-    ticks = page.locator(".block-timeline .y-tick")
-    expect(ticks.first).to_be_visible()
-    assert all(re.fullmatch(r"\d+", text) for text in ticks.all_text_contents())
-    widths = page.locator(".block-timeline .series .line").evaluate_all(
-        "els => els.map(el => parseFloat(el.getAttribute('stroke-width')))"
-    )
-    assert widths.index(max(widths)) == len(widths) - 2  # the failures, under the distinct ones
 
 
 def test_no_text_from_outside_is_run(
@@ -926,8 +921,7 @@ def test_sections_of_ones_own_are_drawn(
         "Caption.",
     ):
         expect(ours).to_contain_text(text)
-    expect(ours.locator(".series .line.dashed")).to_have_count(1)
-    expect(ours.locator(".series .band")).to_have_count(1)
+    expect(ours.locator(".stroke.dashed").first).to_be_visible()
     expect(ours.locator(".bar-fill")).to_have_count(1)
     expect(ours.locator(".bar-value")).to_have_text(["1.00", "–"])
     expect(page.locator("nav a").last).to_have_text("The bench")

@@ -42,4 +42,5 @@ def test_a_large_report_opens_and_maps_every_failure(
     assert sum(int(text or 0) for text in shown) == failures
     page.locator(".cell[class*=severity]").first.click()
     expect(page.locator(".map-panel h3")).to_contain_text("mapped tests")
-    expect(page.locator(".block-timeline .series .line")).to_have_count(4)
+    expect(page.locator(".block-switch .legend button")).to_have_count(4)
+    expect(page.get_by_role("button", name="Show more of 1800")).to_be_visible()

@@ -69,6 +69,11 @@ class Feature:
         """(bins + 1,) the bins' edges; a value on an edge belongs to the bin above."""
         return np.linspace(self.low, self.high, self.bins + 1)
 
+    @property
+    def counts(self) -> bool:
+        """Whether its values are whole numbers."""
+        return self.low % 1.0 == 0.5 and self.high - self.low == self.bins
+
     def of(self, features: Features) -> float:
         """This feature's value."""
         return float(getattr(features, self.name))

@@ -10,13 +10,15 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import matplotlib as mpl
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 
+from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted, signed
 from frenetic.analysis.comparison import Comparison
 from frenetic.analysis.failures import Clusters, distinct_failures, nearest_misses
@@ -28,9 +30,9 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.drive import Drive
 from frenetic.outcome import Outcome
 from frenetic.report.comparison import draw_curves, frame_counts
-from frenetic.report.html.feature_map import choose_mapped
+from frenetic.report.html.feature_map import MapAxis, choose_mapped
 from frenetic.report.html.tests import TestSummary
-from frenetic.report.html.timeline import timeline_of
+from frenetic.report.html.timeline import EXPECTED, timeline_of
 from frenetic.report.picture import draw_sheet, sheet_row
 from frenetic.report.scene import (
     ALARM,
@@ -276,23 +278,11 @@ def plot_progress(campaign: Campaign | CampaignStore | Path | str, ax: Axes | No
                     (0.0, *x), (0, *values), where="post", color=colour, lw=1.8,
                     label=f"{name}: {values[-1]}",
                 )  # fmt: skip
-            if expected is not None:
-                of = np.array(expected.of)
-                bands = (
-                    (expected.share * of, expected.low * of, expected.high * of),
-                    tuple(
-                        map(
-                            np.array,
-                            (expected.distinct, expected.distinct_low, expected.distinct_high),
-                        )
-                    ),
-                )
-                for (name, colour), (middle, low, high) in zip(curves, bands, strict=True):
-                    axes.fill_between(x, low, high, color=colour, alpha=0.1, lw=0.0)
-                    axes.plot(
-                        x, middle, color=colour, lw=1.0, ls=(0, (4, 3)),
-                        label=f"{name}, if all roads were random",
-                    )  # fmt: skip
+            bands = () if expected is None else (expected.failures, expected.distinct)
+            for (name, colour), (middle, low, high) in zip(curves, bands, strict=False):
+                axes.fill_between(x, low, high, color=colour, alpha=0.1, lw=0.0)
+                label = f"{name}, {EXPECTED}"
+                axes.plot(x, middle, color=colour, lw=1.0, ls=(0, (4, 3)), label=label)
             axes.legend(loc="upper left", frameon=False, fontsize=8.5)
         axes.set_xlim(left=0.0)
         axes.set_ylim(bottom=0.0)
@@ -324,9 +314,14 @@ def plot_feature_map(
         CampaignError: there is no campaign, or it is damaged.
         UnknownNameError: there is no such feature.
     """
-    across, up = feature(x), feature(y)
+    chosen = feature(x), feature(y)
     with opened(campaign) as store:
-        driven, failed, worst = _cells(store, across, up, whole=whole)
+        across, up, failing, moobds = _measured(store, *chosen, whole=whole)
+    shape = len(across.edges) - 1, len(up.edges) - 1
+    driven, failed, worst = np.zeros(shape), np.zeros(shape, dtype=np.int64), np.full(shape, np.inf)
+    np.add.at(driven, (across.cells, up.cells), 1)
+    np.add.at(failed, (across.cells[failing], up.cells[failing]), 1)
+    np.minimum.at(worst, (across.cells[failing], up.cells[failing]), moobds[failing])
     with mpl.rc_context(STYLE):
         axes = _new_axes(5.2, 4.2)[0] if ax is None else ax
         cover = np.ma.masked_where(driven == 0, np.zeros_like(worst))
@@ -359,7 +354,7 @@ def plot_feature_map(
             (across, axes.set_xlabel, axes.set_xticks),
             (up, axes.set_ylabel, axes.set_yticks),
         ):
-            set_title(f"{axis.description}{f' ({axis.unit})' if axis.unit else ''}")
+            set_title(axis.title)
             set_ticks(axis.edges[::2], [f"{edge:.3g}" for edge in axis.edges[::2]])
         axes.set_title(
             f"Failures in {counted(int((failed > 0).sum()), 'cell')} of"
@@ -378,22 +373,21 @@ def _summaries(store: CampaignStore) -> list[TestSummary]:
     return [TestSummary.of(record) for record in store.tests()]
 
 
-def _cells(store: CampaignStore, x: Feature, y: Feature, *, whole: bool) -> tuple[Any, Any, Any]:
-    """Driven tests, failures, and the lowest MOOBD in m of these, (x.bins, y.bins) each."""
-    driven = np.zeros((x.bins, y.bins), dtype=np.int64)
-    failed, worst = np.zeros_like(driven), np.full(driven.shape, np.inf)
+def _measured(
+    store: CampaignStore, x: Feature, y: Feature, *, whole: bool
+) -> tuple[MapAxis, MapAxis, npt.NDArray[np.bool_], FloatArray]:
+    """The axes of two features; which of the tests failed, (n,), and their MOOBDs in m, (n,)."""
+    features, failed, moobds = [], [], []
     for test in choose_mapped(_summaries(store)):
         record = store.test(test.id)
         if record.drive is None or not len(record.drive.trajectory):
             continue
         segment = segment_of(record.road, record.drive, record.departure)
-        found = features_of(segment.whole() if whole else segment)
-        cell = x.bin_of(found), y.bin_of(found)
-        driven[cell] += 1
-        if record.outcome is Outcome.FAIL:
-            failed[cell] += 1
-            worst[cell] = min(worst[cell], record.moobd or 0.0)
-    return driven, failed, worst
+        features.append(features_of(segment.whole() if whole else segment))
+        failed.append(record.outcome is Outcome.FAIL)
+        moobds.append(record.moobd or 0.0)
+    which = np.array(failed, dtype=np.bool_)
+    return MapAxis.of(x, features), MapAxis.of(y, features), which, np.array(moobds)
 
 
 def _plot_comparison(comparison: Comparison, ax: Axes | None) -> Axes:

@@ -17,8 +17,8 @@ Your own section needs no JavaScript, as long as its blocks are of existing kind
     )
     write_report("campaigns/night", sections=[errors])
 
-A new kind of block is a frozen dataclass with a ``kind``, and a function of that name in ``kinds``
-of ``static/blocks.js``, which is given the element to fill and the block as JSON.
+A new kind of block is a frozen dataclass with a ``kind``, and a macro of that name in
+``templates/blocks.html``, which is given the block.
 """
 
 from frenetic.report.html.blocks import (

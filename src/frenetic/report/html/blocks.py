@@ -5,20 +5,38 @@ Texts are plain: nothing in them is HTML.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from enum import StrEnum
-from math import isfinite
+from math import floor, isfinite, log10
 from typing import Any, ClassVar, Final, Literal, Protocol, TypeAlias
+
+from matplotlib.ticker import MaxNLocator
+
+from frenetic._support.words import signed
 
 Role: TypeAlias = Literal["accent", "fail", "pass", "invalid", "error", "quiet"]
 """Meaning of a colour; the page chooses the colour, light or dark."""
 
 
 class Block(Protocol):
-    """A part of a section: a dataclass with the name of the function that draws it."""
+    """A part of a section: a dataclass with the name of what draws it.
 
-    kind: ClassVar[str]
+    That is a macro of ``templates/blocks.html``, or a function of the page's script.
+    """
+
+    @property
+    def kind(self) -> str:
+        """The name."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A block of our own pages."""
+
+    kind: str
+    data: Mapping[str, Any]
+    """What is drawn: texts, numbers, and tuples, mappings or dataclasses of them."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +113,15 @@ class Series:
     low: tuple[float, ...] = ()
     """Lower edge of the band, as many as points, or none."""
     high: tuple[float, ...] = ()
-    role: Role = "accent"
+    role: str = "accent"
+    """A `Role`, or ``group-0`` to ``group-7``."""
     dashed: bool = False
     stepped: bool = False
     """Whether the value holds until the next point."""
+    width: float = 2.0
+    """Width of the line, in pixels."""
+    singles: tuple[tuple[float, ...], ...] = ()
+    """Thin lines beside it, each with as many points."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +133,53 @@ class Chart:
     x_title: str
     y_title: str
     caption: str = ""
+    name: str = ""
+    """Name among the charts of a `Switch`."""
+    counts: bool = False
+    """Whether both axes begin at 0, and the upper one has whole numbers."""
+    tests: tuple[int | None, ...] = ()
+    """Id of the test that a click at each point of the first line opens, or none."""
+
+
+@dataclass(frozen=True)
+class Switch:
+    """Charts of which one is shown at a time."""
+
+    kind: ClassVar[str] = "switch"
+    label: str
+    """Word before the buttons."""
+    charts: tuple[Chart, ...]
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """A scale of round numbers along a track, in percent of its width."""
+
+    low: float
+    high: float
+    ticks: tuple[float, ...]
+    first: float = 0.0
+    """Place of the lower end, in percent."""
+    last: float = 100.0
+    """Place of the upper end, in percent."""
+
+    @classmethod
+    def of(cls, values: Iterable[float | None], *, most: int = 5, fits: bool = True) -> Scale:
+        """The scale of some values; it begins and ends at round numbers if it ``fits``."""
+        known = [value for value in values if value is not None]
+        low, high = min(known), max(known)
+        ticks = [
+            float(tick) for tick in MaxNLocator(most, steps=[1, 2, 5, 10]).tick_values(low, high)
+        ]
+        if fits:
+            return cls(min(low, ticks[0]), max(high, ticks[-1]), tuple(ticks))
+        return cls(low, high, tuple(tick for tick in ticks if low <= tick <= high))
+
+    def at(self, value: float) -> float:
+        """Place of a value, in percent."""
+        share = (value - self.low) / (self.high - self.low)
+        return round(self.first + share * (self.last - self.first), 2)
 
 
 @dataclass(frozen=True)
@@ -130,6 +200,16 @@ class Bars:
     """Small text under each name, as many as names, or none."""
     faint: tuple[bool, ...] = ()
     """Whether a bar fades, since little stands behind it; as many as names, or none."""
+
+    @property
+    def scale(self) -> Scale:
+        """The scale of all bars, from 0 or below."""
+        return Scale.of([0.0, 1e-9, *self.values, *self.low, *self.high])
+
+    def text(self, value: float | None) -> str:
+        """A value, with as many digits as the largest needs."""
+        most = max(abs(self.scale.low), abs(self.scale.high))
+        return signed(value, max(1, 2 - floor(log10(most))))
 
 
 @dataclass(frozen=True)
@@ -168,6 +248,8 @@ def to_json(value: Any) -> Any:
     """A dataclass and its contents as JSON; numbers that are not finite become null."""
     if is_dataclass(value) and not isinstance(value, type):
         found = {item.name: to_json(getattr(value, item.name)) for item in fields(value)}
+        if isinstance(value, Part):
+            return {"kind": value.kind, **found["data"]}
         kind = getattr(value, "kind", None)
         return found if kind is None else {"kind": kind, **found}
     if isinstance(value, float):

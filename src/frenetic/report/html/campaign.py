@@ -22,11 +22,11 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.report.html.blocks import Section
+from frenetic.report.html.blocks import Part, Section
 from frenetic.report.html.camera import PICTURES_SIZE, DriverCamera
 from frenetic.report.html.elsewhere import elsewhere_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
-from frenetic.report.html.gallery import family_section, gallery_section, misses_section
+from frenetic.report.html.gallery import gallery_section, misses_section
 from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operators_section
 from frenetic.report.html.page import Report, made_by, write_page
@@ -36,7 +36,6 @@ from frenetic.report.html.tests import (
     DriveData,
     TestSummary,
     TestTable,
-    ancestors,
     drive_data,
 )
 from frenetic.report.html.timeline import timeline_section
@@ -99,16 +98,13 @@ def campaign_report(
     if not failures:
         found = nearest_misses(store) if misses is None else misses
     tests, counts = _read(store)  # last: while the campaign runs, it has what was found before
-    by_id = {test.id: test for test in tests}
     mapped = [test.id for test in choose_mapped(tests)]
     config, facts = store.config, store.facts
     reruns, trouble = _reruns(store)
     own, there = own_repeats(reruns, config, store.setting.rules), elsewhere(reruns, config)
     driven_there = [test.id for one in there for test in one.tests]
-    drives, measured = _look(store, _to_show(tests, by_id, found, driven_there), mapped)
+    drives, measured = _look(store, _to_show(tests, found, driven_there), mapped)
     opened = {drive.id for drive in drives}
-    spoken_of = measured.keys() | opened | set(ancestors(by_id, opened))
-    table = TestTable.of(test for test in tests if test.id in spoken_of)
     moobds = {test.id: test.moobd for test in tests if test.moobd is not None}
     elapsed = store.elapsed()
     top = headline(
@@ -131,10 +127,10 @@ def campaign_report(
             gallery_section(found, moobds, opened, own, failures)
             if failures
             else misses_section(found, counts, moobds, opened),
-            map_section(table.ids, measured, tests),
-            family_section(found, opened),
+            map_section(measured, tests),
             operators_section(tests, clusters),
             *elsewhere_sections(store, there),
+            Section("tests", "All tests", (Part("tests", {}),)),
             repeat_section(config, facts),
             *sections,
         ),
@@ -142,7 +138,7 @@ def campaign_report(
         drive_options=drive_options(config),
         made_by=made_by(),
         lane_width=_lane_width(config.get("lane_width")),
-        tests=table,
+        tests=TestTable.of(tests),
         drives=tuple(drives),
     )
 
@@ -218,23 +214,19 @@ def _budget_spent(
 
 
 def _to_show(
-    tests: Sequence[TestSummary],
-    by_id: dict[int, TestSummary],
-    clusters: Clusters,
-    elsewhere: Sequence[int],
+    tests: Sequence[TestSummary], clusters: Clusters, elsewhere: Sequence[int]
 ) -> list[int]:
     """Ids of the tests to show, the most important first.
 
-    Each cluster's most severe and typical failure, then those driven in another simulator, those
-    that the first descend from, and the most severe failures.
+    Each cluster's most severe and typical failure, then those driven in another simulator, and the
+    most severe failures.
     """
     heads = [i for cluster in clusters for i in (cluster.most_severe, cluster.typical)]
-    driven = [i for i in ancestors(by_id, heads) if by_id[i].outcome.is_driven]
     failed = sorted(
         (test for test in tests if test.outcome is Outcome.FAIL),
         key=lambda test: (test.moobd or 0.0, test.id),
     )
-    return list(dict.fromkeys([*heads, *elsewhere, *driven, *(test.id for test in failed)]))
+    return list(dict.fromkeys([*heads, *elsewhere, *(test.id for test in failed)]))
 
 
 def _reruns(store: CampaignStore) -> tuple[list[Rerun], str]:

@@ -125,7 +125,7 @@ def comparison_report(
         sections=(
             Section("summary", title, (_headline(comparison, lead),)),
             Section("results", "Results", tuple(group_tables(comparison, groups))),
-            Section("curves", "Over the budget", (group_curves(comparison, groups),)),
+            Section("curves", "Over the budget", tuple(group_curves(comparison, groups))),
             Section("spreads", "Campaign by campaign", (group_spreads(comparison, groups),)),
             *([pairs] if len(groups) > 1 else []),
             Section("measures", "What is measured", tuple(_definitions(comparison))),

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, Final
 
 from frenetic._support.words import signed
 from frenetic.again.rerun import Rerun, names_of
 from frenetic.again.verdicts import matches_text
 from frenetic.campaign.store import CampaignStore
 from frenetic.oracle import assess
-from frenetic.report.html.blocks import Block, Column, Paragraph, Section, Table
+from frenetic.report.html.blocks import Block, Column, Paragraph, Part, Section, Table
 from frenetic.report.html.tests import columns_size, drive_columns
 from frenetic.spec import part_text
 
@@ -32,31 +31,6 @@ _COLUMNS: Final = (
 )
 
 
-@dataclass(frozen=True)
-class OtherDrive:
-    """A test's drive in the other simulator."""
-
-    test: int
-    agreement: str
-    reason: str
-    moobd: float | None
-    """m."""
-    columns: tuple[tuple[int, ...], ...]
-    """See `drive_columns`."""
-
-
-@dataclass(frozen=True)
-class Elsewhere:
-    """Pictures of roads with the paths in both simulators."""
-
-    kind: ClassVar[str] = "elsewhere"
-    here: str
-    """Name of the campaign's simulator."""
-    there: str
-    """Name of the other one."""
-    drives: tuple[OtherDrive, ...]
-
-
 def elsewhere_sections(store: CampaignStore, reruns: Sequence[Rerun]) -> tuple[Section, ...]:
     """A section about the tests driven in other simulators; none without any.
 
@@ -68,9 +42,10 @@ def elsewhere_sections(store: CampaignStore, reruns: Sequence[Rerun]) -> tuple[S
     room = OTHERS_SIZE
     for one in reruns:
         blocks += _blocks(store, one)
-        pictures = _pictures(store, one, room)
-        room -= sum(columns_size(drive.columns) for drive in pictures.drives)
-        blocks.append(pictures)
+        drives = _drives(store, one, room)
+        room -= sum(columns_size(drive["columns"]) for drive in drives)
+        here, there = names_of(one, store.config)
+        blocks.append(Part("elsewhere", {"here": here, "there": there, "drives": drives}))
     if not blocks:
         return ()
     lead = "What fails alike in two simulators says something of the driver."
@@ -105,8 +80,8 @@ def _blocks(store: CampaignStore, rerun: Rerun) -> Iterator[Block]:
     yield Table(_COLUMNS, rows, links=tuple(f"#test-{one.id}" for one in rerun.tests))
 
 
-def _pictures(store: CampaignStore, rerun: Rerun, room: int) -> Elsewhere:
-    """Pictures of as many of its drives as there is room for."""
+def _drives(store: CampaignStore, rerun: Rerun, room: int) -> tuple[dict[str, Any], ...]:
+    """As many of its drives as there is room for."""
     drives = []
     for test in rerun.tests:
         again = test.drives[0]
@@ -118,6 +93,13 @@ def _pictures(store: CampaignStore, rerun: Rerun, room: int) -> Elsewhere:
         room -= columns_size(columns)
         if room < 0:
             break
-        moobd = None if again.moobd is None else round(again.moobd, 3)
-        drives.append(OtherDrive(test.id, test.verdict, again.reason, moobd, columns))
-    return Elsewhere(*names_of(rerun, store.config), tuple(drives))
+        drives.append(
+            {
+                "test": test.id,
+                "agreement": test.verdict,
+                "reason": again.reason,
+                "moobd": None if again.moobd is None else round(again.moobd, 3),
+                "columns": columns,
+            }
+        )
+    return tuple(drives)

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, Final
 
-from frenetic._support.arrays import evenly, spread
+import numpy as np
+import numpy.typing as npt
+from matplotlib.ticker import MaxNLocator
+
+from frenetic._support.arrays import FloatArray, evenly, spread
 from frenetic._support.words import capitalised
-from frenetic.analysis.features import FEATURES, Features, features_of
+from frenetic.analysis.features import FEATURES, Feature, Features, features_of
 from frenetic.analysis.segments import Segment
 from frenetic.outcome import Outcome
-from frenetic.report.html.blocks import Section
+from frenetic.report.html.blocks import Part, Section
 from frenetic.report.html.tests import TestSummary
 
 MAPPED: Final = 3000
@@ -20,40 +24,56 @@ MAPPED_PASSED: Final = 1000
 """Least number of measured tests that passed, if there are as many."""
 MAPPED_FAILURES: Final = 10_000
 """Most measured failures: nearly always all, so that no cell hides one."""
-NOT_MEASURED: Final = "."
-"""Letter in place of a bin."""
+CELLS: Final = 10
+"""About as many cells has an axis."""
 
 _BINS: Final = "0123456789abcdefghijklmnopqrstuvwxyz"
 
 
 @dataclass(frozen=True)
 class MapAxis:
-    """A feature, with the bin of every test."""
+    """A feature of the mapped tests, cut into cells of round numbers over their own range."""
 
-    name: str
-    description: str
+    feature: Feature
     unit: str
-    edges: tuple[float, ...]
-    segment: str
-    """A letter per test of the page's table: its bin on the segment, or `NOT_MEASURED`."""
-    whole: str
-    """Likewise, on the whole road and drive."""
+    """Speeds are in km/h."""
+    edges: FloatArray
+    """(n + 1,) of the cells, ascending."""
+    cells: npt.NDArray[np.int64]
+    """(tests,) of each test, from 0."""
 
+    @property
+    def title(self) -> str:
+        """The feature with its unit."""
+        return f"{self.feature.description}{f' ({self.unit})' if self.unit else ''}"
 
-@dataclass(frozen=True)
-class FeatureMap:
-    """A map of two chosen features, with the tests in each cell."""
+    @classmethod
+    def of(cls, feature: Feature, measured: Sequence[Features]) -> MapAxis:
+        """The axis of a feature; it has the published range if nothing is measured."""
+        is_speed = feature.unit == "m/s"
+        factor = 3.6 if is_speed else 1.0
+        values = factor * np.array([feature.of(one) for one in measured], dtype=np.float64)
+        shown = values if len(values) else factor * feature.edges[[0, -1]]
+        low, high = float(shown.min()), float(shown.max())
+        if feature.counts:
+            edges = np.arange(round(low) - 0.5, round(high) + 1.0)
+        else:
+            # One value lies in the middle of a published cell.
+            half = 0.0 if high - low > 1e-6 else 0.5 * factor * float(np.diff(feature.edges)[0])
+            low, high = low - half, high + half
+            ticks = MaxNLocator(CELLS, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high)
+            edges = np.array(ticks, dtype=np.float64)
+        cells = np.searchsorted(edges, values, side="right") - 1
+        unit = "km/h" if is_speed else feature.unit
+        return cls(feature, unit, edges, cells.clip(0, len(edges) - 2))
 
-    kind: ClassVar[str] = "featureMap"
-    axes: tuple[MapAxis, ...]
-    first: str
-    """Name of the first feature to the right."""
-    second: str
-    """Name of the first feature upwards."""
-    all_driven: bool
-    """Whether it holds all driven tests."""
-    all_failures: bool
-    """Whether it holds all failures."""
+    def data(self) -> dict[str, Any]:
+        """What the page draws."""
+        assert len(self.edges) <= len(_BINS)
+        return {
+            "edges": self.edges.round(6).tolist(),
+            "bins": "".join(_BINS[cell] for cell in self.cells.tolist()),
+        }
 
 
 @dataclass(frozen=True)
@@ -85,49 +105,49 @@ def choose_mapped(tests: Sequence[TestSummary]) -> list[TestSummary]:
     return [test for test in tests if test.id in chosen]
 
 
-def map_section(
-    ids: Sequence[int], measured: Mapping[int, Measured], tests: Sequence[TestSummary]
-) -> Section:
-    """The feature map of the tests in a page's table.
+def map_section(measured: Mapping[int, Measured], tests: Sequence[TestSummary]) -> Section:
+    """The feature map.
 
     Args:
-        ids: of the tests in the table.
-        measured: features of those that have any.
+        measured: test -> its features, of those that have any.
         tests: all of the campaign.
     """
     title = "Feature map"
     if not measured:
         return Section("map", title, (), "Nothing was driven yet.")
     axes = []
-    for axis in FEATURES.values():
-        assert axis.bins <= len(_BINS)
-        bins = {
-            i: (_BINS[axis.bin_of(found.segment)], _BINS[axis.bin_of(found.whole)])
-            for i, found in measured.items()
-        }
-        none = (NOT_MEASURED, NOT_MEASURED)
+    for feature in FEATURES.values():
+        segment, whole = (
+            MapAxis.of(feature, [getattr(one, scope) for one in measured.values()])
+            for scope in ("segment", "whole")
+        )
         axes.append(
-            MapAxis(
-                axis.name,
-                axis.description,
-                axis.unit,
-                tuple(round(float(edge), 6) for edge in axis.edges),
-                "".join(bins.get(i, none)[0] for i in ids),
-                "".join(bins.get(i, none)[1] for i in ids),
-            )
+            {
+                "name": feature.name,
+                "description": feature.description,
+                "unit": segment.unit,
+                "counts": feature.counts,
+                "segment": segment.data(),
+                "whole": whole.data(),
+            }
         )
     failed = [test.id for test in tests if test.outcome is Outcome.FAIL]
     passed = [test.id for test in tests if test.outcome is Outcome.PASS]
     failures, passes = (sum(i in measured for i in ids) for ids in (failed, passed))
-    block = FeatureMap(
-        axes=tuple(axes),
-        first="max_curvature",
-        second="mean_speed",
-        all_driven=len(measured) == len(failed) + len(passed),
-        all_failures=failures == len(failed),
+    all_driven = len(measured) == len(failed) + len(passed)
+    block = Part(
+        "featureMap",
+        {
+            "tests": tuple(measured),
+            "axes": tuple(axes),
+            "first": "max_curvature",
+            "second": "mean_speed",
+            "all_driven": all_driven,
+            "all_failures": failures == len(failed),
+        },
     )
     lead = "What the roads are like on which the driver fails; choose a cell to see its roads."
-    if not block.all_driven:
+    if not all_driven:
         lead += f" {_mapped(failures, len(failed), passes, len(passed))}"
     return Section("map", title, (block,), lead)
 

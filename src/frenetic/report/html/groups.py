@@ -1,10 +1,11 @@
-"""Blocks that show a comparison's groups side by side: a table, curves, spreads, and pairs."""
+"""A comparison's groups side by side: tables, curves, spreads, and pairs."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Final
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,10 +15,14 @@ from frenetic.analysis.comparison import Comparison, MeasureComparison, PairComp
 from frenetic.analysis.conclusions import p_text
 from frenetic.analysis.metrics import Curve, Measure, Topic, curves
 from frenetic.analysis.statistics import LEAST_REPEATS
-from frenetic.report.html.blocks import percent
+from frenetic.report.html.blocks import Chart, Part, Scale, Series, percent
 
 POINTS: Final = 400
 """Most points of a curve."""
+COLUMNS: Final = 8
+"""Columns of a table that are shown at first."""
+_COLOURS: Final = 8
+_SHADES: Final = 5
 _CURVES: Final[tuple[tuple[Curve, str], ...]] = (
     ("distinct_after", "distinct failures"),
     ("failures_after", "failures"),
@@ -31,145 +36,22 @@ class Group:
 
     name: str
     colour: int
-    """Number of the colour from 0; the page repeats its colours, lighter or dashed, if needed."""
+    """Number of the colour from 0."""
 
+    @property
+    def role(self) -> str:
+        """Name of its colour."""
+        return f"group-{self.colour % _COLOURS}"
 
-@dataclass(frozen=True)
-class GroupColumn:
-    """A measure of all groups."""
+    @property
+    def is_again(self) -> bool:
+        """Whether its colour is used once more: then lines are dashed, and marks hollow."""
+        return self.colour >= _COLOURS
 
-    title: str
-    better: str
-    """``more``, ``less`` or ``neither``."""
-    topic: str = ""
-    """A title over neighbouring columns that share it."""
-    text: str = ""
-    """Explanation, shown on demand."""
-
-
-@dataclass(frozen=True)
-class GroupCell:
-    """Value of a measure for a group."""
-
-    value: str
-    note: str = ""
-    """Small text under the value."""
-    strength: float = 0.0
-    """Emphasis in its column, 0..1."""
-
-
-@dataclass(frozen=True)
-class GroupTable:
-    """A row per group, a column per measure."""
-
-    kind: ClassVar[str] = "groupTable"
-    title: str
-    groups: tuple[Group, ...]
-    columns: tuple[GroupColumn, ...]
-    rows: tuple[tuple[GroupCell, ...], ...]
-    """One per group, with a cell per column."""
-    caption: str = ""
-
-
-@dataclass(frozen=True)
-class GroupCurve:
-    """Results of a group's campaigns over the spent budget."""
-
-    group: Group
-    x: tuple[float, ...]
-    median: tuple[float, ...]
-    low: tuple[float, ...] = ()
-    """First quartile, as many as points, or none."""
-    high: tuple[float, ...] = ()
-    """Third quartile, likewise."""
-    singles: tuple[tuple[float, ...], ...] = ()
-    """Each campaign, if they are too few for quartiles."""
-
-
-@dataclass(frozen=True)
-class CurvePanel:
-    """A chart with a curve per group."""
-
-    title: str
-    curves: tuple[GroupCurve, ...]
-
-
-@dataclass(frozen=True)
-class Curves:
-    """Charts with a common legend; the first is the largest."""
-
-    kind: ClassVar[str] = "curves"
-    x_title: str
-    panels: tuple[CurvePanel, ...]
-    caption: str = ""
-
-
-@dataclass(frozen=True)
-class Spread:
-    """The values of a group."""
-
-    group: Group
-    values: tuple[float, ...]
-    """One value per campaign, ascending; infinite for one that is worse than any number."""
-    texts: tuple[str, ...]
-    """The same, for people."""
-    median: str
-    """The median, for people."""
-    quartiles: tuple[float, float, float] | None
-    """First, median and third; None if there are too few values."""
-
-
-@dataclass(frozen=True)
-class SpreadPanel:
-    """Distribution of a measure in each group."""
-
-    title: str
-    note: str
-    none_is_low: bool
-    """Whether a value worse than any number stands on the left."""
-    spreads: tuple[Spread, ...]
-
-
-@dataclass(frozen=True)
-class Spreads:
-    """A point per campaign over a box from quartile to quartile, panel by panel."""
-
-    kind: ClassVar[str] = "spreads"
-    panels: tuple[SpreadPanel, ...]
-    caption: str = ""
-
-
-@dataclass(frozen=True)
-class Pair:
-    """Two groups, compared."""
-
-    first: Group
-    second: Group
-    a12: float
-    effect: str
-    p: str
-    p_corrected: str
-    verdict: str
-    better: int
-    """1 if the first is better, 2 if the second is, 0 if no difference is shown."""
-
-
-@dataclass(frozen=True)
-class PairsBy:
-    """All pairs, compared by a measure."""
-
-    title: str
-    note: str
-    pairs: tuple[Pair, ...]
-
-
-@dataclass(frozen=True)
-class Pairs:
-    """Pairs of groups, compared by a measure that the reader chooses."""
-
-    kind: ClassVar[str] = "pairs"
-    measures: tuple[PairsBy, ...]
-    caption: str = ""
+    @property
+    def style(self) -> str:
+        """Its class in the style sheet."""
+        return f"{self.role} again" if self.is_again else self.role
 
 
 # Made of a comparison
@@ -181,24 +63,27 @@ def groups_of(comparison: Comparison) -> tuple[Group, ...]:
     return tuple(Group(name, colours[name]) for name in comparison.headline.order)
 
 
-def group_tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[GroupTable]:
+def group_tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[Part]:
     """Medians, ranks, and filled cells of the feature maps."""
     varying, constant = _varying(comparison)
     alike = ", ".join(f"{one.measure.title} {one.measure.text(value)}" for one, value in constant)
-    yield GroupTable(
+    yield _table(
         "Medians",
-        groups,
-        tuple(_column(one.measure) for one in varying),
-        tuple(
-            tuple(
-                GroupCell(
-                    one.measure.text(one.quartiles(group.name).median),
-                    _quartiles(one, group.name),
-                )
-                for one in varying
+        [_column(by.measure) for by in varying],
+        [
+            (
+                group,
+                [
+                    (
+                        by.measure.text(by.quartiles(group.name).median),
+                        _quartiles(by, group.name),
+                        0,
+                    )
+                    for by in varying
+                ],
             )
             for group in groups
-        ),
+        ],
         "Median, and under it the quartiles."
         + (f" The same in all campaigns: {alike}." if alike else ""),
     )
@@ -207,26 +92,50 @@ def group_tables(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[
     yield _maps(comparison, groups)
 
 
+def _table(
+    title: str,
+    columns: Sequence[dict[str, str]],
+    rows: Sequence[tuple[Group, Sequence[tuple[str, str, int]]]],
+    caption: str,
+) -> Part:
+    """A row per group: value, a small text under it, and a shade from 0 in each column."""
+    styled: list[dict[str, Any]] = []
+    for i, column in enumerate(columns):
+        begins = i in (0, COLUMNS) or column["topic"] != columns[i - 1]["topic"]
+        style = f"{'begins' if begins else ''} {'rest' if i >= COLUMNS else ''}".strip()
+        styled.append({**column, "begins": begins, "is_rest": i >= COLUMNS, "style": style})
+    # A title over neighbouring columns of one topic.
+    firsts = [i for i, column in enumerate(styled) if column["begins"]]
+    for first, last in pairwise([*firsts, len(styled)]):
+        styled[first]["span"] = last - first
+    return Part(
+        "groupTable",
+        {"title": title, "columns": styled, "rows": rows, "caption": caption},
+    )
+
+
 def _ranks(
     comparison: Comparison, groups: tuple[Group, ...], varying: Sequence[MeasureComparison]
-) -> GroupTable:
-    ranked = [one for one in varying if one.measure.more_is_better is not None]
+) -> Part:
+    ranked = [by for by in varying if by.measure.more_is_better is not None]
     number = len(groups)
-    return GroupTable(
+    return _table(
         "Ranks",
-        groups,
-        tuple(_column(one.measure) for one in ranked),
-        tuple(
-            tuple(
-                GroupCell(
-                    f"{one.places[group.name]}.",
-                    f"{one.mean_ranks[group.name]:.1f}",
-                    (number - one.places[group.name]) / (number - 1),
-                )
-                for one in ranked
+        [_column(by.measure) for by in ranked],
+        [
+            (
+                group,
+                [
+                    (
+                        f"{by.places[group.name]}.",
+                        f"{by.mean_ranks[group.name]:.1f}",
+                        round(_SHADES * (number - by.places[group.name]) / (number - 1)),
+                    )
+                    for by in ranked
+                ],
             )
             for group in groups
-        ),
+        ],
         "Place by median; equal medians by the mean rank of the group's campaigns among all"
         f" {sum(map(len, comparison.groups.values()))} campaigns, which stands beneath; 1 is the"
         " best. A place says nothing of whether a difference is more than chance: see the pairs.",
@@ -239,24 +148,24 @@ def _varying(
     """The measures that differ between campaigns, and the constant ones with their value."""
     varying: list[MeasureComparison] = []
     constant: list[tuple[MeasureComparison, float]] = []
-    shown = [one for one in comparison.measures if one.measure.name != "failures_per_100"]
-    for one in comparison.measures if comparison.simulations is None else shown:
-        values = {value for group in one.values.values() for value in group}
+    shown = [by for by in comparison.measures if by.measure.name != "failures_per_100"]
+    for by in comparison.measures if comparison.simulations is None else shown:
+        values = {value for group in by.values.values() for value in group}
         if len(values) == 1:
-            constant.append((one, values.pop()))
+            constant.append((by, values.pop()))
         else:
-            varying.append(one)
+            varying.append(by)
     return varying, constant
 
 
-def _column(measure: Measure) -> GroupColumn:
+def _column(measure: Measure) -> dict[str, str]:
     unit = f" ({measure.unit})" if measure.unit else ""
-    return GroupColumn(
-        f"{measure.short}{unit}",
-        measure.better,
-        str(measure.topic),
-        f"{capitalised(measure.title)}: {measure.definition}",
-    )
+    return {
+        "title": f"{measure.short}{unit}",
+        "better": measure.better,
+        "topic": str(measure.topic),
+        "text": f"{capitalised(measure.title)}: {measure.definition}",
+    }
 
 
 def _quartiles(by: MeasureComparison, group: str) -> str:
@@ -265,7 +174,7 @@ def _quartiles(by: MeasureComparison, group: str) -> str:
     return "" if low == high else f"{low}–{high}"
 
 
-def _maps(comparison: Comparison, groups: tuple[Group, ...]) -> GroupTable:
+def _maps(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
     maps = (
         ("feature map", comparison.map_coverage()),
         (str(Topic.COMPETITION), comparison.map_coverage(as_competition=True)),
@@ -274,27 +183,31 @@ def _maps(comparison: Comparison, groups: tuple[Group, ...]) -> GroupTable:
         ("cells together", "Cells that the group's campaigns filled together"),
         ("mean share", "Of the cells that any campaign of any group filled"),
     )
-    return GroupTable(
+    return _table(
         "Feature maps",
-        groups,
-        tuple(
-            GroupColumn(title, "more", topic, text) for topic, _ in maps for title, text in titles
-        ),
-        tuple(
-            tuple(
-                GroupCell(text)
-                for _, found in maps
-                for text in (str(found[group.name].cells), percent(found[group.name].share))
+        [
+            {"title": title, "better": "more", "topic": topic, "text": text}
+            for topic, _ in maps
+            for title, text in titles
+        ],
+        [
+            (
+                group,
+                [
+                    (text, "", 0)
+                    for _, found in maps
+                    for text in (str(found[group.name].cells), percent(found[group.name].share))
+                ],
             )
             for group in groups
-        ),
+        ],
         "Mean share: of the cells that any campaign of any group filled with a failure, what one of"
         " the group's campaigns filled, mean; the competition's relative map coverage. It depends"
         " on who takes part.",
     )
 
 
-def group_curves(comparison: Comparison, groups: tuple[Group, ...]) -> Curves:
+def group_curves(comparison: Comparison, groups: tuple[Group, ...]) -> Iterator[Chart]:
     """Findings over the simulations."""
     few = min(map(len, comparison.groups.values())) < LEAST_REPEATS
     band = (
@@ -305,46 +218,84 @@ def group_curves(comparison: Comparison, groups: tuple[Group, ...]) -> Curves:
             " campaign is a thin line"
         )
     )
-    return Curves(
-        "simulations",
-        tuple(
-            CurvePanel(title, tuple(_curve(comparison, group, what) for group in groups))
-            for what, title in _CURVES
-        ),
+    caption = (
         f"Median of each group; {band}. A curve reaches as far as all campaigns of its group. A"
-        " distinct failure counts from the first of those alike, a cell from its first failure.",
+        " distinct failure counts from the first of those alike, a cell from its first failure."
     )
+    for i, (what, title) in enumerate(_CURVES):
+        lines = tuple(_curve(comparison, group, what) for group in groups)
+        last = i == len(_CURVES) - 1
+        yield Chart(lines, "simulations", title, caption if last else "", counts=True)
 
 
-def _curve(comparison: Comparison, group: Group, what: Curve) -> GroupCurve:
+def _curve(comparison: Comparison, group: Group, what: Curve) -> Series:
     found = curves(comparison.groups[group.name], what)
     shown = evenly(found.shape[1], POINTS).tolist()
     low, median, high = (
         tuple(np.round(line[shown], 2).tolist())
         for line in np.quantile(found, (0.25, 0.5, 0.75), axis=0)
     )
-    x = tuple(shown)
-    if len(found) >= LEAST_REPEATS:
-        return GroupCurve(group, x, median, low, high)
-    singles = tuple(tuple(line[shown].tolist()) for line in found)
-    return GroupCurve(group, x, median, singles=singles if len(found) > 1 else ())
-
-
-def group_spreads(comparison: Comparison, groups: tuple[Group, ...]) -> Spreads:
-    """Each campaign's value, by each measure."""
-    return Spreads(
-        tuple(
-            SpreadPanel(
-                one.measure.heading,
-                f"{one.measure.better} is better{_overall(one)}",
-                bool(one.measure.more_is_better),
-                tuple(_one_spread(one, group) for group in groups),
-            )
-            for one in comparison.telling
-        ),
-        "A point is a campaign, the line in the box the median, the box reaches from the first to"
-        " the third quartile.",
+    has_band = len(found) >= LEAST_REPEATS
+    shows_each = not has_band and len(found) > 1
+    return Series(
+        group.name,
+        tuple(shown),
+        median,
+        low if has_band else (),
+        high if has_band else (),
+        role=group.role,
+        dashed=group.is_again,
+        singles=tuple(tuple(line[shown].tolist()) for line in found) if shows_each else (),
     )
+
+
+def group_spreads(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
+    """Each campaign's value, by each measure."""
+    return Part(
+        "spreads",
+        {
+            "panels": [_spread_panel(by, groups) for by in comparison.telling],
+            "caption": "A point is a campaign, the line in the box the median, the box reaches"
+            " from the first to the third quartile.",
+        },
+    )
+
+
+def _spread_panel(by: MeasureComparison, groups: tuple[Group, ...]) -> dict[str, Any]:
+    """A panel; what is worse than any number stands at an end of its own."""
+    every = [value for group in groups for value in by.values[group.name]]
+    known = [value for value in every if np.isfinite(value)]
+    least, most = (min(known), max(known)) if known else (0.0, 1.0)
+    if least == most:  # then it is shown how far they are from zero
+        least, most = (0.0, 1.0) if least == 0.0 else (min(least, 0.0), max(most, 0.0))
+    scale = Scale.of((least, most), fits=False)
+    nowhere = 0.0 if by.measure.more_is_better else 100.0
+    if len(known) < len(every):
+        first, last = (14.0, 100.0) if by.measure.more_is_better else (0.0, 86.0)
+        scale = replace(scale, first=first, last=last)
+
+    def at(value: float) -> float:
+        return scale.at(value) if np.isfinite(value) else nowhere
+
+    ticks = [(at(value), f"{value:.6g}".replace("-", "−")) for value in scale.ticks]
+    if len(known) < len(every):
+        ticks = [tick for tick in ticks if abs(tick[0] - nowhere) > 20.0] + [(nowhere, "none")]
+    spreads = []
+    for group in groups:
+        values = sorted(by.values[group.name])
+        quartiles = by.quartiles(group.name)
+        box = quartiles.low, quartiles.median, quartiles.high
+        spreads.append(
+            {
+                "group": group,
+                "places": [at(value) for value in values],
+                "texts": ", ".join(map(by.measure.text, values)),
+                "median": by.measure.text(quartiles.median),
+                "box": [at(value) for value in box] if quartiles.n >= LEAST_REPEATS else None,
+            }
+        )
+    note = f"{by.measure.better} is better{_overall(by)}"
+    return {"title": by.measure.heading, "note": note, "spreads": spreads, "ticks": ticks}
 
 
 def _overall(by: MeasureComparison) -> str:
@@ -354,34 +305,24 @@ def _overall(by: MeasureComparison) -> str:
     return f"; Kruskal-Wallis p {p_text(by.p_overall)}"
 
 
-def _one_spread(by: MeasureComparison, group: Group) -> Spread:
-    values = sorted(by.values[group.name])
-    found = by.quartiles(group.name)
-    enough = found.n >= LEAST_REPEATS
-    return Spread(
-        group,
-        tuple(values),
-        tuple(by.measure.text(value) for value in values),
-        by.measure.text(found.median),
-        (found.low, found.median, found.high) if enough else None,
-    )
-
-
-def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Pairs:
+def group_pairs(comparison: Comparison, groups: tuple[Group, ...]) -> Part:
     """Each two groups, by each measure."""
     known = {group.name: group for group in groups}
-    several = len(groups) > 2
-    return Pairs(
-        tuple(
-            PairsBy(
-                one.measure.heading,
-                f"{one.measure.better} is better{_overall(one)}",
-                tuple(_pair(one, pair, known) for pair in _in_order(one, groups)),
-            )
-            for one in comparison.telling
-        ),
-        "A12: the chance that a campaign of the first group does better than one of the second."
-        + (" p is corrected by Holm for the number of pairs." if several else ""),
+    return Part(
+        "pairs",
+        {
+            "measures": [
+                {
+                    "title": by.measure.heading,
+                    "note": f"{by.measure.better} is better{_overall(by)}",
+                    "pairs": [_pair(by, pair, known) for pair in _in_order(by, groups)],
+                }
+                for by in comparison.telling
+            ],
+            "caption": "A12: the chance that a campaign of the first group does better than one of"
+            " the second."
+            + (" p is corrected by Holm for the number of pairs." if len(groups) > 2 else ""),
+        },
     )
 
 
@@ -398,19 +339,19 @@ def _in_order(by: MeasureComparison, groups: tuple[Group, ...]) -> list[PairComp
     ]
 
 
-def _pair(by: MeasureComparison, pair: PairComparison, known: dict[str, Group]) -> Pair:
+def _pair(by: MeasureComparison, pair: PairComparison, known: dict[str, Group]) -> dict[str, Any]:
     said = str(pair.verdict)
     if pair.better is not None:
         which = "first" if pair.better == pair.first else "second"
         said = f"the {which} {by.measure.comparative}"
     enough = min(pair.repeats) >= LEAST_REPEATS
-    return Pair(
-        known[pair.first],
-        known[pair.second],
-        pair.a12,
-        str(pair.magnitude) if enough else "–",
-        p_text(pair.p) if enough else "–",
-        p_text(pair.p_corrected) if enough else "–",
-        said,
-        0 if pair.better is None else 1 if pair.better == pair.first else 2,
-    )
+    return {
+        "first": known[pair.first],
+        "second": known[pair.second],
+        "a12": pair.a12,
+        "effect": str(pair.magnitude) if enough else "–",
+        "p": p_text(pair.p) if enough else "–",
+        "p_corrected": p_text(pair.p_corrected) if enough else "–",
+        "verdict": said,
+        "better": 0 if pair.better is None else 1 if pair.better == pair.first else 2,
+    }

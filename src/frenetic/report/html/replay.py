@@ -16,8 +16,6 @@ from frenetic.report.html.tests import drive_data_of
 from frenetic.report.scene import look, road_of
 from frenetic.road import Road
 
-SCRIPTS: Final = ("base.js", "road.js", "elsewhere.js", "player.js", "replay.js")
-"""Files in ``static`` that a replay needs, in this order."""
 _HEIGHT: Final = 900  # px
 
 
@@ -87,4 +85,4 @@ def animate(thing: Drive | Test, *, road: Road | None = None) -> Replay:
         drives=(data,),
         replay=data.id,
     )
-    return Replay(title, render(report, SCRIPTS))
+    return Replay(title, render(report))

@@ -42,12 +42,27 @@ class TestSummary:
     elapsed: float | None
     """Campaign time when it was told, in s."""
     origin: Origin
+    side: Side | None = None
+    """Side on which the car left its lane; None if it did not."""
+    length: float = 0.0
+    """Length of the road, in m."""
+    duration: float | None = None
+    """Simulated time of the drive, in s; None without one."""
 
     @classmethod
     def of(cls, record: Test) -> TestSummary:
         """The summary of a stored test."""
-        candidate = record.candidate
-        return cls(candidate.id, record.outcome, record.moobd, record.elapsed, candidate.origin)
+        candidate, departure = record.candidate, record.departure
+        return cls(
+            candidate.id,
+            record.outcome,
+            record.moobd,
+            record.elapsed,
+            candidate.origin,
+            None if departure is None else departure.side,
+            candidate.step * (len(candidate.curvatures) - 1),
+            record.result.duration if record.outcome.is_driven else None,
+        )
 
 
 @dataclass(frozen=True)
@@ -68,6 +83,12 @@ class TestTable:
     operator: tuple[int, ...]
     """Operator of each test, as an index."""
     parents: tuple[tuple[int, ...], ...]
+    sides: str
+    """A letter per test: l or r where the car left its lane, - where it did not."""
+    lengths: tuple[int, ...]
+    """Of the roads, in m."""
+    durations: tuple[int | None, ...]
+    """Of the drives, in 0.1 s."""
 
     @classmethod
     def of(cls, tests: Iterable[TestSummary]) -> TestTable:
@@ -85,18 +106,12 @@ class TestTable:
             operators_do=tuple(DOES.get(name, "") for name in operators),
             operator=tuple(place[test.origin.operator] for test in rows),
             parents=tuple(tuple(test.origin.parents) for test in rows),
+            sides="".join("-" if test.side is None else test.side[0] for test in rows),
+            lengths=tuple(round(test.length) for test in rows),
+            durations=tuple(
+                None if test.duration is None else round(10.0 * test.duration) for test in rows
+            ),
         )
-
-
-def ancestors(tests: Mapping[int, TestSummary], ids: Iterable[int]) -> list[int]:
-    """Ids of all ancestors of the given tests, the nearest first."""
-    found: dict[int, None] = {}
-    waiting = [parent for i in ids if i in tests for parent in tests[i].origin.parents]
-    while waiting:
-        nearest = dict.fromkeys(i for i in waiting if i in tests and i not in found)
-        found |= nearest
-        waiting = [parent for i in nearest for parent in tests[i].origin.parents]
-    return list(found)
 
 
 # The drives, a few kilobytes of JSON each

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -14,32 +14,24 @@ from frenetic.analysis.expectation import RandomRoads
 from frenetic.analysis.failures import Clusters
 from frenetic.analysis.statistics import proportion_interval
 from frenetic.outcome import Outcome
-from frenetic.report.html.blocks import Section, percent
+from frenetic.report.html.blocks import Chart, Section, Series, Switch, percent
 from frenetic.report.html.tests import TestSummary
 from frenetic.search.random_search import RANDOM
 
 POINTS: Final = 1200
 """Most points of a curve."""
 
+EXPECTED: Final = "if all roads were random"
+
 _UNITS: Final = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """Expected failures if all roads were like those of the random phase."""
+    """Failures and distinct failures to expect of random roads: (3, n) value, low, high each."""
 
-    share: float
-    """Share of the random roads that failed, 0..1."""
-    low: float
-    """Ends of Wilson's 95 % interval of the share."""
-    high: float
-    of: tuple[float, ...]
-    """Number of roads to multiply the share with, per point."""
-    distinct: tuple[float, ...]
-    """Expected distinct failures, per point."""
-    distinct_low: tuple[float, ...]
-    """Ends of their 95 % interval."""
-    distinct_high: tuple[float, ...]
+    failures: FloatArray
+    distinct: FloatArray
 
 
 @dataclass(frozen=True)
@@ -48,7 +40,8 @@ class Axis:
 
     name: str
     title: str
-    x: tuple[float, ...]
+    x: FloatArray
+    """(n,)"""
     expected: Expectation | None
 
 
@@ -56,13 +49,58 @@ class Axis:
 class Timeline:
     """Failures found so far over the spent budget."""
 
-    kind: ClassVar[str] = "timeline"
-    failures: tuple[int, ...]
-    distinct: tuple[int, ...]
+    failures: npt.NDArray[np.int64]
+    """(n,)"""
+    distinct: npt.NDArray[np.int64]
+    """(n,)"""
     latest: tuple[int | None, ...]
     """Id of the latest failure up to each point; None before the first."""
     axes: tuple[Axis, ...]
     caption: str
+
+    def charts(self) -> Iterator[Chart]:
+        """A chart for each way to count."""
+        is_hidden = np.array_equal(self.failures, self.distinct)
+        for axis in self.axes:
+            x = _floats(axis.x, 4)
+            # Where no failure is like another, one line lies on the other.
+            lines = [
+                Series(
+                    "failures",
+                    x,
+                    _floats(self.failures),
+                    role="fail",
+                    stepped=True,
+                    width=6.0 if is_hidden else 2.4,
+                ),
+                Series("distinct failures", x, _floats(self.distinct), stepped=True),
+            ]
+            if axis.expected is not None:
+                for name, role, values in (
+                    ("failures", "fail", axis.expected.failures),
+                    ("distinct failures", "accent", axis.expected.distinct),
+                ):
+                    value, low, high = (_floats(one, 2) for one in values)
+                    lines.append(
+                        Series(
+                            f"{name} {EXPECTED}",
+                            x,
+                            value,
+                            low,
+                            high,
+                            role=role,
+                            dashed=True,
+                            width=1.5,
+                        )
+                    )
+            yield Chart(
+                tuple(lines),
+                axis.title,
+                "found so far",
+                name=axis.name,
+                counts=True,
+                tests=self.latest,
+            )
 
 
 def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Section:
@@ -70,7 +108,8 @@ def timeline_section(tests: Sequence[TestSummary], clusters: Clusters) -> Sectio
     timeline = timeline_of(tests, clusters)
     if timeline is None:
         return Section("time", "Failures over time", (), "Nothing was tested yet.")
-    return Section("time", "Failures over time", (timeline,))
+    switch = Switch("Over", tuple(timeline.charts()), timeline.caption)
+    return Section("time", "Failures over time", (switch,))
 
 
 def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Timeline | None:
@@ -91,11 +130,11 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Timeline | 
     )
     expected = _expectation(drawn_and_driven, simulations)
     axes = [
-        Axis("simulations", "simulations", _floats(simulations), expected),
+        Axis("simulations", "simulations", simulations.astype(np.float64), expected),
         Axis(
             "tests",
             "tests, roads that were refused included",
-            _floats(numbers),
+            numbers.astype(np.float64),
             _expectation(drawn, numbers),
         ),
     ]
@@ -104,9 +143,9 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Timeline | 
         # Results may be told in another order than timed.
         seconds = np.maximum.accumulate(np.array(elapsed, dtype=np.float64))[shown]
         unit, length = next(one for one in _UNITS if seconds[-1] >= 3.0 * one[1] or one[1] == 1.0)
-        axes.append(Axis("time", f"wall time ({unit})", _floats(seconds / length, 4), expected))
+        axes.append(Axis("wall time", f"wall time ({unit})", seconds / length, expected))
     return Timeline(
-        failures=tuple(np.cumsum(failed)[shown].tolist()),
+        failures=np.cumsum(failed)[shown],
         distinct=_distinct(tested, clusters, shown),
         latest=_latest(tested, shown),
         axes=tuple(axes),
@@ -118,20 +157,18 @@ def timeline_of(tests: Sequence[TestSummary], clusters: Clusters) -> Timeline | 
 def _expectation(random: RandomRoads | None, counts: npt.NDArray[np.int64]) -> Expectation | None:
     if random is None:
         return None
+    share = random.failures / random.roads
     low, high = proportion_interval(random.failures, random.roads)
     distinct = random.distinct_after(counts)
     return Expectation(
-        random.failures / random.roads,
-        low,
-        high,
-        _floats(counts),
-        *(_floats(curve, 2) for curve in (distinct.value, distinct.low, distinct.high)),
+        np.multiply.outer([share, low, high], counts),
+        np.array([distinct.value, distinct.low, distinct.high]),
     )
 
 
 def _distinct(
     tested: Sequence[TestSummary], clusters: Clusters, shown: npt.NDArray[np.int64]
-) -> tuple[int, ...]:
+) -> npt.NDArray[np.int64]:
     place = {test.id: i for i, test in enumerate(tested)}
     found = np.zeros(len(tested), dtype=np.int64)
     for cluster in clusters:
@@ -139,7 +176,7 @@ def _distinct(
         places = [place[i] for i in cluster.ids if i in place]
         if places:
             found[min(places)] += 1
-    return tuple(np.cumsum(found)[shown].tolist())
+    return np.cumsum(found)[shown]
 
 
 def _latest(tested: Sequence[TestSummary], shown: npt.NDArray[np.int64]) -> tuple[int | None, ...]:

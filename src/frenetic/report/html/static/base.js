@@ -18,6 +18,9 @@ function readTests(table) {
       operator: table.operators[table.operator[row]],
       does: table.operators_do[table.operator[row]],
       parents: table.parents[row],
+      side: { l: "left", r: "right" }[table.sides[row]] ?? null,
+      length: table.lengths[row],
+      duration: table.durations[row] === null ? null : table.durations[row] / 10,
     });
   });
 }
@@ -132,21 +135,22 @@ function copyBySelecting(text) {
   area.remove();
 }
 
-function commandLine(line, text = "") {
-  // Lines end between words, not within --options.
-  const words = line.split(" ").flatMap((word, i) => [i ? " " : "", el("span", { class: "word" }, word)]);
-  const button = el("button", { type: "button", class: "copy" }, "Copy");
+/** Lets a command line be copied by its button. */
+function makeCopied(box) {
+  const button = box.querySelector("button");
   button.addEventListener("click", async () => {
-    await copyText(line);
+    await copyText(box.querySelector("code").textContent);
     button.textContent = "Copied";
     setTimeout(() => (button.textContent = "Copy"), 1500);
   });
-  return el(
-    "div",
-    { class: "command" },
-    text ? el("p", { class: "quiet" }, text) : null,
-    el("div", { class: "command-line" }, el("code", {}, words), button),
-  );
+}
+
+function commandLine(line, text = "") {
+  // Lines end between words, not within --options.
+  const words = line.split(" ").flatMap((word, i) => [i ? " " : "", el("span", { class: "word" }, word)]);
+  const box = el("div", { class: "command-line" }, el("code", {}, words), el("button", { type: "button", class: "copy" }, "Copy"));
+  makeCopied(box);
+  return el("div", { class: "command" }, text ? el("p", { class: "quiet" }, text) : null, box);
 }
 
 /** An element that scrolls sideways fades out where it goes on to the right. */
@@ -156,11 +160,6 @@ function scrollsSideways(element) {
   const watch = new ResizeObserver(fade);
   for (const one of [element, ...element.children]) watch.observe(one);
   return element;
-}
-
-/** A table in a box that scrolls where the table is wider. */
-function tableBox(label, style, head, rows) {
-  return scrollsSideways(el("div", { class: `table ${style}`, tabindex: 0, role: "region", "aria-label": label }, el("table", {}, el("thead", {}, head), el("tbody", {}, rows))));
 }
 
 /** Arrow keys move the focus among the elements that `find` gives, in rows as they are laid out. */

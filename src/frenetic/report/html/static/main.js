@@ -1,57 +1,59 @@
 // Puts the page together.
 
-const PAPER = 680; // px, what is printed on
+const kinds = {
+  chart: drawChart,
+  switch: drawSwitch,
+  gallery: drawGallery,
+  elsewhere: drawElsewhere,
+  featureMap: drawFeatureMap,
+  tests: drawTests,
+};
 
-const main = document.getElementById("page");
-const links = report.sections.slice(1).map((section) => el("a", { href: `#${section.id}` }, section.title));
-const nav = scrollsSideways(el("nav", { "aria-label": "Sections" }, links));
-
-function drawBar() {
-  const theme = el("button", { type: "button", id: "theme", class: "theme" });
+function drawTheme() {
+  const button = document.getElementById("theme");
   const say = () => {
     const now = document.documentElement.dataset.theme;
-    theme.textContent = { auto: "Auto", light: "Light", dark: "Dark" }[now];
-    theme.setAttribute("aria-label", `Colours: ${now}; change`);
+    button.textContent = { auto: "Auto", light: "Light", dark: "Dark" }[now];
+    button.setAttribute("aria-label", `Colours: ${now}; change`);
   };
-  theme.addEventListener("click", () => {
+  button.addEventListener("click", () => {
     setTheme(THEMES[(THEMES.indexOf(document.documentElement.dataset.theme) + 1) % THEMES.length]);
     say();
+    drawCharts();
   });
   say();
-  document.getElementById("bar").append(el("a", { class: "brand", href: "#page" }, "Frenetic"), nav, theme);
-}
-
-function drawSection(section, place) {
-  const elements = section.blocks.map((block) => el("div", { class: `block block-${block.kind}` }));
-  const body = el("div", { class: "blocks" }, elements);
-  section.blocks.forEach((block, i) => kinds[block.kind](elements[i], block));
-  const title = el(place === 0 ? "h1" : "h2", { id: `${section.id}-title` }, section.title);
-  const lead = section.lead ? el("p", { class: "lead" }, section.lead) : null;
-  return el("section", { id: section.id, "aria-labelledby": `${section.id}-title` }, title, lead, body);
 }
 
 document.documentElement.dataset.theme = storedTheme();
-drawBar();
-main.append(...report.sections.map(drawSection));
-document.getElementById("foot").append(`Made by ${report.made_by}. This file is complete: it loads nothing.`);
+drawTheme();
+document.querySelectorAll("#bar nav, main .table").forEach(scrollsSideways);
+document.querySelectorAll(".command-line").forEach(makeCopied);
+for (const select of document.querySelectorAll("[data-shows]")) {
+  select.addEventListener("change", () => {
+    for (const one of document.querySelectorAll(`[data-shown-by="${select.id}"]`)) one.hidden = one.dataset.value !== select.value;
+  });
+}
+for (const element of document.querySelectorAll("[data-block]")) {
+  const block = report.blocks[element.dataset.block];
+  kinds[block.kind](element, block);
+}
 
 document.addEventListener("DOMContentLoaded", openLinked);
+window.addEventListener("hashchange", openLinked);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawCharts());
 // Paper is white, narrower than most screens, and nothing on it can be unfolded.
 let unfolded = [];
 window.addEventListener("beforeprint", () => {
   document.documentElement.classList.add("printing");
   unfolded = [...document.querySelectorAll("main details:not([open])")];
   for (const details of unfolded) details.open = true;
-  fitTrees(PAPER);
-  drawCharts(PAPER - 40);
+  drawCharts(PAPER);
 });
 window.addEventListener("afterprint", () => {
   document.documentElement.classList.remove("printing");
   for (const details of unfolded) details.open = false;
-  fitTrees(Infinity);
   drawCharts();
 });
-window.addEventListener("hashchange", openLinked);
 
 /** Opens the test that the page's address names, or says that it is not there. */
 function openLinked() {

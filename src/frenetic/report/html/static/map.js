@@ -1,6 +1,5 @@
 // The feature map: a grid of cells, coloured by what was found in them.
 
-const NOT_MEASURED = ".";
 const SHADES = 7;
 const CELL_PICTURES = 12;
 
@@ -13,11 +12,14 @@ function drawFeatureMap(element, block) {
   const shade = el("select", { id: "map-shade" }, el("option", { value: "severity" }, "severity (lowest MOOBD)"), el("option", { value: "count" }, "number of failures"));
   const place = el("div", { class: "map-place" });
   const panel = el("div", { class: "map-panel", "aria-live": "polite" });
-  const axisOf = (select) => block.axes.find((axis) => axis.name === select.value);
+  const axisOf = (select) => {
+    const axis = block.axes.find(({ name }) => name === select.value);
+    return { ...axis, ...axis[scope.value] };
+  };
 
   const show = () => {
     panel.replaceChildren(el("p", { class: "quiet" }, "Choose a cell: click it, or move with the arrow keys and press Enter."));
-    place.replaceChildren(mapGrid(block, axisOf(across), axisOf(up), scope.value, shade.value, panel));
+    place.replaceChildren(mapGrid(block, axisOf(across), axisOf(up), shade.value, panel));
   };
   for (const select of [across, up, scope, shade]) select.addEventListener("change", show);
   const labelled = (text, select) => el("span", {}, el("label", { for: select.id }, text), select);
@@ -29,25 +31,25 @@ function drawFeatureMap(element, block) {
 }
 
 /** (cells) what was found, row by row from the top. */
-function mapCells(xAxis, yAxis, scope) {
+function mapCells(block, xAxis, yAxis) {
   const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
   const cells = Array.from({ length: wide * tall }, (_, i) => ({
     column: i % wide, row: tall - 1 - Math.floor(i / wide), failed: [], passed: [], worst: Infinity,
   }));
-  for (const test of tests.values()) {
-    const [x, y] = [xAxis[scope][test.row], yAxis[scope][test.row]];
-    if (x === undefined || x === NOT_MEASURED) continue;
+  block.tests.forEach((id, row) => {
+    const test = tests.get(id);
+    const [x, y] = [xAxis.bins[row], yAxis.bins[row]];
     const cell = cells[(tall - 1 - parseInt(y, 36)) * wide + parseInt(x, 36)];
     if (test.outcome === "FAIL") {
       cell.failed.push(test);
       cell.worst = Math.min(cell.worst, test.moobd ?? Infinity);
     } else cell.passed.push(test);
-  }
+  });
   return cells;
 }
 
-function mapGrid(block, xAxis, yAxis, scope, shade, panel) {
-  const cells = mapCells(xAxis, yAxis, scope);
+function mapGrid(block, xAxis, yAxis, shade, panel) {
+  const cells = mapCells(block, xAxis, yAxis);
   const [wide, tall] = [xAxis.edges.length - 1, yAxis.edges.length - 1];
   const found = cells.filter((cell) => cell.failed.length);
   const worsts = found.map((cell) => cell.worst).filter(Number.isFinite);
@@ -130,25 +132,21 @@ function edgeText(value) {
 }
 
 function rangeText(axis, bin) {
-  if (counts(axis)) return `${axis.description} ${countText(axis, bin).replace("+", " or more")}`;
+  if (axis.counts) return `${axis.description} ${countText(axis, bin)}`;
   return `${axis.description} ${edgeText(axis.edges[bin])} to ${edgeText(axis.edges[bin + 1])}${axis.unit ? ` ${axis.unit}` : ""}`;
 }
 
-/** Whether an axis counts: each of its bins is a whole number, and the last what is more, too. */
-function counts(axis) {
-  return axis.edges.every((edge, i) => edge === axis.edges[0] + i && Math.abs(edge % 1) === 0.5);
-}
-
+/** The whole number in a cell of an axis that counts. */
 function countText(axis, bin) {
-  return `${axis.edges[bin] + 0.5}${bin === axis.edges.length - 2 ? "+" : ""}`;
+  return String(axis.edges[bin] + 0.5);
 }
 
 /** Edges stand between cells, whole numbers at their middle. */
 function edgeLabels(axis, isUp) {
   const cells = axis.edges.length - 1;
-  const texts = counts(axis) ? axis.edges.slice(0, -1).map((_, i) => [i + 0.5, countText(axis, i)]) : axis.edges.map((edge, i) => [i, edgeText(edge)]);
+  const texts = axis.counts ? axis.edges.slice(0, -1).map((_, i) => [i + 0.5, countText(axis, i)]) : axis.edges.map((edge, i) => [i, edgeText(edge)]);
   const labels = texts.map(([place, text], i) => {
-    const label = el("span", { class: i % 2 && !counts(axis) ? "odd" : "" }, text);
+    const label = el("span", { class: i % 2 && !axis.counts ? "odd" : "" }, text);
     label.style[isUp ? "bottom" : "left"] = `${(100 * place) / cells}%`;
     return label;
   });

@@ -244,7 +244,7 @@ const player = (() => {
       el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
       ...[cameraPart(drive.camera, state)].filter((part) => part !== null),
       plots,
-      ...(isEmbedded ? [] : [el("div", { class: "details" }, factsOf(drive), actionsOf(drive)), familyPart(drive.id, order)]),
+      ...(isEmbedded ? [] : [el("div", { class: "details" }, factsOf(drive), actionsOf(drive))]),
     );
     return state;
   }
@@ -367,7 +367,7 @@ const player = (() => {
 
 /** The tests among which one stands that is opened by itself: the heads of the clusters, or its cluster, or all. */
 function orderAround(id) {
-  const clusters = report.sections.flatMap((section) => section.blocks).find((block) => block.kind === "gallery")?.clusters ?? [];
+  const clusters = report.blocks.find((block) => block.kind === "gallery")?.clusters ?? [];
   const heads = clusters.map((cluster) => cluster.shown[0]).filter((head) => head !== undefined);
   const own = [heads, ...clusters.map((cluster) => cluster.shown)].find((order) => order.includes(id));
   return own ?? [...drives.keys()].sort((a, b) => a - b);
@@ -443,10 +443,4 @@ function actionsOf(drive) {
 function joined(campaign, file) {
   const quote = campaign.at(-1);
   return quote === "'" || quote === '"' ? `${campaign.slice(0, -1)}/${file}${quote}` : `${campaign}/${file}`;
-}
-
-function familyPart(id, order) {
-  const tree = familyTree(id);
-  if (tree === null) return el("div");
-  return el("section", { class: "player-family" }, el("h3", {}, "Ancestors"), tree);
 }
