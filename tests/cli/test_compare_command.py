@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -124,7 +125,7 @@ def test_page_and_table_are_written(frenetic: Frenetic) -> None:
     assert "Page:    a.html" in answer.out
     assert "Table:   a.md" in answer.out
     page = Path("a.html").read_text(encoding="utf-8")
-    assert "frenetic compare runs --html a.html" in page
+    assert "frenetic compare runs --html a.html" in re.sub("<[^>]+>", "", page)
     assert "runs/f-1/report.html" in page
     assert Path("a.md").read_text(encoding="utf-8").startswith("| group | campaigns |")
     frenetic("compare", "runs", "--table", "a.csv", "--json")

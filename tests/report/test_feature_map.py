@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -152,7 +152,8 @@ def test_of_a_map_of_everything_nothing_is_said() -> None:
 def test_an_axis_has_the_range_of_its_values(
     name: str, values: list[Any], shown: tuple[float, float]
 ) -> None:
-    axis = MapAxis.of(AXES[name], [replace(FEATURES, **cast("Any", {name: value})) for value in values])
+    changes: list[Any] = [{name: value} for value in values]
+    axis = MapAxis.of(AXES[name], [replace(FEATURES, **change) for change in changes])
     steps = np.diff(axis.edges)
     assert steps == pytest.approx(steps[0])
     assert 4 <= len(steps) <= 12

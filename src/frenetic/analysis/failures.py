@@ -25,7 +25,6 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic._support.notebook import Shown
 from frenetic._support.words import counted
 from frenetic.analysis.segments import (
     PROFILE_SPACING,
@@ -179,7 +178,7 @@ class Cluster:
 
 
 @dataclass(frozen=True, repr=False)
-class Clusters(Shown):
+class Clusters:
     """The distinct failures among many, the most severe first."""
 
     clusters: tuple[Cluster, ...]

@@ -11,11 +11,10 @@ from typing import Final
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from frenetic._support.words import signed
 from frenetic.analysis.comparison import Comparison
-from frenetic.analysis.failures import Clusters, Failure
+from frenetic.analysis.failures import Clusters
 from frenetic.campaign.campaign import Campaign
 from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
@@ -36,9 +35,7 @@ from frenetic.report.scene import (
     SeenDrive,
     View,
     box_of,
-    draw_coloured,
     draw_scene,
-    draw_surface,
     focus_of,
     look,
 )
@@ -49,8 +46,6 @@ FAILURES: Final = 6
 """Most failures of a campaign that are drawn."""
 COMPARED: Final = 500
 """Most failures of a campaign that are told apart, the most severe first: it takes no time."""
-CLUSTERS: Final = 10
-"""Most distinct failures that are listed."""
 
 _DPI: Final = 144.0  # for screens with many pixels
 _PNG_COLOURS: Final = 64  # a notebook keeps all its pictures
@@ -113,9 +108,10 @@ def _store(store: CampaignStore) -> str:
     if items:
         width, columns = 2.0 * min(len(items), 3), min(len(items), 3)
         with mpl.rc_context(STYLE):
-            figure, page = _page(width, sheet_row(width, columns) * math.ceil(len(items) / columns))
+            rows = math.ceil(len(items) / columns)
+            page = Paper.new(width, sheet_row(width, columns) * rows, _DPI)
             draw_sheet(page, items, columns, left=0.0, top=0.0, width=width)
-            picture = _image(figure, title)
+            picture = _image(page, title)
     counts = store.counts()
     top = headline(
         store.config,
@@ -134,35 +130,13 @@ def _store(store: CampaignStore) -> str:
 
 
 @html_of.register
-def _clusters(clusters: Clusters) -> str:
-    if not clusters:
-        return "<p>No failure</p>"
-    rows = [
-        (
-            _approach(one.failure) if one.failure is not None else "",
-            html.escape(one.description),
-            str(len(one)),
-            f"{signed(one.moobd, 2)} m",
-            str(one.most_severe),
-        )
-        for one in clusters.clusters[:CLUSTERS]
-    ]
-    more = len(clusters) - len(rows)
-    caption = repr(clusters)[len("<Clusters: ") : -1]
-    if more:
-        caption += f"; {more} more are not shown"
-    titles = ("", "the most severe", "alike", "lowest MOOBD", "test")
-    return f"<p><b>{html.escape(caption)}</b></p>{_table(titles, rows)}"
-
-
-@html_of.register
 def _comparison(comparison: Comparison) -> str:
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(6.5, 3.2), dpi=_DPI, facecolor="white", layout="constrained")
-        axes = figure.add_subplot()
+        page = Paper.new(6.5, 3.2, _DPI)
+        axes = page.axes(0.6, 0.1, 5.8, 2.6, bare=False)
         draw_curves(axes, comparison)
         axes.legend(loc="upper left", frameon=False, fontsize=8.5)
-        picture = _image(figure, "Failures found over simulations")
+        picture = _image(page, "Failures found over simulations")
     shown = [by for by in comparison.measures if by.measure.is_main]
     rows = [
         (
@@ -181,51 +155,23 @@ def _comparison(comparison: Comparison) -> str:
 # Pictures
 
 
-def _page(width: float, height: float) -> tuple[Figure, Paper]:
-    figure = Figure(figsize=(width, height), dpi=_DPI, facecolor="white")
-    return figure, Paper(figure, width, height)
-
-
 def _from_above(road: Road, seen: SeenDrive | None) -> str:
     """A road, and a drive along it, as in the report's contact sheet."""
     with mpl.rc_context(STYLE):
         turn = turn_of(road)
         box = box_of(road, seen, turn)
         height = float(np.clip(_WIDTH * box.height / box.width, 1.2, _HEIGHT))
-        figure, page = _page(_WIDTH, height)
-        view = View.showing(box, turn, _WIDTH, height)
+        page = Paper.new(_WIDTH, height, _DPI)
         focus = None if seen is None else focus_of(seen)
-        panel = page.panel(0.0, 0.0, view.width, view.height)
-        draw_scene(panel, view, road, seen, focus, None, labelled=False)
-        return _image(figure, "The road from above")
+        view = View.showing(page.axes(0.0, 0.0, _WIDTH, height), box, turn)
+        draw_scene(view, road, seen, focus, None, labelled=False)
+        return _image(page, "The road from above")
 
 
-def _approach(failure: Failure) -> str:
-    """The compared part of a failure: its road around the place, and the path up to there."""
-    with mpl.rc_context(STYLE):
-        step = 60.0 / (len(failure.curvatures) - 1)
-        road = Road(failure.curvatures, step, lane_width=failure.lane_width)
-        turn = turn_of(road)
-        figure, page = _page(1.6, 0.9)
-        view = View.showing(box_of(road, None, turn), turn, 1.6, 0.9)
-        panel = page.panel(0.0, 0.0, view.width, view.height)
-        draw_surface(panel, view, road)
-        half = 0.5 * road.lane_width
-        along = np.linspace(0.0, 30.0, len(failure.offsets))
-        poses = np.array([road.pose_at(float(s)) for s in along])
-        aside = failure.offsets - half
-        path = poses[:, :2] + aside[:, None] * np.column_stack(
-            [-np.sin(poses[:, 2]), np.cos(poses[:, 2])]
-        )
-        places = view.at(path)
-        draw_coloured(panel, places, places, half - np.abs(failure.offsets), half, 2.2)
-        return _image(figure, "The road around the place, and the car's path")
-
-
-def _image(figure: Figure, text: str) -> str:
+def _image(page: Paper, text: str) -> str:
     """A figure as an image of its size on paper."""
-    width = round(96.0 * figure.get_figwidth())
-    data = base64.b64encode(encode_figure(figure, "png", colours=_PNG_COLOURS)).decode()
+    width = round(96.0 * page.width)
+    data = base64.b64encode(encode_figure(page.figure, "png", colours=_PNG_COLOURS)).decode()
     return (
         f'<img alt="{html.escape(text)}" width="{width}" style="border-radius: 6px"'
         f' src="data:image/png;base64,{data}">'

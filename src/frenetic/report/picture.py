@@ -14,20 +14,22 @@ while a picture is drawn: draw from one thread at a time.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from frenetic._support.words import signed
 from frenetic.drive import Drive
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.report.orientation import turn_of
+from frenetic.report.orientation import turn_of, turned
 from frenetic.report.scene import (
     ACROSS,
     ALARM,
@@ -35,6 +37,8 @@ from frenetic.report.scene import (
     COLOURS,
     EGO_LANE,
     HIGHEST,
+    Box,
+    Focus,
     SeenDrive,
     View,
     box_of,
@@ -47,9 +51,9 @@ from frenetic.report.scene import (
     focus_of,
     look,
     sane,
+    size_of,
 )
 from frenetic.report.style import (
-    DPI,
     FAINT,
     INK,
     INNER,
@@ -59,11 +63,9 @@ from frenetic.report.style import (
     QUIET,
     STYLE,
     WIDTH,
-    Panel,
     Paper,
     form_of,
     one_line,
-    round_values,
     wrapped,
     write_figure,
 )
@@ -80,11 +82,6 @@ _BETWEEN: Final = 0.2  # pictures of a sheet
 _CAPTION: Final = 0.52  # of such a picture
 
 _LINE: Final = "#48678a"  # of curvature and speed
-_PROFILES: Final[Mapping[str, str]] = {
-    "oob": "oob distance (m)",
-    "curvature": "curvature (1/m)",
-    "speed": "speed (km/h)",
-}
 
 
 def draw_drive(
@@ -231,8 +228,7 @@ def _page(
 ) -> Figure:
     focus = None if seen is None else focus_of(seen)
     lines = wrapped(reason, 118, 3)
-    profiles = ["oob", "curvature", "speed"] if focus is not None else ["curvature"]
-    heights = {"oob": 1.35, "curvature": 0.85, "speed": 0.85}
+    profiles = [name for name in _PROFILES if focus is not None or name == "curvature"]
 
     turn = turn_of(road)
     wide = box_of(road, seen, turn)
@@ -243,13 +239,9 @@ def _page(
     main_height = float(np.clip(main_width * wide.height / wide.width, _LOWEST, HIGHEST))
 
     top = 0.42 + 0.42 + 0.235 * len(lines) + 0.16
-    tiles = 0.74
-    strip = 0.66
-    heading = 0.3
-    below = sum(heights[name] + heading for name in profiles) + 0.55
-    height = top + tiles + main_height + strip + below
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
-    page = Paper(figure, WIDTH, height)
+    tiles, strip, heading = 0.74, 0.66, 0.3
+    below = sum(_PROFILES[name].height + heading for name in profiles) + 0.55
+    page = Paper.new(WIDTH, top + tiles + main_height + strip + below)
 
     # Headline.
     page.bar(MARGIN, 0.42, 0.07, 0.36 + 0.235 * len(lines), colour)
@@ -258,131 +250,154 @@ def _page(
         page.text(MARGIN + 0.2, 0.42 + 0.56 + 0.235 * i, line, size=11, color=QUIET)
     for i, (name, value, detail) in enumerate(facts):
         x = MARGIN + i * INNER / 6.0
-        name = f"{name}, {detail}" if detail else name
-        page.text(x, top + 0.18, name, size=8.5, color=QUIET)
+        page.text(x, top + 0.18, f"{name}, {detail}" if detail else name, size=8.5, color=QUIET)
         page.text(x, top + 0.45, value, size=14, weight="bold")
 
     # From above.
     y = top + tiles
-    view = View.showing(wide, turn, main_width, main_height)
-    main = page.panel(MARGIN, y, view.width, view.height)
+    view = View.showing(page.axes(MARGIN, y, main_width, main_height), wide, turn)
     near = None
     if closer and seen is not None and focus is not None:
-        near = view.zoomed(sane(seen.xy[focus.record]), ACROSS, CLOSE_UP, main_height)
         x = MARGIN + main_width + _GAP
-        draw_close_up(page.panel(x, y, near.width, near.height), near, road, seen, focus)
-        page.text(
-            x + 0.12, y + 0.24, focus.what, size=9.5, weight="bold", color=focus.colour,
-            bbox={"facecolor": PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5},
-        )  # fmt: skip
-        # In the corner where no car is.
-        middle = 0.5 * np.array([near.width, near.height])
-        cars = near.at(sane(seen.xy)) + middle
-        in_corner = (cars > -POINT) & (cars < (middle[0], 0.6 * POINT))
-        is_taken = in_corner.all(axis=1).any()
-        left = CLOSE_UP - 5.0 * near.scale / POINT - 0.5 if is_taken else 0.12
-        draw_scale(page, x + left, y + main_height - 0.14, near, 5.0)
-    draw_scene(main, view, road, seen, focus, map_size, near=near)
+        near = _close_up(page, (x, y, main_height), turn, road, seen, focus)
+    draw_scene(view, road, seen, focus, map_size, near=near)
     draw_key(page, y + main_height + 0.1, view, road, seen, map_size)
 
     # Along the road.
     y += main_height + strip
     left, width = MARGIN + 0.45, INNER - 0.45
-    along = 0.0, road.length
-    places = round_values(along, 10, [1, 2, 2.5, 5, 10])
     for name in profiles:
-        page.text(MARGIN, y + heading - 0.08, _PROFILES[name], size=8.5, color=QUIET)
+        profile = _PROFILES[name]
+        page.text(MARGIN, y + heading - 0.08, profile.title, size=8.5, color=QUIET)
         y += heading
-        panel = page.chart(left, y, width, heights[name], along, _range(name, road, seen))
-        if name == "oob":
-            half = 0.5 * road.lane_width
-            values = [k * half for k in (-1.0, 0.0, 1.0) if k * half > panel.up[0]]
-        else:
-            values = round_values(panel.up, 3, [1, 2, 5, 10])
-        panel.draw_grid(places, values, labelled=name == profiles[-1])
-        if name == "curvature":
-            _draw_curvature(panel, road)
-        elif seen is not None:
-            (_draw_oob_distance if name == "oob" else _draw_speed)(panel, road, seen)
+        axes = page.axes(left, y, width, profile.height, bare=False, label=name)
+        profile.draw(axes, road, seen)
+        axes.set_xlim(0.0, road.length)
+        axes.xaxis.set_major_locator(MaxNLocator(10, steps=[1, 2, 2.5, 5, 10]))
+        axes.grid(visible=True)
+        axes.spines["left"].set_visible(False)
+        axes.tick_params(labelbottom=name == profiles[-1])
         if seen is not None and seen.result.departure is not None:
             at = seen.result.departure.distance
-            panel.line((at, at), panel.up, color=ALARM, lw=1.0, zorder=2)
+            axes.axvline(at, color=ALARM, lw=1.0, zorder=2)
             if name == profiles[0]:
-                _mark_departure(panel, at)
-        y += heights[name]
-    page.text(
-        left + 0.5 * width, y + 0.335, "distance along the road (m)", size=8.5, color=QUIET,
-        ha="center",
+                _mark_departure(axes, at / road.length)
+        y += profile.height
+    middle = left + 0.5 * width
+    page.text(middle, y + 0.335, "distance along the road (m)", size=8.5, color=QUIET, ha="center")
+    return page.figure
+
+
+def _close_up(
+    page: Paper,
+    place: tuple[float, float, float],
+    turn: float,
+    road: Road,
+    seen: SeenDrive,
+    focus: Focus,
+) -> View:
+    """The decisive place, so many inches from the left and the top, and so many high."""
+    x, y, height = place
+    ((u, v),) = turned(sane(seen.xy[[focus.record]]), turn)
+    box = Box(u, v, ACROSS, ACROSS * height / CLOSE_UP)
+    near = View.showing(page.axes(x, y, CLOSE_UP, height), box, turn)
+    draw_close_up(near, road, seen, focus)
+    behind = {"facecolor": PANEL, "edgecolor": "none", "alpha": 0.85, "pad": 2.5}
+    near.axes.text(
+        0.12 / CLOSE_UP, 1.0 - 0.24 / height, focus.what, size=9.5, weight="bold",
+        color=focus.colour, bbox=behind, transform=near.axes.transAxes, zorder=9,
     )  # fmt: skip
-    return figure
+    # In the corner where no car is.
+    cars = (near.at(sane(seen.xy)) - near.centre + near.half) * near.scale
+    corner = 0.5 * CLOSE_UP * POINT, 0.6 * POINT
+    is_taken = ((cars > -POINT) & (cars < corner)).all(axis=1).any()
+    left = CLOSE_UP - 5.0 * near.scale / POINT - 0.5 if is_taken else 0.12
+    draw_scale(page, x + left, y + height - 0.14, near, 5.0)
+    return near
 
 
 # --- Along the road --------------------------------------------------------------------------
 
 
-def _range(name: str, road: Road, seen: SeenDrive | None) -> tuple[float, float]:
-    """The lowest and the highest value that a profile shows."""
-    if name == "curvature" or seen is None:
-        reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
-        return -reach, reach
-    if name == "speed":
-        low, high = float(seen.speed.min()), float(seen.speed.max())
-        return min(0.0, low), 1.15 * max(seen.drive.rules.speed_limit, high)
+def _draw_oob_distance(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
+    assert seen is not None
     half = 0.5 * road.lane_width
     value = max(float(seen.oob_distance.min()), -3.0 * half)
     # The departure's label has its place on top.
-    return min(-0.6 * half, value - 0.65 * half), 1.55 * half
-
-
-def _draw_oob_distance(panel: Panel, road: Road, seen: SeenDrive) -> None:
-    half = 0.5 * road.lane_width
-    low = panel.up[0]
-    panel.add(Rectangle((0.0, low), road.length, -low, color="#fbeeee", zorder=0.2, lw=0.0))
-    panel.level(0.0, color=ALARM, lw=0.8, alpha=0.6, zorder=1.5)
+    low, high = min(-0.6 * half, value - 0.65 * half), 1.55 * half
+    axes.set_ylim(low, high)
+    axes.set_xlim(0.0, road.length)
+    axes.set_yticks([k * half for k in (-1.0, 0.0, 1.0) if k * half > low])
+    axes.axhspan(low, 0.0, color="#fbeeee", zorder=0.2, lw=0.0)
+    axes.axhline(0.0, color=ALARM, lw=0.8, alpha=0.6, zorder=1.5)
+    scale = size_of(axes) / (road.length, high - low)
     places = np.column_stack([seen.distance, seen.oob_distance])
-    draw_coloured(panel, places, places / panel.point, seen.oob_distance, half, 2.2)
+    draw_coloured(axes, places, scale, seen.oob_distance, half, 2.2)
     if seen.result.moobd is None:
         return
     least = int(np.argmin(seen.oob_distance))
     where, moobd = float(seen.distance[least]), float(seen.oob_distance[least])
-    value = max(moobd, -3.0 * half)
-    panel.mark((where, value), "o", cut=False, ms=6.0, mfc="white", mec=INK, mew=1.4, zorder=6)
+    how: Any = {"ms": 6.0, "mfc": "white", "mec": INK, "mew": 1.4, "zorder": 6, "clip_on": False}
+    axes.plot(where, max(moobd, -3.0 * half), "o", **how)
     share = where / road.length
     if seen.result.departure is not None:  # beside the departure's line
         side, dx, dy = ("left", 8.0, -8.0) if share < 0.2 else ("right", -8.0, -8.0)
     else:
         side, dx, dy = "center", 0.0, -13.0
         side = "left" if share < 0.06 else "right" if share > 0.94 else side
-    panel.beside(
-        (where, value), (dx, dy), f"MOOBD {signed(moobd, 2)} m",
-        ha=side, va="center", size=8.5, weight="bold", zorder=6,
+    axes.annotate(
+        f"MOOBD {signed(moobd, 2)} m", (where, max(moobd, -3.0 * half)), (dx, dy),
+        textcoords="offset points", ha=side, va="center", size=8.5, weight="bold", zorder=6,
+        annotation_clip=False,
     )  # fmt: skip
 
 
-def _mark_departure(panel: Panel, distance: float) -> None:
-    right = distance > 0.85 * panel.across[1]
-    panel.beside(
-        (distance, panel.up[1]), (-5.0 if right else 5.0, -3.0), "departure",
-        ha="right" if right else "left", va="top", size=8.5, weight="bold", color=ALARM, zorder=6,
+def _mark_departure(axes: Axes, share: float) -> None:
+    right = share > 0.85
+    axes.annotate(
+        "departure", (share, 1.0), (-5.0 if right else 5.0, -3.0), xycoords="axes fraction",
+        textcoords="offset points", ha="right" if right else "left", va="top", size=8.5,
+        weight="bold", color=ALARM, zorder=6,
     )  # fmt: skip
 
 
-def _draw_curvature(panel: Panel, road: Road) -> None:
+def _draw_curvature(axes: Axes, road: Road, _: SeenDrive | None) -> None:
+    reach = max(0.0125, 1.25 * float(np.abs(road.curvatures).max()))
+    axes.set_ylim(-reach, reach)
+    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
     places = np.arange(len(road.curvatures)) * road.step
-    area = [(places[0], 0.0), *zip(places, road.curvatures, strict=True), (places[-1], 0.0)]
-    panel.add(Polygon(area, color=EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2))
-    panel.level(0.0, color=FAINT, lw=0.8, zorder=1.3)
-    panel.line(places, road.curvatures, color=_LINE, lw=1.4, zorder=3)
+    axes.fill_between(places, road.curvatures, color=EGO_LANE, lw=0.0, alpha=0.75, zorder=1.2)
+    axes.axhline(0.0, color=FAINT, lw=0.8, zorder=1.3)
+    axes.plot(places, road.curvatures, color=_LINE, lw=1.4, zorder=3)
     for share, text, va in ((0.95, "left", "top"), (0.05, "right", "bottom")):
-        y = panel.up[0] + share * (panel.up[1] - panel.up[0])
-        panel.text(1.004 * road.length, y, text, size=7.5, color=QUIET, va=va, ha="left")
+        axes.text(1.004, share, text, size=7.5, color=QUIET, va=va, transform=axes.transAxes)
 
 
-def _draw_speed(panel: Panel, road: Road, seen: SeenDrive) -> None:
+def _draw_speed(axes: Axes, road: Road, seen: SeenDrive | None) -> None:
+    assert seen is not None
     limit = seen.drive.rules.speed_limit
-    panel.level(limit, color=QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
-    panel.text(1.004 * road.length, limit, "limit", size=7.5, color=QUIET, va="center")
-    panel.line(seen.distance, seen.speed, color=_LINE, lw=1.4, zorder=3)
+    low, high = float(seen.speed.min()), float(seen.speed.max())
+    axes.set_ylim(min(0.0, low), 1.15 * max(limit, high))
+    axes.yaxis.set_major_locator(MaxNLocator(3, steps=[1, 2, 5, 10]))
+    axes.axhline(limit, color=QUIET, lw=0.8, dashes=(4.0, 3.0), zorder=1.5)
+    axes.text(1.004 * road.length, limit, "limit", size=7.5, color=QUIET, va="center")
+    axes.plot(seen.distance, seen.speed, color=_LINE, lw=1.4, zorder=3)
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """A value along the road."""
+
+    title: str
+    height: float  # inches
+    draw: Callable[[Axes, Road, SeenDrive | None], None]
+
+
+_PROFILES: Final[Mapping[str, _Profile]] = {
+    "oob": _Profile("oob distance (m)", 1.35, _draw_oob_distance),
+    "curvature": _Profile("curvature (1/m)", 0.85, _draw_curvature),
+    "speed": _Profile("speed (km/h)", 0.85, _draw_speed),
+}
 
 
 # --- The contact sheet -----------------------------------------------------------------------
@@ -392,14 +407,13 @@ def _sheet(items: Sequence[tuple[str, Road, Drive]], title: str | None) -> Figur
     columns = int(np.clip(math.ceil(math.sqrt(1.2 * len(items))), 1, 8))
     columns = max(columns, min(len(items), 3))
     top = 1.1 if title else 0.65
-    height = top + math.ceil(len(items) / columns) * sheet_row(INNER, columns) + 0.25
-    figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
-    page = Paper(figure, WIDTH, height)
+    rows = math.ceil(len(items) / columns)
+    page = Paper.new(WIDTH, top + rows * sheet_row(INNER, columns) + 0.25)
     if title:
         page.text(MARGIN, 0.68, one_line(title, 60), size=19, weight="bold")
     draw_colour_bar(page, WIDTH - MARGIN, top - 0.45, 0.5 * items[0][1].lane_width)
     draw_sheet(page, items, columns, left=MARGIN, top=top, width=INNER)
-    return figure
+    return page.figure
 
 
 def sheet_row(width: float, columns: int) -> float:
@@ -430,9 +444,8 @@ def draw_sheet(
         y = top + row * sheet_row(width, columns)
         seen = look(road, drive)
         turn = turn_of(road)
-        view = View.showing(box_of(road, seen, turn), turn, picture, height)
-        frame = page.panel(x, y, view.width, view.height)
-        draw_scene(frame, view, road, seen, focus_of(seen), None, labelled=False)
+        view = View.showing(page.axes(x, y, picture, height), box_of(road, seen, turn), turn)
+        draw_scene(view, road, seen, focus_of(seen), None, labelled=False)
         page.text(x, y + height + 0.17, one_line(text, letters), size=9, weight="bold")
         page.text(x, y + height + 0.33, _sheet_line(road, seen), size=8, color=QUIET)
 

@@ -36,7 +36,6 @@ from frenetic.report.html.timeline import EXPECTED, timeline_of
 from frenetic.report.picture import draw_sheet, sheet_row
 from frenetic.report.scene import (
     ALARM,
-    Box,
     SeenDrive,
     View,
     box_of,
@@ -46,7 +45,7 @@ from frenetic.report.scene import (
     look,
     road_of,
 )
-from frenetic.report.style import FAINT, PANEL, QUIET, STYLE, AxesPanel, Paper
+from frenetic.report.style import FAINT, QUIET, STYLE, Paper
 from frenetic.road import Road
 
 SHEET: Final = 12
@@ -135,33 +134,20 @@ def _new_axes(width: float, height: float, *, key: float = 0.0) -> tuple[Axes, P
     import matplotlib.pyplot as plt  # which chooses a backend: only for who wants a new figure
 
     wide, tall = _LEFT + width + _RIGHT, _TOP + height + _BOTTOM + key
-    figure = plt.figure(figsize=(wide, tall))
-    place = _LEFT / wide, (_BOTTOM + key) / tall, width / wide, height / tall
-    return figure.add_axes(place), Paper(figure, wide, tall)
+    page = Paper(plt.figure(figsize=(wide, tall)), wide, tall)
+    return page.axes(_LEFT, _TOP, width, height, bare=False), page
 
 
 def _draw_above(axes: Axes, road: Road, seen: SeenDrive | None, map_size: float | None) -> None:
     """A road and its drive where they lie on the map; what the axes show already stays in sight."""
     box = box_of(road, seen, 0.0)
-    low = np.array([box.x - 0.5 * box.width, box.y - 0.5 * box.height])
-    high = np.array([box.x + 0.5 * box.width, box.y + 0.5 * box.height])
     if axes.has_data():
-        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-        low, high = np.minimum(low, (left, bottom)), np.maximum(high, (right, top))
-    (x, y), (width, height) = 0.5 * (low + high), high - low
-    paper = Paper.on(axes)
-    shown = Box(float(x), float(y), float(width), float(height))
-    view = View.showing(shown, 0.0, paper.width, paper.height)
-    across, up = 0.5 * view.width / view.scale, 0.5 * view.height / view.scale
-    axes.set_xlim(x - across, x + across)
-    axes.set_ylim(y - up, y + up)
+        box = box.holding(np.transpose([axes.get_xlim(), axes.get_ylim()]))
+    focus = None if seen is None else focus_of(seen)
+    draw_scene(View.showing(axes, box, 0.0), road, seen, focus, map_size)
     axes.set_aspect("equal")
-    axes.set_facecolor(PANEL)
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    focus = None if seen is None else focus_of(seen)
-    panel = AxesPanel.on(axes, (view.x, view.y), view.scale)
-    draw_scene(panel, view, road, seen, focus, map_size)
 
 
 # Campaigns

@@ -9,24 +9,17 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize, to_rgb
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
 
 from frenetic._support.arrays import FloatArray
 from frenetic.drive import Drive, Trajectory
 from frenetic.oracle import Assessment, Result, assess, judge
 from frenetic.outcome import Outcome
 from frenetic.report.orientation import edges_of, turned
-from frenetic.report.style import (
-    INK,
-    MARGIN,
-    POINT,
-    QUIET,
-    WIDTH,
-    Panel,
-    Paper,
-)
+from frenetic.report.style import INK, MARGIN, PANEL, POINT, QUIET, WIDTH, Paper
 from frenetic.road import Road
 
 _MAX_POINTS: Final = 4000  # more of a path or road than that is not seen
@@ -152,36 +145,61 @@ class Box:
     width: float
     height: float
 
+    @property
+    def ends(self) -> FloatArray:
+        """(2, 2) its lower left and upper right corner."""
+        middle, reach = np.array([self.x, self.y]), 0.5 * np.array([self.width, self.height])
+        return np.array([middle - reach, middle + reach])
+
+    def holding(self, ends: FloatArray) -> Box:
+        """The box around this one and another one's ends."""
+        low, high = np.minimum(self.ends, ends)[0], np.maximum(self.ends, ends)[1]
+        (x, y), (width, height) = 0.5 * (low + high), high - low
+        return Box(float(x), float(y), float(width), float(height))
+
 
 @dataclass(frozen=True)
 class View:
-    """The mapping of metres to points on paper: turned, moved, scaled."""
+    """Axes that show the world from above: turned, in metres."""
 
+    axes: Axes
     turn: float  # rad counter-clockwise
-    x: float  # m, turned, in the middle of the view
-    y: float
-    scale: float  # points per metre
-    width: float  # points
-    height: float  # points
+    scale: float  # points per metre when it is drawn
+    centre: FloatArray  # (2,) m, turned, in the middle
+    half: FloatArray  # (2,) m from the middle to the edges
 
     @classmethod
-    def showing(cls, box: Box, turn: float, width: float, height: float) -> View:
-        """The view of ``width`` x ``height`` inches in which ``box`` fits."""
-        scale = POINT * min(width / box.width, height / box.height)
-        return cls(turn, box.x, box.y, scale, width * POINT, height * POINT)
+    def showing(cls, axes: Axes, box: Box, turn: float) -> View:
+        """The view of ``box``, with what else fits into the axes."""
+        size = size_of(axes)
+        scale = float(min(size / (box.width, box.height)))
+        half = 0.5 * size / scale
+        axes.set_xlim(box.x - half[0], box.x + half[0])
+        axes.set_ylim(box.y - half[1], box.y + half[1])
+        axes.set_facecolor(PANEL)
+        return cls(axes, turn, scale, np.array([box.x, box.y]), half)
 
     def at(self, points: FloatArray) -> FloatArray:
-        """(n, 2) points on paper of (n, 2) places in m."""
-        return self.scale * (turned(points, self.turn) - (self.x, self.y))
+        """(n, 2) places in the axes of (n, 2) places on the map, in m."""
+        return turned(points, self.turn)
 
     def shows(self, place: FloatArray) -> bool:
-        """Whether (2,) ``place``, points on paper, is in sight."""
-        return bool(2.0 * abs(place[0]) < self.width and 2.0 * abs(place[1]) < self.height)
+        """Whether a place, (2,) in the axes, is in sight."""
+        return bool((np.abs(place - self.centre) < self.half).all())
 
-    def zoomed(self, place: FloatArray, across: float, width: float, height: float) -> View:
-        """The view of ``width`` x ``height`` inches, ``across`` m wide, around (2,) ``place``."""
-        ((x, y),) = turned(place[None], self.turn)
-        return View(self.turn, x, y, POINT * width / across, width * POINT, height * POINT)
+    def mark(self, place: FloatArray, marker: str, **how: Any) -> None:
+        """Draws a marker at a place, (2,) in the axes."""
+        self.axes.plot(*place, linestyle="none", marker=marker, **how)
+
+    def add(self, artists: Collection) -> None:
+        """Draws what changes no limits."""
+        self.axes.add_collection(artists, autolim=False)
+
+
+def size_of(axes: Axes) -> FloatArray:
+    """(2,) width and height of axes, in points."""
+    box, dpi = axes.bbox, axes.figure.dpi
+    return np.array([box.width, box.height]) * POINT / dpi
 
 
 def sane(places: FloatArray) -> FloatArray:
@@ -210,16 +228,26 @@ _DIRECTIONS: Final = np.column_stack(
 
 @dataclass
 class _Labels:
-    """Places labels in a panel without hiding anything or touching each other."""
+    """Places labels in a view without hiding anything or touching each other.
 
-    panel: Panel
+    Within, all is in points from the middle of the view.
+    """
+
     view: View
-    obstacles: FloatArray  # (n, 2) points on paper
+    obstacles: FloatArray  # (n, 2) m in the axes
     size: float = 9.0
     taken: list[tuple[float, float, float, float]] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        self._hidden = self._points(self.obstacles)
+
+    def _points(self, places: FloatArray) -> FloatArray:
+        points: FloatArray = (places - self.view.centre) * self.view.scale
+        return points
+
     def put(self, place: FloatArray, text: str, colour: str) -> None:
-        """Write ``text`` beside (2,) ``place`` (points on paper), with a leader if need be."""
+        """Write ``text`` beside a place, (2,) in the axes, with a leader if need be."""
+        place = self._points(place)
         half = np.array([0.31 * self.size * len(text) + 2.0, 0.68 * self.size])
         # From the label's edge to the place it is the reach.
         to_edge = np.min(half / np.maximum(np.abs(_DIRECTIONS), 1e-9), axis=1)
@@ -233,23 +261,26 @@ class _Labels:
         if chosen > 15.0:
             near = np.clip(place, low + 1.0, high - 1.0)
             away = (near - place) / max(float(np.hypot(*(near - place))), 1e-9)
-            tip = place + 6.0 * away
-            self.panel.line(
-                [tip[0], near[0]], [tip[1], near[1]], color=colour, lw=0.7, alpha=0.7, zorder=8
-            )
-        self.panel.text(
-            float(best[0]), float(best[1]), text, size=self.size, color=colour,
+            leader = self._places(np.array([place + 6.0 * away, near]))
+            self.view.axes.plot(*leader.T, color=colour, lw=0.7, alpha=0.7, zorder=8)
+        x, y = self._places(best)
+        self.view.axes.text(
+            x, y, text, size=self.size, color=colour,
             ha="center", va="center", weight="bold", zorder=9,
         )  # fmt: skip
+
+    def _places(self, points: FloatArray) -> FloatArray:
+        places: FloatArray = self.view.centre + points / self.view.scale
+        return places
 
     def _costs(self, centres: FloatArray, half: FloatArray) -> FloatArray:
         """What labels at (n, 2) ``centres`` would hide, touch or cut off, (n,)."""
         low, high = (centres - half - 2.0)[:, None], (centres + half + 2.0)[:, None]
-        frame = np.array([self.view.width, self.view.height]) / 2.0
+        frame = self.view.half * self.view.scale
         outside = np.maximum(high - frame, 0.0) + np.maximum(-frame - low, 0.0)
-        covered = np.ones((len(low), len(self.obstacles)), dtype=bool)
+        covered = np.ones((len(low), len(self._hidden)), dtype=bool)
         for axis in (0, 1):  # one after the other, in a tenth of the time
-            places = np.ascontiguousarray(self.obstacles[:, axis])
+            places = np.ascontiguousarray(self._hidden[:, axis])
             covered &= (places > low[:, :, axis]) & (places < high[:, :, axis])
         hidden = covered.sum(axis=1)
         taken = np.array(self.taken).reshape(-1, 4)
@@ -257,13 +288,13 @@ class _Labels:
         costs: FloatArray = 100.0 * outside.sum(axis=(1, 2)) + 20.0 * hidden + 500.0 * touching
         return costs
 
-    def keep_clear(self, centre: FloatArray, half: float) -> None:
-        """Let no label touch the square of 2 ``half`` points around (2,) ``centre``."""
+    def keep_clear(self, place: FloatArray, half: float) -> None:
+        """Let no label touch the square of 2 ``half`` points around a place, (2,) in the axes."""
+        centre = self._points(place)
         self.taken.append((*(centre - half), *(centre + half)))
 
 
 def draw_scene(
-    panel: Panel,
     view: View,
     road: Road,
     seen: SeenDrive | None,
@@ -274,45 +305,44 @@ def draw_scene(
     labelled: bool = True,
 ) -> None:
     """The whole road from above with the drive on it, and a frame around what ``near`` shows."""
-    _draw_map_edge(panel, view, map_size)
-    draw_surface(panel, view, road)
+    if map_size is not None:
+        edge = view.at(_map_edge(map_size))
+        view.axes.plot(*edge.T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+    draw_surface(view, road)
     spacing = max(1.0, road.length / _MAX_POINTS)
     start, end = view.at(road.sample(spacing, -0.5 * road.lane_width)[[0, -1]])
     size, width = (7.0, 1.5) if labelled else (4.5, 1.1)
     for place, marker, fill in ((start, "o", "white"), (end, "s", INK)):
-        panel.mark(place, marker, ms=size, mfc=fill, mec=INK, mew=width, zorder=7)
+        view.mark(place, marker, ms=size, mfc=fill, mec=INK, mew=width, zorder=7)
 
     # What labels must not hide.
     drawn = [view.at(road.sample(spacing, k * road.lane_width)) for k in (-1, -0.5, 0, 0.5, 1)]
     mark = None
     if seen is not None and focus is not None:
-        _draw_path(panel, view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
+        _draw_path(view, seen, 0.5 * road.lane_width, 3.0 if labelled else 2.2)
         drawn.append(view.at(sane(seen.xy)))
         if labelled:
             some = _some_records(seen, focus)
-            _draw_cars(panel, view, seen, some, INK)
-            _draw_cars(panel, view, seen, [focus.record], focus.colour, zorder=6.0)
+            _draw_cars(view, seen, some, INK)
+            _draw_cars(view, seen, [focus.record], focus.colour, zorder=6.0)
             drawn += _boxes(view, seen, [*some, focus.record])
         mark = view.at(sane(seen.xy[[focus.record]]))[0]
         if near is not None and near.scale > 2.0 * view.scale:
-            half = 0.5 * np.array([near.width, near.height]) * view.scale / near.scale
-            panel.add(
-                Rectangle(
-                    mark - half, *(2.0 * half), fill=False, ec=QUIET, lw=0.8, alpha=0.7, zorder=6
-                )
-            )  # fmt: skip
+            corner, (across, up) = mark - near.half, 2.0 * near.half
+            how: Any = {"fill": False, "ec": QUIET, "lw": 0.8, "alpha": 0.7, "zorder": 6}
+            view.axes.add_patch(Rectangle(corner, across, up, **how))
             sides = np.linspace(-1.0, 1.0, 41)[:, None]
             for k in (-1.0, 1.0):
-                drawn.append(mark + half * np.hstack([sides, np.full_like(sides, k)]))
-                drawn.append(mark + half * np.hstack([np.full_like(sides, k), sides]))
+                drawn.append(mark + near.half * np.hstack([sides, np.full_like(sides, k)]))
+                drawn.append(mark + near.half * np.hstack([np.full_like(sides, k), sides]))
         if seen.result.outcome is Outcome.PASS or not view.shows(mark):
             mark = None
         else:
             size, width = (15.0, 1.8) if labelled else (9.0, 1.4)
-            panel.mark(mark, "o", ms=size, mfc="none", mec=focus.colour, mew=width, zorder=7)
+            view.mark(mark, "o", ms=size, mfc="none", mec=focus.colour, mew=width, zorder=7)
     if not labelled:
         return
-    labels = _Labels(panel, view, np.vstack(drawn))
+    labels = _Labels(view, np.vstack(drawn))
     for place in (start, end):
         labels.keep_clear(place, 4.0)
     if focus is not None and mark is not None:
@@ -322,30 +352,26 @@ def draw_scene(
     labels.put(end, "end", INK)
 
 
-def draw_surface(panel: Panel, view: View, road: Road) -> None:
-    """Both lanes. They are lines as wide as they are, which no bend and no crossing can upset."""
-    lane, scale = road.lane_width, view.scale
+def draw_surface(view: View, road: Road) -> None:
+    """Both lanes, with an edge around what they cover together."""
     spacing = max(0.5, road.length / _MAX_POINTS)
-
-    def strip(offset: float, width: float, colour: str, zorder: float, **how: Any) -> None:
-        xs, ys = view.at(road.sample(spacing, offset)).T
-        panel.strip(
-            xs, ys, width, color=colour, zorder=zorder,
-            solid_capstyle="butt", dash_capstyle="butt", solid_joinstyle="round", **how,
-        )  # fmt: skip
-
-    strip(0.0, 2.0 * lane * scale + 1.8, _CASING, 1.0)
-    strip(0.0, 2.0 * lane * scale, _OTHER_LANE, 1.1)
-    strip(-0.5 * lane, lane * scale, EGO_LANE, 1.2)
-    width = max(0.9, 0.15 * scale)
-    dash = max(3.0 * scale, 3.0) / width
-    strip(0.0, width, "white", 1.3, dashes=(dash, dash))
-    _draw_arrows(panel, view, road)
+    left, middle, right = (view.at(road.sample(spacing, k * road.lane_width)) for k in (1, 0, -1))
+    how: Any
+    for one, other, how in (
+        (left, right, {"fc": _CASING, "ec": _CASING, "lw": 1.8, "zorder": 1.0}),
+        (left, middle, {"fc": _OTHER_LANE, "ec": _OTHER_LANE, "lw": 0.3, "zorder": 1.1}),
+        (middle, right, {"fc": EGO_LANE, "lw": 0.0, "zorder": 1.2}),
+    ):
+        view.axes.add_patch(Polygon(np.vstack([one, other[::-1]]), joinstyle="round", **how))
+    width = max(0.9, 0.15 * view.scale)
+    dash = max(3.0 * view.scale, 3.0) / width
+    view.axes.plot(*middle.T, color="white", lw=width, zorder=1.3, dashes=(dash, dash))
+    _draw_arrows(view, road)
 
 
-def _draw_arrows(panel: Panel, view: View, road: Road) -> None:
+def _draw_arrows(view: View, road: Road) -> None:
     """Arrows on the ego lane that point in driving direction."""
-    size = float(np.clip(1.3 * view.scale, 3.2, 11.0))
+    size = float(np.clip(1.3 * view.scale, 3.2, 11.0)) / view.scale
     apart = max(130.0 / view.scale, road.length / 40.0)
     count = max(1, int(road.length / apart))
     distances = (np.arange(count) + 0.5) * road.length / count
@@ -356,28 +382,32 @@ def _draw_arrows(panel: Panel, view: View, road: Road) -> None:
         half = 0.5 * road.lane_width
         place = np.array([[x + half * math.sin(heading), y - half * math.cos(heading)]])
         polygons.append(view.at(place) + turned(shape, heading + view.turn))
-    panel.add(PolyCollection(polygons, facecolor="white", edgecolor="none", zorder=1.4))
+    view.add(PolyCollection(polygons, facecolor="white", edgecolor="none", zorder=1.4))
 
 
-def _draw_path(panel: Panel, view: View, seen: SeenDrive, half: float, width: float) -> None:
+def _draw_path(view: View, seen: SeenDrive, half: float, width: float) -> None:
     """The path of the car's centre of mass, coloured by oob distance."""
     places = view.at(sane(seen.xy))
-    draw_coloured(panel, places, places, seen.oob_distance, half, width)
+    draw_coloured(view.axes, places, view.scale, seen.oob_distance, half, width)
 
 
 def draw_coloured(
-    panel: Panel,
-    places: FloatArray,
-    on_paper: FloatArray,
-    oob: FloatArray,
-    half: float,
-    width: float,
+    axes: Axes, places: FloatArray, scale: Any, oob: FloatArray, half: float, width: float
 ) -> None:
-    """A line through (n, 2) ``places``, which are (n, 2) ``on_paper`` in points."""
+    """A line coloured by oob distance.
+
+    Args:
+        axes: to draw on.
+        places: (n, 2) in the axes.
+        scale: points per unit of the axes, one number or (2,).
+        oob: (n,) oob distance in m.
+        half: half a lane, in m.
+        width: of the line, in points.
+    """
     if len(places) < 2:
         return
     # Shorter pieces than 1.5 points are not seen.
-    walked = np.cumsum(np.hypot(*np.diff(on_paper, axis=0, prepend=on_paper[:1]).T))
+    walked = np.cumsum(np.hypot(*(scale * np.diff(places, axis=0, prepend=places[:1])).T))
     some = np.unique(np.floor(walked / 1.5), return_index=True)[1]
     some = np.union1d(some[:: math.ceil(len(some) / _MAX_POINTS)], [len(places) - 1])
     if len(some) < 2:
@@ -399,7 +429,7 @@ def draw_coloured(
         zorder=4,
     )
     line.set_array(shades[first] + 0.5)
-    panel.add(line)
+    axes.add_collection(line, autolim=False)
 
 
 def _some_records(seen: SeenDrive, focus: Focus) -> list[int]:
@@ -420,7 +450,6 @@ def _boxes(view: View, seen: SeenDrive, records: Sequence[int]) -> list[FloatArr
 
 
 def _draw_cars(
-    panel: Panel,
     view: View,
     seen: SeenDrive,
     records: Sequence[int],
@@ -434,14 +463,8 @@ def _draw_cars(
     boxes = _boxes(view, seen, records)
     screens = [np.array([0.3 * b[0] + 0.7 * b[1], 0.7 * b[2] + 0.3 * b[3]]) for b in boxes]
     inside = (*to_rgb(colour), fill) if fill else (1.0, 1.0, 1.0, 0.35)
-    panel.add(PolyCollection(boxes, ec=colour, facecolor=inside, linewidths=width, zorder=zorder))
-    panel.add(LineCollection(screens, colors=colour, linewidths=width, zorder=zorder))
-
-
-def _draw_map_edge(panel: Panel, view: View, map_size: float | None) -> None:
-    if map_size is not None:
-        edge = view.at(_map_edge(map_size))
-        panel.line(*edge.T, color=QUIET, lw=1.0, dashes=(5.0, 3.0), alpha=0.8, zorder=0.5)
+    view.add(PolyCollection(boxes, ec=colour, facecolor=inside, linewidths=width, zorder=zorder))
+    view.add(LineCollection(screens, colors=colour, linewidths=width, zorder=zorder))
 
 
 def _map_edge(map_size: float) -> FloatArray:
@@ -453,10 +476,10 @@ def _map_edge(map_size: float) -> FloatArray:
     return np.column_stack([x, y])
 
 
-def draw_close_up(panel: Panel, view: View, road: Road, seen: SeenDrive, focus: Focus) -> None:
+def draw_close_up(view: View, road: Road, seen: SeenDrive, focus: Focus) -> None:
     """The place that the picture is about, large enough to see the car on the lane."""
-    draw_surface(panel, view, road)
-    _draw_path(panel, view, seen, 0.5 * road.lane_width, 4.0)
+    draw_surface(view, road)
+    _draw_path(view, seen, 0.5 * road.lane_width, 4.0)
     # Boxes a little more than a car apart, back and forth from the one that matters.
     away = np.abs(seen.distance - seen.distance[focus.record])
     step = 1.35 * seen.drive.car.length
@@ -468,10 +491,10 @@ def draw_close_up(panel: Panel, view: View, road: Road, seen: SeenDrive, focus: 
                 chosen.append(i)
                 due = away[i] + step
             i += direction
-    _draw_cars(panel, view, seen, chosen, INK)
-    _draw_cars(panel, view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
+    _draw_cars(view, seen, chosen, INK)
+    _draw_cars(view, seen, [focus.record], focus.colour, width=1.8, zorder=6.0, fill=0.22)
     place = view.at(sane(seen.xy[[focus.record]]))[0]
-    panel.mark(place, "o", ms=4.5, color=focus.colour, zorder=7)
+    view.mark(place, "o", ms=4.5, color=focus.colour, zorder=7)
 
 
 def draw_key(
@@ -486,15 +509,8 @@ def draw_key(
     for name, angle in (("x", view.turn), ("y", view.turn + math.pi / 2.0)):
         dx, dy = 0.15 * math.cos(angle), -0.15 * math.sin(angle)
         page.line([x, x + dx], [y + 0.24, y + 0.24 + dy], color=QUIET, lw=1.1)
-        page.text(
-            x + 1.55 * dx,
-            y + 0.24 + 1.55 * dy,
-            name,
-            size=8,
-            color=QUIET,
-            ha="center",
-            va="center",
-        )
+        beside = x + 1.55 * dx, y + 0.24 + 1.55 * dy
+        page.text(*beside, name, size=8, color=QUIET, ha="center", va="center")
     if map_size is not None and any(view.shows(place) for place in view.at(_map_edge(map_size))):
         x += 0.65
         page.line([x, x + 0.36], [y + 0.2, y + 0.2], color=QUIET, lw=1.0, dashes=(5.0, 3.0))
@@ -509,18 +525,21 @@ def draw_colour_bar(page: Paper, right: float, y: float, half: float) -> None:
     left = right - width
     ends = np.linspace(-half, half, len(OOB_COLOURS) + 1)
     tip = -half - pointed * 2.0 * half
-    bar = page.chart(left, y, width, 0.11, (tip, half), (0.0, 1.0))
+    bar = page.axes(left, y, width, 0.11, xlim=(tip, half), ylim=(0.0, 1.0), facecolor="none")
     shapes = [[(tip, 0.5), (-half, 0.0), (-half, 1.0)]]
     shapes += [[(a, 0.0), (b, 0.0), (b, 1.0), (a, 1.0)] for a, b in pairwise(ends)]
     colours = [OOB_COLOURS[0], *OOB_COLOURS]
-    bar.add(PolyCollection(shapes, facecolors=colours, edgecolors="none", antialiaseds=False))
-    bar.line((0.0, 0.0), bar.up, color=INK, lw=1.2)
+    bar.add_collection(
+        PolyCollection(shapes, facecolors=colours, edgecolors="none", antialiaseds=False)
+    )
+    bar.plot((0.0, 0.0), (0.0, 1.0), color=INK, lw=1.2)
     for at, text, side in (
         (-half, f"−{half:g}", "center"),
         (0.0, "0 lane edge", "center"),
         (half, f"{half:g} lane centre", "right"),
     ):
-        bar.beside((at, 0.0), (0.0, -3.0), text, size=8.5, color=QUIET, ha=side, va="top")
+        x = left + width * (at - tip) / (half - tip)
+        page.text(x, y + 0.15, text, size=8.5, color=QUIET, ha=side, va="top")
     page.text(left - 0.15, y + 0.1, "oob distance (m)", size=8.5, color=QUIET, ha="right")
 
 

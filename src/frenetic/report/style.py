@@ -8,22 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final
 
-import numpy as np
-from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Rectangle
-from matplotlib.text import Text
-from matplotlib.ticker import MaxNLocator, ScalarFormatter
-from matplotlib.transforms import Affine2D
+from matplotlib.patches import Rectangle
 from PIL import Image
 
-from frenetic._support.arrays import FloatArray
 from frenetic._support.files import replacing
 from frenetic.errors import FreneticError
 
@@ -42,9 +35,7 @@ INK: Final = "#1d2733"
 QUIET: Final = "#6a7684"
 FAINT: Final = "#c9d0d8"
 PANEL: Final = "#f4f6f8"
-_GRID: Final = "#e8ebef"
-
-_Span: TypeAlias = tuple[float, float]
+GRID: Final = "#e8ebef"
 
 STYLE: Final[dict[str, Any]] = {
     "font.family": ["sans-serif"],
@@ -63,6 +54,13 @@ STYLE: Final[dict[str, Any]] = {
     "ytick.labelcolor": QUIET,
     "xtick.labelsize": 8.5,
     "ytick.labelsize": 8.5,
+    "xtick.major.size": 0.0,
+    "ytick.major.size": 0.0,
+    "grid.color": GRID,
+    "grid.linewidth": 0.7,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
     "path.sketch": None,
     "savefig.bbox": "standard",
     "svg.fonttype": "none",  # text stays text: it can be searched and selected
@@ -132,193 +130,64 @@ class Paper:
     height: float
 
     @classmethod
+    def new(cls, width: float, height: float, dpi: float = DPI) -> Paper:
+        """An empty figure of so many inches."""
+        return cls(Figure(figsize=(width, height), dpi=dpi, facecolor="white"), width, height)
+
+    @classmethod
     def on(cls, axes: Axes) -> Paper:
         """Axes in their present size."""
         box, dpi = axes.bbox, axes.figure.dpi
         return cls(axes, box.width / dpi, box.height / dpi)
 
-    @property
-    def square(self) -> Any:
-        """Transform of the unit square to what it covers."""
-        canvas = self.canvas
-        return canvas.transFigure if isinstance(canvas, Figure) else canvas.transAxes
-
     def text(self, x: float, y: float, text: str, *, size: float, **how: Any) -> Any:
         """Writes a text."""
-        how = {"va": "baseline", "transform": self.square, **how}
+        how = {"va": "baseline", "transform": self._square, **how}
         return self.canvas.text(x / self.width, 1.0 - y / self.height, text, size=size, **how)
 
     def bar(self, x: float, y: float, width: float, height: float, colour: str) -> None:
         """A filled rectangle."""
-        self.canvas.add_artist(
-            Rectangle(
-                (x / self.width, 1.0 - (y + height) / self.height),
-                width / self.width,
-                height / self.height,
-                facecolor=colour,
-                edgecolor="none",
-                transform=self.square,
-            )
-        )
+        left, bottom, across, up = self._place(x, y, width, height)
+        how: Any = {"facecolor": colour, "edgecolor": "none", "transform": self._square}
+        self.canvas.add_artist(Rectangle((left, bottom), across, up, **how))
 
     def line(self, xs: Sequence[float], ys: Sequence[float], **how: Any) -> None:
         """A line through points."""
         across, up = [x / self.width for x in xs], [1.0 - y / self.height for y in ys]
-        self.canvas.add_artist(Line2D(across, up, transform=self.square, **how))
+        self.canvas.add_artist(Line2D(across, up, transform=self._square, **how))
 
-    def panel(self, x: float, y: float, width: float, height: float) -> Panel:
-        """A panel of so many points (1/72 inch), measured from its centre."""
-        across, up = (-width / 2.0, width / 2.0), (-height / 2.0, height / 2.0)
-        panel = self.chart(x, y, width / POINT, height / POINT, across, up)
-        panel.edge.set_facecolor(PANEL)
-        return panel
-
-    def chart(
-        self, x: float, y: float, width: float, height: float, across: _Span, up: _Span
-    ) -> Panel:
-        """A panel that shows the values ``across`` and ``up``, from the first to the last."""
-        size = np.array([width / self.width, height / self.height])
-        corner = x / self.width, 1.0 - (y + height) / self.height
-        shown = np.array([across[1] - across[0], up[1] - up[0]])
-        place = Affine2D().translate(-across[0], -up[0]).scale(*(size / shown)).translate(*corner)
-        edge = Rectangle(
-            corner,
-            *size,
-            facecolor="none",
-            edgecolor="none",
-            zorder=0.0,
-            transform=self.square,
-        )
-        self.canvas.add_artist(edge)
-        point = shown / (POINT * np.array([width, height]))
-        return Panel(self.canvas, edge, place + self.square, across, up, point)
-
-
-@dataclass(frozen=True)
-class Panel:
-    """A part of a picture with coordinates of its own; what is drawn is cut off at its edge.
-
-    Matplotlib's axes can do all this, too, but take ten times as long to make and draw. So files
-    and pages have panels, and a user's axes become one (`AxesPanel`): both are drawn on alike.
-    """
-
-    canvas: Figure | Axes
-    edge: Patch
-    place: Any
-    """Transform of its coordinates to those of the display."""
-    across: _Span
-    """The coordinates at its left and right edge."""
-    up: _Span
-    """The coordinates at its lower and upper edge."""
-    point: FloatArray
-    """(2,) Size of a point on paper in its coordinates."""
-
-    def add(self, artist: Artist, *, cut: bool = True) -> None:
-        """Draws an artist whose order is among those of this panel, and before what is no panel."""
-        artist.set_transform(self.place)
-        artist.set_zorder(artist.get_zorder() / 100.0)
-        self.canvas.add_artist(artist)
-        if cut:
-            artist.set_clip_path(self.edge)
-        else:
-            artist.set_clip_on(False)
-
-    def line(self, xs: Any, ys: Any, *, cut: bool = True, **how: Any) -> None:
-        """Draws a line through points."""
-        self.add(Line2D(xs, ys, **how), cut=cut)
-
-    def strip(self, xs: Any, ys: Any, width: float, **how: Any) -> None:
-        """Draws a line that covers what is so many points wide."""
-        self.line(xs, ys, lw=width, **how)
-
-    def mark(self, place: FloatArray | _Span, marker: str, *, cut: bool = True, **how: Any) -> None:
-        """Draws a marker at a place, (2,)."""
-        x, y = place
-        self.add(Line2D([x], [y], linestyle="none", marker=marker, **how), cut=cut)
-
-    def level(self, y: float, **how: Any) -> None:
-        """Draws a line from the left to the right edge."""
-        self.line(self.across, (y, y), **how)
-
-    def text(self, x: float, y: float, text: str, **how: Any) -> None:
-        """Writes a text, also over the edge."""
-        self.add(Text(x, y, text, **how), cut=False)
-
-    def beside(
-        self, place: tuple[float, float], off: tuple[float, float], text: str, **how: Any
-    ) -> None:
-        """Writes a text so many points off a place."""
-        x, y = np.array(place) + np.array(off) * self.point
-        self.text(x, y, text, **how)
-
-    def draw_grid(
-        self, across: Sequence[float], up: Sequence[float], *, labelled: bool = True
-    ) -> None:
-        """Draws a grid at some values, which stand left of it and, if ``labelled``, below it."""
-        lines = [[(x, self.up[0]), (x, self.up[1])] for x in across]
-        lines += [[(self.across[0], y), (self.across[1], y)] for y in up]
-        self.add(LineCollection(lines, colors=_GRID, linewidths=0.7, zorder=0.5))
-        self.level(self.up[0], cut=False, color=FAINT, lw=0.8, zorder=2.5)
-        how = {"size": 8.5, "color": QUIET}
-        for y, text in zip(up, _numbers(up, self.up), strict=True):
-            self.beside(
-                (self.across[0], y), (-3.5, 0.0), text, ha="right", va="center_baseline", **how
-            )
-        for x, text in zip(across, _numbers(across, self.across), strict=True) if labelled else ():
-            self.beside((x, self.up[0]), (0.0, -3.5), text, ha="center", va="top", **how)
-
-
-class _Strip(Line2D):
-    """A line that covers what it covered when it was made, however its axes are scaled since."""
-
-    def __init__(self, xs: Any, ys: Any, width: float, points: Any, **how: Any) -> None:
-        super().__init__(xs, ys, linewidth=width, **how)
-        self._width, self._points = width, points
-
-    def draw(self, renderer: Any) -> None:
-        """Draws it with the width that it has by now."""
-        self.set_linewidth(self._width * self._points())
-        super().draw(renderer)
-
-
-class AxesPanel(Panel):
-    """Matplotlib's axes as a panel; its coordinates are points on paper in their present size."""
-
-    @classmethod
-    def on(cls, axes: Axes, middle: _Span, scale: float) -> AxesPanel:
-        """The axes, with (0, 0) in the ``middle`` and ``scale`` points per unit of its data."""
-        paper = Paper.on(axes)
-        across, up = (
-            (-0.5 * POINT * length, 0.5 * POINT * length) for length in (paper.width, paper.height)
-        )
-        place = Affine2D().scale(1.0 / scale).translate(*middle) + axes.transData
-        return cls(axes, axes.patch, place, across, up, np.ones(2))
-
-    def strip(self, xs: Any, ys: Any, width: float, **how: Any) -> None:
-        """Draws a line as wide as now, also when the axes have got another size or limits."""
+    def axes(
+        self, x: float, y: float, width: float, height: float, *, bare: bool = True, **how: Any
+    ) -> Axes:
+        """Axes; bare ones have neither ticks nor an edge."""
+        place = self._place(x, y, width, height)
         canvas: Any = self.canvas
+        add = canvas.add_axes if isinstance(canvas, Figure) else canvas.inset_axes
+        axes: Axes = add(place, **how)
+        if bare:
+            axes.set(xticks=[], yticks=[])
+            axes.spines[:].set_visible(False)
+        return axes
 
-        def points() -> float:
-            (left, _), (right, _) = self.place.transform([(0.0, 0.0), (POINT, 0.0)])
-            return abs(float(right - left)) / float(canvas.figure.dpi)
+    @property
+    def figure(self) -> Figure:
+        """The figure."""
+        canvas = self.canvas
+        found = canvas if isinstance(canvas, Figure) else canvas.figure
+        assert isinstance(found, Figure)
+        return found
 
-        self.add(_Strip(xs, ys, width, points, **how))
+    @property
+    def _square(self) -> Any:
+        """Transform of the unit square to what it covers."""
+        canvas = self.canvas
+        return canvas.transFigure if isinstance(canvas, Figure) else canvas.transAxes
 
-
-def round_values(shown: _Span, most: int, steps: Sequence[float]) -> list[float]:
-    """Round values in a range, in at most so many equal steps: these times a power of ten."""
-    low, high = shown
-    near = 1e-9 * (high - low)
-    values = MaxNLocator(most, steps=steps).tick_values(low, high)
-    return [float(value) for value in values if low - near <= value <= high + near]
-
-
-def _numbers(values: Sequence[float], shown: _Span) -> list[str]:
-    """Values as texts with as many digits as tell them apart."""
-    formatter: Any = ScalarFormatter()
-    formatter.create_dummy_axis()
-    formatter.axis.set_view_interval(*shown)
-    return list(formatter.format_ticks(values))
+    def _place(
+        self, x: float, y: float, width: float, height: float
+    ) -> tuple[float, float, float, float]:
+        bottom = 1.0 - (y + height) / self.height
+        return x / self.width, bottom, width / self.width, height / self.height
 
 
 def _printable(text: str) -> str:
