@@ -49,7 +49,7 @@ from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
-from frenetic.simulators.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
+from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 
 AT_ONCE: Final = replace(Vehicle(), steering_rate=20.0, steering_lag=0.01)
 """The embedded simulator's default car without its largest difference from MetaDrive's."""

@@ -220,7 +220,7 @@ def test_another_program_of_a_simulator_is_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(trust.VARIABLE, str(tmp_path / "home"))
-    for name in ("beamng", "frenetic.simulators.beamng:BeamngSimulator"):
+    for name in ("beamng", "frenetic.beamng:BeamngSimulator"):
         trust.remember("simulator", name, {"home": "/opt/b"})
         assert is_trusted("simulator", name, home="/opt/b", headless=True)
         assert not is_trusted("simulator", name, home="/opt/c")

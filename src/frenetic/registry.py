@@ -473,11 +473,11 @@ DRIVERS: Final = Registry(
             "follows the line at its lane's edge in a camera's picture; knows nothing else",
         ),
         "metadrive-idm": (
-            "frenetic.simulators.metadrive:MetaDriveIdm",
+            "frenetic.metadrive:MetaDriveIdm",
             "MetaDrive's rule-based driver; in the simulator metadrive only",
         ),
         "metadrive-expert": (
-            "frenetic.simulators.metadrive:MetaDriveExpert",
+            "frenetic.metadrive:MetaDriveExpert",
             "MetaDrive's neural network, trained by PPO; in the simulator metadrive only",
         ),
         "dave2": (
@@ -516,11 +516,11 @@ SIMULATORS: Final = Registry(
             "a dynamic single-track car in compiled code, headless",
         ),
         "metadrive": (
-            "frenetic.simulators.metadrive:MetaDriveSimulator",
+            "frenetic.metadrive:MetaDriveSimulator",
             "MetaDrive: a four-wheeled car in Bullet physics, headless; an extra",
         ),
         "beamng": (
-            "frenetic.simulators.beamng:BeamngSimulator",
+            "frenetic.beamng:BeamngSimulator",
             "BeamNG.tech, started or running already (needs a licence and the extra beamng)",
         ),
     },

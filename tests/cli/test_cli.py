@@ -177,7 +177,7 @@ def test_run_refuses_a_folder_that_cannot_be_written(frenetic: Frenetic) -> None
 def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     frenetic: Frenetic, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loaded = ("metadrive.", "frenetic.simulators.metadrive.world")  # by other tests
+    loaded = ("metadrive.", "frenetic.metadrive.world")  # by other tests
     for name in [name for name in sys.modules if name.startswith(loaded)]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "metadrive", None)

@@ -13,10 +13,10 @@ from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator
-from frenetic.simulators.beamng import BeamngSimulator
+from frenetic.beamng import BeamngSimulator
 from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
 from frenetic.simulators.isolated import IsolatedSimulator
-from frenetic.simulators.metadrive import MetaDriveSimulator
+from frenetic.metadrive import MetaDriveSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
 

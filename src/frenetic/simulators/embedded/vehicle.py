@@ -222,7 +222,7 @@ class Vehicle:
 
     @classmethod
     def metadrive(cls) -> Vehicle:
-        """Return the car of `frenetic.simulators.metadrive`, as far as this model allows.
+        """Return the car of `frenetic.metadrive`, as far as this model allows.
 
         Sizes, mass, steering, engine and brakes are those of MetaDrive 0.4.3's default car with
         constant parameters. Its wheels do not slide before the friction limit and hold it beyond,

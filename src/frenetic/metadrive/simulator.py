@@ -18,20 +18,20 @@ from frenetic.drivers.driver import Driver, blaming_driver, camera_of, checked_c
 from frenetic.errors import DriverError, FreneticError, describe_error
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks
-from frenetic.simulators.metadrive.car import (
+from frenetic.metadrive.car import (
     PERIOD,
     STEPS_PER_PERIOD,
     VEHICLE,
     Decision,
 )
-from frenetic.simulators.metadrive.drawing import check_drawing, drawn_region
-from frenetic.simulators.metadrive.drivers import MetaDriveDriver, PolicySimulator, metadrive_driver
+from frenetic.metadrive.drawing import check_drawing, drawn_region
+from frenetic.metadrive.drivers import MetaDriveDriver, PolicySimulator, metadrive_driver
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.simulator import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit
 
 if TYPE_CHECKING:
-    from frenetic.simulators.metadrive.world import Motion, World
+    from frenetic.metadrive.world import Motion, World
 
 PACKAGE: Final = "metadrive-simulator"
 EXTRA: Final = 'pip install "frenetic-roads[metadrive]"'
@@ -64,7 +64,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
 
     needs: Final = ("metadrive",)
     """Modules that the extra brings."""
-    preloads: Final = ("frenetic.simulators.metadrive.preloading",)
+    preloads: Final = ("frenetic.metadrive.preloading",)
 
     draws: Final = True
     BEHAVIOUR: ClassVar[int] = 1
@@ -113,7 +113,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
                 running in this process.
         """
         try:
-            from frenetic.simulators.metadrive.world import World  # imports the extra
+            from frenetic.metadrive.world import World  # imports the extra
         except ModuleNotFoundError as error:
             package = str(error.name).partition(".")[0]
             raise FreneticError(
@@ -230,7 +230,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
     ) -> None:
         """Like `_follow`, with one of MetaDrive's drivers."""
         # These import the extra.
-        from frenetic.simulators.metadrive.policies import DECISION_PERIODS, make_policy
+        from frenetic.metadrive.policies import DECISION_PERIODS, make_policy
 
         with closing(make_policy(driver, world, self.rules.speed_limit)) as policy:
             held = Decision()

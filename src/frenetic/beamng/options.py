@@ -9,7 +9,7 @@ from numbers import Real
 from os import PathLike
 from typing import Any, Final
 
-from frenetic.simulators.beamng.car import LENGTHS, WIDTHS
+from frenetic.beamng.car import LENGTHS, WIDTHS
 
 RECORD_RATE: Final = 20
 """Rate of records and of a driver's decisions, in Hz."""

@@ -27,7 +27,7 @@ from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Frenetic2021
 from frenetic.simulators import Rules, Simulator
-from frenetic.simulators.metadrive import MetaDriveIdm, MetaDriveSimulator, drawing, world
+from frenetic.metadrive import MetaDriveIdm, MetaDriveSimulator, drawing, world
 from frenetic.testing import SimulatorContract
 
 
@@ -145,7 +145,7 @@ def test_missing_package_is_said_in_one_line() -> None:
 
 def test_nothing_imports_metadrive_before_it_is_needed() -> None:
     code = (
-        "import sys, frenetic, frenetic.simulators.metadrive\n"
+        "import sys, frenetic, frenetic.metadrive\n"
         "from frenetic.registry import DRIVERS, SIMULATORS\n"
         "SIMULATORS.make('metadrive'), DRIVERS.make('metadrive-idm')\n"
         "print('metadrive' in sys.modules)\n"

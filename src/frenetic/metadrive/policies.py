@@ -12,9 +12,9 @@ from metadrive.obs.state_obs import LidarStateObservation
 from metadrive.policy.idm_policy import IDMPolicy
 
 from frenetic._support.arrays import FloatArray
-from frenetic.simulators.metadrive.car import Decision
-from frenetic.simulators.metadrive.drivers import MetaDriveDriver, MetaDriveIdm
-from frenetic.simulators.metadrive.world import SEED, World
+from frenetic.metadrive.car import Decision
+from frenetic.metadrive.drivers import MetaDriveDriver, MetaDriveIdm
+from frenetic.metadrive.world import SEED, World
 
 DECISION_PERIODS: Final = 2
 """Periods between two decisions: 0.1 s, for which MetaDrive's policies were made."""

@@ -27,7 +27,7 @@ from panda3d.core import Vec3
 from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError
 from frenetic.road import Road
-from frenetic.simulators.metadrive.car import (
+from frenetic.metadrive.car import (
     BRAKE_IMPULSE,
     ENGINE_FORCE,
     PHYSICS_STEP,

@@ -32,8 +32,8 @@ from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import kill_tree
 from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError, describe_error
-from frenetic.simulators.beamng.car import CarState
-from frenetic.simulators.beamng.scene import MARKING_WIDTH, Scene
+from frenetic.beamng.car import CarState
+from frenetic.beamng.scene import MARKING_WIDTH, Scene
 
 DEFAULT_PORT: Final = 25252
 """Port on which BeamNG.tech listens by default."""
@@ -62,7 +62,7 @@ _SEEN: Final = (0.05, 2000.0)  # m, the nearest and the farthest that a camera s
 _POLL: Final = 0.5  # s between two looks whether BeamNG.tech has started
 _CONNECT_LIMIT: Final = 10.0  # s until a port that does not even refuse counts as unreachable
 _QUIT_LIMIT: Final = 10.0  # s to end when asked, and as much again when told
-# In the order of `frenetic.simulators.beamng.car.measured_box`.
+# In the order of `frenetic.beamng.car.measured_box`.
 _CORNERS: Final = tuple(
     f"{end}_{height}_{side}"
     for end in ("front", "rear")

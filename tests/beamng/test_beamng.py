@@ -35,9 +35,9 @@ from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, Rules
-from frenetic.simulators.beamng import BeamngError, BeamngSimulator
-from frenetic.simulators.beamng.link import end_process
-from frenetic.simulators.beamng.scene import ego_start
+from frenetic.beamng import BeamngError, BeamngSimulator
+from frenetic.beamng.link import end_process
+from frenetic.beamng.scene import ego_start
 from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.testing import DummyDriver, SimulatorContract
 
@@ -286,7 +286,7 @@ def test_trouble_in_mid_drive_is_raised_and_gone_after_entering_again(
 
 @pytest.mark.parametrize("trouble", [on("Hello", 2, HANG), on("LoadScenario", 1, HANG)])
 def test_hang_while_loading_is_noticed(trouble: Trouble, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("frenetic.simulators.beamng.link.LOAD_LIMIT", 0.5)
+    monkeypatch.setattr("frenetic.beamng.link.LOAD_LIMIT", 0.5)
     with (
         StandIn(trouble=trouble) as server,
         pytest.raises(BeamngError, match="in time, loading the road and etk800"),
@@ -296,7 +296,7 @@ def test_hang_while_loading_is_noticed(trouble: Trouble, monkeypatch: pytest.Mon
 
 
 def test_silent_car_is_noticed_outside_the_main_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("frenetic.simulators.beamng.link.LOAD_LIMIT", 0.5)
+    monkeypatch.setattr("frenetic.beamng.link.LOAD_LIMIT", 0.5)
     raised: list[BaseException] = []
     with StandIn(trouble=on("Hello", 2, HANG)) as server:
 
@@ -464,7 +464,7 @@ def test_space_in_the_folder_around_is_noticed(
 def test_beamngpy_that_is_too_old_is_told(
     stand_in: StandIn, monkeypatch: pytest.MonkeyPatch, number: str, is_known: bool
 ) -> None:
-    monkeypatch.setattr("frenetic.simulators.beamng.link.version", lambda _: number)
+    monkeypatch.setattr("frenetic.beamng.link.version", lambda _: number)
     if is_known:
         with connected(stand_in):
             return

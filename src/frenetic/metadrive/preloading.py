@@ -3,4 +3,4 @@
 from contextlib import suppress
 
 with suppress(Exception):  # the process that uses it says what is wrong
-    import frenetic.simulators.metadrive.world  # noqa: F401
+    import frenetic.metadrive.world  # noqa: F401

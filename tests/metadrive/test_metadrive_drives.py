@@ -20,9 +20,9 @@ from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator, Vehicle
-from frenetic.simulators.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
-from frenetic.simulators.metadrive.policies import make_policy
-from frenetic.simulators.metadrive.world import EGO_LANE, pieces_of
+from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
+from frenetic.metadrive.policies import make_policy
+from frenetic.metadrive.world import EGO_LANE, pieces_of
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_same_drive_after_others_and_in_another_process(simulator: MetaDriveSimu
     ]
     code = (
         "from frenetic.drivers import Planner, Stanley\n"
-        "from frenetic.simulators.metadrive import *\n"
+        "from frenetic.metadrive import *\n"
         "from metadrive_drives import WINDING, digest\n"
         "with MetaDriveSimulator() as simulator:\n"
         "    for driver in (Stanley(), Planner(), MetaDriveIdm(), MetaDriveExpert()):\n"

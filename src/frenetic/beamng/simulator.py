@@ -17,16 +17,16 @@ from frenetic.drivers import BeamngAi, Driver, DriveSetup, appearance
 from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls, under_layers
 from frenetic.errors import DriverError
 from frenetic.road import Road
-from frenetic.simulators.beamng.car import (
+from frenetic.beamng.car import (
     LENGTHS,
     WIDTHS,
     CarState,
     MeasuredCar,
     measured_box,
 )
-from frenetic.simulators.beamng.link import BeamngError, Link, Place, beamngpy, executable
-from frenetic.simulators.beamng.options import RECORD_RATE, check_options
-from frenetic.simulators.beamng.scene import (
+from frenetic.beamng.link import BeamngError, Link, Place, beamngpy, executable
+from frenetic.beamng.options import RECORD_RATE, check_options
+from frenetic.beamng.scene import (
     LEVELS,
     WIDEST_AI_LANE,
     ego_start,
@@ -103,7 +103,7 @@ class BeamngSimulator:
 
     needs: Final = ("beamngpy",)
     """Modules that the extra brings."""
-    preloads: Final = ("frenetic.simulators.beamng.preloading",)
+    preloads: Final = ("frenetic.beamng.preloading",)
     usual_wall_limit: Final = WALL_LIMIT
     usual_workers: Final = 1
     """One worker by default: a BeamNG.tech takes a whole graphics card."""

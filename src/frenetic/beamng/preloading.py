@@ -2,7 +2,7 @@
 
 from contextlib import suppress
 
-from frenetic.simulators.beamng.link import beamngpy
+from frenetic.beamng.link import beamngpy
 
 with suppress(Exception):  # the process that uses it says what is wrong
     beamngpy()
