@@ -20,11 +20,11 @@ import pytest
 
 from frenetic import oracle, road
 from frenetic.drivers import Observation, Planner, appearance
-from frenetic.drivers.appearance import scene_of
-from frenetic.drivers.loading import LAYERS
+from frenetic.drivers.driver import scene_of
 from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
+from frenetic.quantities import quantities
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
 from frenetic.road import Road
 from frenetic.search import Candidate, Strategy
@@ -135,15 +135,15 @@ def probes() -> dict[str, tuple[str, Callable[[], list[float]]]]:
             )
             continue
         known[f"driver {name}"] = version(driver), drives(where, driver)
-    for layer in LAYERS:
-        amount = 15.0 if math.isinf(layer.nothing) else 0.2
+    for layer in [row for row in quantities().values() if row.nothing is not None]:
+        amount = 15.0 if layer.nothing == math.inf else 0.2
         if layer.name in appearance.ALL:
-            seeing = layer.over(
+            seeing = layer.layer_class().over(
                 MarkingFollower(), 5.0 if layer.name in ("scene", "rain") else amount
             )
             known[f"layer {layer.name}"] = version(seeing), lambda d=seeing: of_picture(d)  # type: ignore[misc]
             continue
-        driver = layer.over(Planner(), amount)
+        driver = layer.layer_class().over(Planner(), amount)
         known[f"layer {layer.name}"] = version(driver), drives("embedded", driver)
     for name in SIMULATORS.built_in:
         if f"simulator {name}" not in NOT_RECORDED:
@@ -192,7 +192,7 @@ def targets() -> Iterator[str]:
         for name, (target, _) in registry.built_in.items():
             if name not in OVER_ANOTHER:
                 yield target
-    yield from (layer.target for layer in LAYERS)
+    yield from (row.layer for row in quantities().values() if row.layer)
 
 
 def record() -> None:

@@ -3,27 +3,31 @@ from __future__ import annotations
 import json
 import math
 import shlex
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 import pytest
+from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
+from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.campaign import Campaign
+from frenetic.cli import cli
 from frenetic.cli.parts import driver_options, part_options
 from frenetic.cli.run import run
 from frenetic.drivers import LimitedView, Noisy, Planner
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
-from frenetic.drivers.loading import LAYERS, Layer, load_driver
-from frenetic.errors import CampaignError, FreneticError
+from frenetic.drivers.loading import load_driver
+from frenetic.errors import CampaignError, FreneticError, UnknownNameError
+from frenetic.quantities import GROUP, Quantity, quantities
 from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
+from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import NUMBERS, Budget, Part, Spec, describe, fault_of, usual_wall_limit
 
 SOURCE = "c/campaign.sqlite"
@@ -52,8 +56,16 @@ budgets = st.builds(
     time=st.none() | positive,
     failures=st.none() | st.integers(1, 10**9),
 )
-layers = st.dictionaries(
-    st.sampled_from([layer.name for layer in LAYERS]), st.floats(-1e6, 1e6), max_size=3
+
+
+def amounts(row: Quantity) -> st.SearchStrategy[float]:
+    """Amounts that have an effect."""
+    return st.floats(row.low, row.high).filter(lambda amount: amount != row.nothing)
+
+
+layers = st.fixed_dictionaries(
+    {},
+    optional={name: amounts(row) for name, row in quantities().items() if row.layer},
 )
 specs = st.builds(
     Spec,
@@ -204,7 +216,7 @@ RECORDED = Spec(
 
 
 def test_without_anything_given_nothing_is_replaced() -> None:
-    given = {"driver": None, "driver_options": (), "noise": None, "wall_limit": None}
+    given = {"driver": None, "driver_options": (), "layers": (), "wall_limit": None}
     assert RECORDED.replaced(given) == RECORDED
 
 
@@ -217,10 +229,10 @@ def test_another_part_comes_with_its_own_options() -> None:
 
 
 def test_layers_are_added_replaced_and_taken_away() -> None:
-    other = RECORDED.replaced({"delay": 0.0, "noise": 0.2, "view": math.inf})
+    other = RECORDED.replaced({"layers": {"delay": 0.0, "noise": 0.2, "view": math.inf}})
     assert other.layers == {"noise": 0.2}
     assert not other.driver.made
-    assert RECORDED.replaced({"view": 10.0}).layers == {"delay": 0.1, "view": 10.0}
+    assert RECORDED.replaced({"layers": {"view": 10.0}}).layers == {"delay": 0.1, "view": 10.0}
 
 
 def test_rules_that_are_not_given_stay() -> None:
@@ -262,7 +274,7 @@ MISSING = object()
         ("rules.oob_tolerance", 2.0, "a share above 0 and up to 1 is needed - at `$.rules`"),
         ("command.driver", 3, "Expected `str`, got `int` - at `$.command.driver`"),
         ("command.simulator", MISSING, "missing required field `simulator` - at `$.command`"),
-        ("command.delay", "long", "got `str` - at `$.command.delay`"),
+        ("command.layers.delay", "long", "got `str` - at `$.command.layers[...]`"),
         ("command.wall_limit", -1.0, "Expected `float` > 0.0 - at `$.command.wall_limit`"),
         ("driver.class", MISSING, "missing required field `class` - at `$.driver`"),
         ("strategy", [], "Expected `object`, got `array` - at `$.strategy`"),
@@ -322,36 +334,44 @@ class Sleepy:
         return self.driver.act(observation)
 
 
+SLEEP: Final = Quantity(
+    name="sleep",
+    about="share of the time for which the driver sleeps",
+    low=0.0,
+    high=1.0,
+    usual=(0.0, 0.5),
+    nothing=0.0,
+    layer=f"{__name__}:Sleepy",
+)
+QUANTITIES: Final = (SLEEP,)
+
+
 @pytest.fixture
-def sleep() -> Iterator[Layer]:
-    layer = Layer(
-        name="sleep",
-        target=f"{__name__}:Sleepy",
-        unit="share",
-        nothing=0.0,
-        help="Let the driver sleep for this share of the time.",
-    )
-    LAYERS.append(layer)
-    yield layer
-    LAYERS.remove(layer)
+def sleep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package with a quantity is installed."""
+    information = tmp_path / "sleep-1.0.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: sleep\nVersion: 1.0\n")
+    (information / "entry_points.txt").write_text(f"[{GROUP}]\nit = {__name__}:QUANTITIES\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
 
 
-def test_a_layer_is_known_everywhere_once_it_is_in_the_table(sleep: Layer) -> None:
-    spec = Spec.from_json(recorded(), source=SOURCE)  # made before there was this layer
+@pytest.mark.usefixtures("sleep")
+def test_a_quantity_of_a_package_is_known_everywhere() -> None:
+    spec = Spec.from_json(recorded(), source=SOURCE)  # made before it was installed
     assert "sleep" not in spec.layers
-    spec = spec.replaced({"sleep": 0.2})
+    spec = spec.replaced({"layers": {"sleep": 0.2}})
     assert spec.layers["sleep"] == 0.2
-    assert "--sleep 0.2" in shlex.join(spec.drive_words())
-    command = spec.command()
-    assert command is not None
-    assert command["sleep"] == 0.2
+    assert "--with sleep=0.2" in shlex.join(spec.drive_words())
+    command: Any = spec.command()
+    assert command["layers"]["sleep"] == 0.2
     config = spec.to_json() | {"driver": {"class": "a:D"}}
     assert Spec.from_json(config, source=SOURCE).layers == spec.layers
     made = replace(spec, layers={"view": 30.0, "sleep": 0.2}).make_driver()
     assert isinstance(made, LimitedView)
     assert isinstance(made.driver, Sleepy)
     assert describe(load_driver("planner", sleep=0.3))["options"] == {"share": 0.3}
-    with pytest.raises(FreneticError, match="share is 7"):
+    with pytest.raises(FreneticError, match="sleep is 7: 0 to 1 is needed"):
         load_driver("planner", sleep=7.0)
 
     @click.command()
@@ -364,12 +384,16 @@ def test_a_layer_is_known_everywhere_once_it_is_in_the_table(sleep: Layer) -> No
     def again(**how: Any) -> None:
         assert spec.replaced(how).layers == {"delay": 0.1, "view": 30.0}
 
-    fresh.main(["--sleep", "0.4"], standalone_mode=False)
-    again.main(["--sleep", "0"], standalone_mode=False)
-    with fresh.make_context("fresh", []) as context:
-        assert sleep.help in " ".join(fresh.get_help(context).split())
+    fresh.main(["--with", "sleep=0.4"], standalone_mode=False)
+    again.main(["--with", "sleep=0"], standalone_mode=False)
+    varied = draw_conditions([Variation("sleep", 0.1, 0.1)], 2, 0)
+    assert varied == ({"sleep": 0.1},) * 2
+    for conditions in varied:  # each in place of the driver's own
+        with in_conditions(conditions, EmbeddedSimulator(), made) as there:
+            assert describe(there)["driver"]["options"] == {"share": 0.1}  # type: ignore[call-overload, index]
+    assert "share of the time for which" in CliRunner().invoke(cli, ["list", "quantities"]).output
 
 
 def test_there_is_no_unknown_layer() -> None:
-    with pytest.raises(TypeError, match="there is no layer smoke"):
+    with pytest.raises(UnknownNameError, match="unknown quantity 'smoke'"):
         load_driver("planner", smoke=1.0)

@@ -139,6 +139,11 @@ def _installed(group: str, path: tuple[tuple[str, int], ...]) -> tuple[Entry, ..
     )
 
 
+def installed(group: str) -> tuple[Entry, ...]:
+    """Entries of a group that packages on the module path have installed."""
+    return _installed(group, tuple(map(_state, sys.path)))
+
+
 def _state(folder: str) -> tuple[str, int]:
     """A folder of the module path, and when something was last put there or removed, in ns."""
     with suppress(OSError):
@@ -173,7 +178,7 @@ class Registry:
             name: Entry(name, target, "built in", summary)
             for name, (target, summary) in self.built_in.items()
         }
-        for entry in _installed(self.group, tuple(map(_state, sys.path))):
+        for entry in installed(self.group):
             if entry.name in found:
                 raise FreneticError(
                     f"two {self.kind} entries are named {entry.name!r}: one is"

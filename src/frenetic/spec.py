@@ -5,8 +5,8 @@ A `Spec` comes from the options of a command line (`Spec.from_options`), from a 
 (`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record (`to_json`) and the
 words of a command line that does the same (`drive_words`, `run_words`).
 
-Its options are declared here (`NUMBERS`) and in `frenetic.drivers.loading.LAYERS`. Every command's
-help reads this module, so slow imports are inside functions.
+Its numbers are declared here (`NUMBERS`), its layers in `frenetic.quantities`. Every command's help
+reads this module, so slow imports are inside functions.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from frenetic._support.bounds import Count, Finite, NotNegative, Positive, Share
 from frenetic._support.json_value import JSONValue, plain
 from frenetic._support.scalars import take_numpy_scalars
 from frenetic._support.words import counted, part_word
-from frenetic.drivers.loading import LAYERS, under
 from frenetic.errors import CampaignError, FreneticError, describe_error
+from frenetic.quantities import quantity
 from frenetic.recipe import Guest, Named, Recipe, Told
 from frenetic.registry import (
     SIMULATORS,
@@ -230,7 +230,7 @@ class Spec:
     driver: Part = Part("planner")
     """The system under test, described with its layers."""
     layers: Mapping[str, float] = dataclass_field(default_factory=dict)
-    """Name of a layer of `LAYERS` -> its amount, if it is laid over the driver."""
+    """Name of a quantity of the driver -> its amount, if it has one."""
     simulator: Part = Part("embedded")
     rules: Rules = dataclass_field(default_factory=_usual_rules)
     wall_limit: float | None = None
@@ -269,8 +269,8 @@ class Spec:
 
         Args:
             given: name -> value of an option: of a part such as ``driver``, of its options
-                (``driver_options``, a mapping or pairs), of the layers and of `NUMBERS`. A record's
-                ``command`` is such a mapping, too.
+                (``driver_options``, a mapping or pairs), of the ``layers`` (likewise) and of
+                `NUMBERS`. A record's ``command`` is such a mapping, too.
             others: fields of the spec from elsewhere.
 
         Raises:
@@ -281,10 +281,9 @@ class Spec:
             for kind in _PARTS
             if given.get(kind) is not None
         }
-        layers = {name: given[name] for name in _layer_names() if given.get(name) is not None}
         values: dict[str, Any] = {"rules": _with_rules(_usual_rules(), given), **parts}
         values |= {name: given[name] for name in ("map_size", "wall_limit") if name in given}
-        return cls(layers=layers, **(values | others))
+        return cls(layers=_layers(given), **(values | others))
 
     def replaced(self, given: Mapping[str, Any]) -> Spec:
         """The same spec with replacements from a command line.
@@ -304,11 +303,7 @@ class Spec:
             getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
             for kind in ("driver", "simulator")
         )
-        layers = {}
-        for layer in LAYERS:
-            amount = asked.get(layer.name, self.layers.get(layer.name))
-            if amount is not None and asked.get(layer.name) != layer.nothing:
-                layers[layer.name] = amount
+        layers = _layers({"layers": {**self.layers, **dict(asked.get("layers", ()))}})
         if layers != self.layers:
             driver = replace(driver, made={})
         # The limit of another simulator does not hold for this one.
@@ -432,8 +427,8 @@ class Spec:
         if not has_roads:
             map_size = asked.get("map_size", other.map_size)
             spec = replace(self, map_size=map_size, lane_width=other.lane_width)
-        layers = {layer.name: other.layers.get(layer.name, layer.nothing) for layer in LAYERS}
-        return spec.replaced({**(other.command() or {}), **layers}).replaced(asked)
+        spec = replace(spec, layers={}, driver=replace(spec.driver, made={}))
+        return spec.replaced(other.command() or {}).replaced(asked)
 
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
@@ -455,13 +450,8 @@ class Spec:
             part: Part = getattr(self, kind)
             if part.name is not None:
                 command |= {kind: part.name, f"{kind}_options": dict(part.options)}
-            if kind == "driver":
-                command |= {
-                    layer.name: self.layers.get(layer.name)
-                    for layer in LAYERS
-                    if layer.is_needed or layer.name in self.layers
-                }
         return command | {
+            "layers": dict(self.layers),
             "speed_limit": self.rules.speed_limit,
             "oob_tolerance": self.rules.oob_tolerance,
             "wall_limit": self.wall_limit,
@@ -573,7 +563,9 @@ class Spec:
         words += self.simulator.words("simulator", usual.simulator if usual else None)
         if usual is not None:
             usual = replace(usual, simulator=self.simulator).with_limit()
-        for name in (*_layer_names(), *(number.name for number in NUMBERS)):
+        for name, amount in self.layers.items():
+            words += ["--with", f"{name}={number_word(amount)}"]
+        for name in (number.name for number in NUMBERS):
             value = self._amount(name)
             if value is not None and (usual is None or value != usual._amount(name)):
                 words += [f"--{name.replace('_', '-')}", number_word(value)]
@@ -602,9 +594,7 @@ class Spec:
         return words if self.seed is None else [*words, "--seed", str(self.seed)]
 
     def _amount(self, name: str) -> float | None:
-        """Amount of a layer or one of `NUMBERS`."""
-        if name in _layer_names():
-            return self.layers.get(name)
+        """Amount of one of `NUMBERS`."""
         value: float | None = getattr(self, name, getattr(self.rules, name, None))
         return value
 
@@ -677,11 +667,17 @@ def _limit_of_class(factory: Callable[..., Any]) -> float:
 def drive_options() -> list[str]:
     """Names of the options that say how roads are driven, as `Spec.from_options` takes them."""
     parts = ("driver", "driver_options", "simulator", "simulator_options")
-    return [*parts, *_layer_names(), *(number.name for number in NUMBERS)]
+    return [*parts, "layers", *(number.name for number in NUMBERS)]
 
 
-def _layer_names() -> list[str]:
-    return [layer.name for layer in LAYERS]
+def _layers(given: Mapping[str, Any]) -> dict[str, float]:
+    """The layers of a command line that have an effect.
+
+    Raises:
+        UnknownNameError: there is no such quantity.
+    """
+    layers = dict(given.get("layers") or ())
+    return {name: amount for name, amount in layers.items() if amount != quantity(name).nothing}
 
 
 def _with_rules(rules: Rules, given: Mapping[str, Any]) -> Rules:
@@ -699,7 +695,7 @@ def driver_of(
     layers: Mapping[str, float],
     preloads: Sequence[str] = (),
 ) -> Driver:
-    """The driver of a name under layers, which are given as to `load_driver`.
+    """The driver of a name under layers, see `frenetic.drivers.loading.under`.
 
     One of the user's own is a `NamedDriver`: a process that drives makes it, this one does not.
 
@@ -712,7 +708,8 @@ def driver_of(
     Raises:
         FreneticError: it cannot be made, or a layer's amount is out of range.
     """
-    from frenetic.drivers.named import NamedDriver  # numpy takes its time
+    from frenetic.drivers.loading import under  # numpy takes its time
+    from frenetic.drivers.named import NamedDriver  # likewise
 
     return under(layers, _part_of(Recipe("driver", name, options), NamedDriver, preloads))
 
@@ -971,8 +968,7 @@ def _driving() -> list[tuple[str, Any, Any]]:
     parts: list[Any] = [
         (f"{kind}_options", dict[str, Any], field(default_factory=dict)) for kind in _PARTS
     ]
-    layers = [(layer.name, Finite | None, None) for layer in LAYERS]
-    return [*parts, *layers]
+    return [*parts, ("layers", dict[str, Finite], field(default_factory=dict))]
 
 
 def _command_type(*needed: str) -> Any:

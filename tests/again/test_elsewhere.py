@@ -22,7 +22,6 @@ from frenetic.outcome import Outcome
 from frenetic.report.elsewhere import pictures_of, write_elsewhere
 from frenetic.road import Pose, Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Vehicle
-from frenetic.simulators.worlds import USUAL
 from frenetic.testing import DummyDriver, DummySimulator
 
 OTHER_CAR = Vehicle(mass=1500.0, yaw_inertia=2500.0, front_axle=1.4, rear_axle=1.3, width=1.85)
@@ -99,8 +98,8 @@ def test_the_same_failure_is_at_the_same_place_with_the_same_mechanism(campaign:
     (kept,) = read_reruns(campaign)
     assert str(kept) == str(found)
     test = found.tests[0].recorded
-    passed = Repeats(test, (redriven(USUAL, Outcome.PASS, 1.0, test=test),))
-    far = redriven(USUAL, Outcome.FAIL, -1.0, 500.0, "left", test=test)
+    passed = Repeats(test, (redriven({}, Outcome.PASS, 1.0, test=test),))
+    far = redriven({}, Outcome.FAIL, -1.0, 500.0, "left", test=test)
     otherwise = Repeats(test, (far,))
     told = str(replace(found, tests=(otherwise, passed, otherwise)))
     assert told == "2 fail again (2 elsewhere), 1 passes now"

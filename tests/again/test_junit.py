@@ -20,13 +20,12 @@ from frenetic.again.verdicts import Repeats
 from frenetic.drive import CarBody, Rules
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
-from frenetic.simulators.worlds import USUAL
 
 
 def became(number: int, before: Outcome, after: Outcome, reason: str = "Car reached") -> Repeats:
     moobds = {Outcome.FAIL: -2.0, Outcome.PASS: 1.25}
     test = recorded_test(before, id=number)
-    drive = redriven(USUAL, after, moobds.get(after), test=test, reason=reason, duration=20.5)
+    drive = redriven({}, after, moobds.get(after), test=test, reason=reason, duration=20.5)
     return Repeats(test, (drive,))
 
 

@@ -31,7 +31,7 @@ from frenetic.road import Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import USUAL, Conditions
+from frenetic.simulators.worlds import Conditions
 
 pytest_plugins = ["searched_campaign"]
 
@@ -53,7 +53,7 @@ def failures_in(folder: Path) -> list[Test]:
 def again(
     folder: Path,
     tests: Sequence[Test] | None = None,
-    conditions: Sequence[Conditions] = (USUAL,),
+    conditions: Sequence[Conditions] = ({},),
     *,
     simulator: Simulator | None = None,
     driver: Driver | None = None,
@@ -103,7 +103,7 @@ def test_a_campaign_driven_again_ends_bit_for_bit_alike(campaign: Path, workers:
 
 
 def test_the_conditions_reach_workers(campaign: Path) -> None:
-    slippery = [Conditions(friction=0.5, noise=0.3, noise_seed=seed) for seed in (4, 5)]
+    slippery = [{"friction": 0.5, "noise": 0.3, "noise_seed": seed} for seed in (4, 5)]
     here, there = (
         again(campaign, None, slippery, workers=workers, out=campaign / str(workers))
         for workers in (1, 2)
@@ -159,8 +159,8 @@ def test_each_thing_to_drive_has_a_folder_and_is_driven_once(campaign: Path) -> 
         lambda: again(campaign, simulator=Counting(friction=0.9)),
         lambda: again(campaign, simulator=Counting(rules=Rules(speed_limit=60.0))),
         lambda: again(campaign, tests[:3], simulator=Counting()),
-        lambda: again(campaign, tests[:3], [Conditions(friction=0.9)], simulator=Counting()),
-        lambda: again(campaign, tests[:3], [USUAL, USUAL], simulator=Counting()),
+        lambda: again(campaign, tests[:3], [{"friction": 0.9}], simulator=Counting()),
+        lambda: again(campaign, tests[:3], [{}, {}], simulator=Counting()),
         lambda: again(campaign, simulator=Counting(), seed=1),
     ]
     runs = []
@@ -243,7 +243,7 @@ def raise_error() -> None:
 def test_the_same_call_goes_on_and_ends_as_if_unbroken(
     campaign: Path, stop: Callable[[], None], workers: int
 ) -> None:
-    conditions = [USUAL, Conditions(friction=0.8)]
+    conditions = [{}, {"friction": 0.8}]
     whole = again(campaign, None, conditions, out=campaign / "whole")
     told: list[tuple[int, int]] = []
 

@@ -204,7 +204,7 @@ def test_driver_sees_through_a_camera_on_the_car(stand_in: StandIn) -> None:
 
 def test_camera_without_pictures_and_what_it_lacks_are_told(stand_in: StandIn) -> None:
     driver = load_driver("marking-follower", wear=0.5)
-    with pytest.raises(DriverError, match="draws its own world: leave out --scene and --wear"):
+    with pytest.raises(DriverError, match="draws its own world: leave out scene and wear"):
         BeamngSimulator(host="127.0.0.1", port=stand_in.port).check_driver(driver)
     bent = MarkingFollower()
     bent.camera = Camera(distortion=-0.05)

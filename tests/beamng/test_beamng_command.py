@@ -181,7 +181,16 @@ def test_it_does_not_start(frenetic: Frenetic, stand_in: StandIn) -> None:
 def test_driver_that_does_not_suit_is_refused_before_anything_is_driven(
     frenetic: Frenetic, stand_in: StandIn
 ) -> None:
-    search = ("run", *beamng(stand_in), "--driver", "beamng-ai", "--noise", "0.1", "--out", "c")
+    search = (
+        "run",
+        *beamng(stand_in),
+        "--driver",
+        "beamng-ai",
+        "--with",
+        "noise=0.1",
+        "--out",
+        "c",
+    )
     code, _, err = frenetic(*search)
     assert code == 2
     assert "BeamNG.AI takes no noise, delay or view" in err
@@ -199,7 +208,7 @@ def test_drive_draws_what_happened(frenetic: Frenetic, stand_in: StandIn) -> Non
 def test_failures_of_the_embedded_simulator_fail_again(
     frenetic: Frenetic, stand_in: StandIn
 ) -> None:
-    search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--delay", "0.05")
+    search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--with", "delay=0.05")
     assert frenetic(*search, "--out", "c")[0] == 0
     code, out, err = frenetic("rerun", "c", *beamng(stand_in), "--top", "3", "--json")
     assert code == 0, err

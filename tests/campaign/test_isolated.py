@@ -37,7 +37,7 @@ from frenetic.road import Road
 from frenetic.search import Frenetic2021
 from frenetic.simulators import EmbeddedSimulator, Simulator
 from frenetic.simulators.isolated import BrokenDriveError, IsolatedSimulator, isolated
-from frenetic.simulators.worlds import Conditions, in_conditions
+from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import describe
 from frenetic.testing import DummyDriver, DummySimulator
 
@@ -122,7 +122,7 @@ def test_no_kernel_is_loaded_on_a_drivers_time(layer: Callable[[Driver], Driver]
 
 def test_conditions_reach_the_other_process() -> None:
     here = EmbeddedSimulator()
-    conditions = Conditions(friction=0.4, speed=50.0, noise=0.3, start=0.5, heading=0.02)
+    conditions = {"friction": 0.4, "speed": 50.0, "noise": 0.3, "start": 0.5, "heading": 0.02}
     driver = PythonPlanner()
     with IsolatedSimulator(EmbeddedSimulator()) as apart:
         usual = apart.drive(ROAD, driver).trajectory.to_rows()
@@ -134,7 +134,7 @@ def test_conditions_reach_the_other_process() -> None:
                 expected = drive.trajectory.to_rows()
         np.testing.assert_array_equal(drive.trajectory.to_rows(), expected)
         np.testing.assert_array_equal(apart.drive(ROAD, driver).trajectory.to_rows(), usual)
-    wet, dummy = Conditions(friction=0.5), IsolatedSimulator(DummySimulator())
+    wet, dummy = {"friction": 0.5}, IsolatedSimulator(DummySimulator())
     with (
         pytest.raises(FreneticError, match="DummySimulator cannot vary friction"),
         in_conditions(wet, dummy, driver),

@@ -67,7 +67,7 @@ def test_run_prints_a_summary_and_leaves_roads_and_pictures(frenetic: Frenetic) 
 
 def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic) -> None:
     run = ("run", "--seed", "3", "--workers", "1", "--json")
-    until = ("--failures", "1", "--delay", "0.05", "--out", "c")
+    until = ("--failures", "1", "--with", "delay=0.05", "--out", "c")
     failing = frenetic(*run, *until, "--fail-on-failure")
     assert failing.json["failed"] > 0
     assert failing.code == 1
@@ -117,11 +117,14 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         (["--driver", "agression=1"], ["did you mean 'aggression'?"]),
         (["--driver", "aggression=-1"], ["aggression is -1"]),
         (["--driver", "planner,aggression"], ["'aggression' is not OPTION=VALUE"]),
-        (["--noise", "-1"], ["noise is -1: 0 or more m are needed"]),
-        (["--noise", "1e308"], ["noise is 1e+308: at most 100 m"]),
-        (["--delay", "99"], ["delay is 99: at most 10 s"]),
-        (["--delay", "-1"], ["delay is -1: 0 or more s are needed"]),
-        (["--view", "-3"], ["view is -3: more than 0 m are needed"]),
+        (["--with", "noise=-1"], ["noise is -1: 0 to 10 m is needed"]),
+        (["--with", "noise=1e308"], ["noise is 1e+308: 0 to 10 m"]),
+        (["--with", "delay=99"], ["delay is 99: 0 to 10 s"]),
+        (["--with", "view=-3"], ["view is -3: 1 to 100000 m is needed"]),
+        (["--with", "delay"], ["'delay' is not NAME=VALUE", "delay=0.1"]),
+        (["--with", "dellay=1"], ["unknown quantity", "did you mean 'delay'?", "fog"]),
+        (["--with", "friction=0.7"], ["set it by --simulator embedded,friction="]),
+        (["--with", "speed=50"], ["set it by --speed-limit"]),
         (["--map-size", "1e308"], ["map_size is 1e+308: at most 1e+07 m"]),
         (["--workers", "1" + "0" * 400], ["'--workers'", "is not in the range 1<=x<=1024"]),
         (
@@ -151,7 +154,7 @@ def test_run_refuses_what_makes_no_sense_and_leaves_nothing(
 
 
 def test_an_infinite_view_is_no_layer(frenetic: Frenetic) -> None:
-    view = ("--view", "inf", "--json")
+    view = ("--with", "view=inf", "--json")
     write("road.json", STRAIGHT)
     driven = frenetic("drive", "road.json", *view).json["driver"]
     assert driven["class"].endswith(":Planner")
@@ -417,7 +420,7 @@ def test_a_driver_that_cannot_drive_there_is_refused_before_anything_is_made(
 ) -> None:
     answer = frenetic("run", "--driver", "metadrive-idm", "--simulations", "6", "--out", "c")
     refused(answer, "metadrive-idm drives in MetaDrive only: add --simulator metadrive")
-    parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--noise", "0.1"]
+    parts = ["--simulator", "metadrive", "--driver", "metadrive-idm", "--with", "noise=0.1"]
     refused(frenetic("run", *parts, "--out", "c"), "leave them out")
     assert not Path("c").exists()
     road = write("road.json", STRAIGHT)
@@ -446,7 +449,7 @@ def stored_tests(folder: Path) -> int:
 
 
 def test_campaign_goes_on_with_more_simulations(frenetic: Frenetic) -> None:
-    options = ["--seed", "3", "--driver", "stanley", "--noise", "0.1"]
+    options = ["--seed", "3", "--driver", "stanley", "--with", "noise=0.1"]
     search = ("run", "--simulations", "20", "--strategy", "random_roads=5")
     frenetic(*search, *options, "--out", "c")
     answer = frenetic("resume", "c", "--simulations", "10")
@@ -525,7 +528,7 @@ def test_invalid_road_is_not_driven_unless_asked_for(frenetic: Frenetic) -> None
 def test_layers_change_the_drive(frenetic: Frenetic) -> None:
     write("road.json", BENT)
     plain = frenetic("drive", "road.json", "--json").json["moobd"]
-    for layer in (["--noise", "0.3"], ["--delay", "0.2"], ["--view", "8"]):
+    for layer in (["--with", "noise=0.3"], ["--with", "delay=0.2"], ["--with", "view=8"]):
         assert frenetic("drive", "road.json", "--json", *layer).json["moobd"] != plain
 
 
@@ -643,13 +646,17 @@ def test_show_refuses_what_is_not_there(frenetic: Frenetic) -> None:
         ("drivers", ["planner", "stanley", "beamng-ai"]),
         ("strategies", ["frenetic", "frenetic-2021", "random"]),
         ("simulators", ["embedded"]),
+        ("objectives", ["moobd"]),
+        ("quantities", ["friction", "speed", "noise", "delay"]),
     ],
 )
 def test_listings(frenetic: Frenetic, command: str, names: list[str]) -> None:
-    answer = frenetic(command)
+    answer = frenetic("list", command)
     assert answer.code == 0
     assert all(name in answer.out for name in names)
-    listed = frenetic(command, "--json").json
+    listed = frenetic("list", command, "--json").json
+    assert frenetic("list", "--json").json[command] == listed
+    assert all(name in frenetic("list").out for name in names)
     assert [entry["name"] for entry in listed][: len(names)] == names
 
 
@@ -663,12 +670,12 @@ def test_a_part_that_is_installed_while_we_run_is_listed(
         (information / "entry_points.txt").write_text(f"[frenetic.drivers]\n{name} = {name}:It\n")
 
     monkeypatch.syspath_prepend(str(tmp_path))
-    before = frenetic("drivers", "--json").json
+    before = frenetic("list", "drivers", "--json").json
     install("my-drivers", "mpc")
-    added = [entry for entry in frenetic("drivers", "--json").json if entry not in before]
+    added = [entry for entry in frenetic("list", "drivers", "--json").json if entry not in before]
     assert [entry["name"] for entry in added] == ["mpc"]
     install("others-drivers", "planner")
-    refused(frenetic("drivers"), "two driver entries are named 'planner'", "others-drivers")
+    refused(frenetic("list", "drivers"), "two driver entries are named 'planner'", "others-drivers")
 
 
 def test_commands_are_listed_and_an_unknown_one_is_a_mistake(frenetic: Frenetic) -> None:
@@ -698,8 +705,7 @@ def test_a_command_is_called_like_its_module() -> None:
             command = cli.get_command(context, name)
             assert command is not None
             assert command.name == name
-            if name not in ("drivers", "strategies", "simulators"):
-                assert row.target.partition(":")[0] == name.replace("-", "_")
+            assert row.target.partition(":")[0] == name.replace("-", "_")
 
 
 def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(

@@ -23,7 +23,7 @@ class Bold(Planner):
         super().__init__(aggression=1.2 + extra)
 """
 PARTS = ("--driver", "mine.py:Bold,extra=0.1")
-TERMS = ("--delay", "0.02", "--speed-limit", "75", "--map-size", "210")
+TERMS = ("--with", "delay=0.02", "--speed-limit", "75", "--map-size", "210")
 
 
 @pytest.fixture(scope="session")
@@ -64,7 +64,7 @@ def test_a_failing_road_is_driven_as_the_campaign_drove_it(frenetic: Frenetic, r
 
 
 def test_another_driver_is_named_beside_the_recorded_one(frenetic: Frenetic, road: Path) -> None:
-    answer = frenetic("drive", str(road), "--driver", "planner", "--delay", "0")
+    answer = frenetic("drive", str(road), "--driver", "planner", "--with", "delay=0")
     assert "driver     Planner in EmbeddedSimulator; recorded with Bold, delayed" in answer.out
 
 
@@ -139,7 +139,7 @@ def test_which_program_is_started_no_file_says(frenetic: Frenetic, road: Path) -
     ("entries", "words"),
     [
         ({"driver": 3}, "$.driver"),
-        ({"delay": "long"}, "$.delay"),
+        ({"layers": {"delay": "long"}}, "$.layers"),
         ({"speed_limit": -1}, "$.speed_limit"),
         ({"map_size": None}, "$.map_size"),
     ],

@@ -42,7 +42,7 @@ STRAIGHT = [0.0] * 12
 def made(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """A campaign whose driver and map are not the default ones."""
     folder = tmp_path_factory.mktemp("made") / "c"
-    options = ["--driver", "aggression=1.1", "--noise", "0.03", "--map-size", "210"]
+    options = ["--driver", "aggression=1.1", "--with", "noise=0.03", "--map-size", "210"]
     budget = ["--failures", "4", "--seed", "1", "--workers", "1"]
     prepare("run", *budget, *options, "--out", str(folder))
     return folder
@@ -95,7 +95,7 @@ def test_printed_line_repeats_the_failure(frenetic: Frenetic, campaign: None) ->
     (item,) = frenetic("minimise", "c", "--max-drives", "40", "--json").json
     command = shlex.split(item["repeat"])
     assert command[:2] == ["frenetic", "drive"]
-    options = {"--driver", "aggression=1.1", "--noise", "0.03", "--map-size", "210"}
+    options = {"--driver", "aggression=1.1", "--with", "noise=0.03", "--map-size", "210"}
     assert options == set(command[3:])
     again = frenetic(*command[1:], "--json").json
     stored = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
@@ -137,8 +137,8 @@ def test_other_driver_than_the_campaigns(frenetic: Frenetic, campaign: None) -> 
         "c",
         "--driver",
         "aggression=1.3",
-        "--noise",
-        "0.1",
+        "--with",
+        "noise=0.1",
         "--max-drives",
         "20",
         "--json",

@@ -250,7 +250,7 @@ def test_cameras_are_refused_where_metadrive_cannot_draw(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     simulator = MetaDriveSimulator()
-    with pytest.raises(DriverError, match="MetaDrive draws its own world: leave out --scene"):
+    with pytest.raises(DriverError, match="MetaDrive draws its own world: leave out scene"):
         simulator.check_driver(load_driver("marking-follower", wear=0.5))
     bent = MarkingFollower()
     bent.camera = Camera(distortion=-0.05)

@@ -538,7 +538,7 @@ def command_of(*arguments: str) -> dict[str, Any]:
     [
         ["--simulations", "20", "--seed", "3"],
         ["--failures", "1", "--time", "90", "--seed", "7", "--unordered", "--workers", "1"],
-        ["--simulations", "2", "--noise", "0.1", "--view", "20", "--speed-limit", "55.5"],
+        ["--simulations", "2", "--with", "noise=0.1", "--with", "view=20", "--speed-limit", "55.5"],
         ["--simulations", "2", "--ordered", "--lookahead", "3", "--map-size", "250"],
         [
             "--simulations",
@@ -578,9 +578,7 @@ def test_options_of_a_repeated_command_keep_their_values(value: JSONValue, searc
         "strategy_options": {"mine": value},
         "driver": "my drivers.py:It's",
         "driver_options": {},
-        "noise": None,
-        "delay": 0.05,
-        "view": None,
+        "layers": {"delay": 0.05},
         "simulator": "embedded",
         "simulator_options": {},
         "speed_limit": 70.0,
@@ -593,7 +591,7 @@ def test_options_of_a_repeated_command_keep_their_values(value: JSONValue, searc
     again = command_of(*shlex.split(line)[2:])
     assert again["strategy_options"] == (("mine", value),)
     assert again["driver"] == "my drivers.py:It's"
-    assert again["delay"] == 0.05
+    assert again["layers"] == (("delay", 0.05),)
 
 
 def test_it_is_said_whether_a_campaign_can_be_repeated(searched: Path) -> None:

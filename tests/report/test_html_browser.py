@@ -393,7 +393,7 @@ def test_commands_of_a_campaign_in_a_folder_with_blanks_can_be_pasted(
 ) -> None:
     folder = tmp_path / "it's a night"
     arguments = ["run", "--failures", "2", "--seed", "1", "--workers", "1", "--out", str(folder)]
-    assert CliRunner().invoke(cli, [*arguments, "--noise", "0.1"]).exit_code == 0
+    assert CliRunner().invoke(cli, [*arguments, "--with", "noise=0.1"]).exit_code == 0
     page = show(folder / "report.html")
     page.locator(".gallery .card").first.click()
     lines = [shlex.split(text) for text in page.locator("dialog code").all_text_contents()]
@@ -402,7 +402,7 @@ def test_commands_of_a_campaign_in_a_folder_with_blanks_can_be_pasted(
     done = CliRunner().invoke(cli, drive[1:])
     assert done.exit_code == 0
     assert done.output.startswith("FAIL")
-    assert drive[drive.index("--noise") + 1] == "0.1"
+    assert drive[drive.index("--with") + 1] == "noise=0.1"
     assert shown[:3] == ["frenetic", "show", str(folder)]
     assert minimise[:3] == ["frenetic", "minimise", str(folder)]
 

@@ -143,7 +143,7 @@ def prepare() -> Callable[..., None]:
 def searched(tmp_path_factory: pytest.TempPathFactory, prepare: Callable[..., None]) -> Path:
     """A campaign with a few failures; not to be written to."""
     folder = tmp_path_factory.mktemp("searched") / "c"
-    search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--delay", "0.05")
+    search = ("run", "--simulations", "60", "--seed", "3", "--workers", "1", "--with", "delay=0.05")
     prepare(*search, "--out", str(folder))
     return folder
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from frenetic.campaign.record import Attempt, Test
 from frenetic.oracle import LANE, Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.search import Candidate, Origin
-from frenetic.simulators.worlds import USUAL, Conditions, conditions_document
+from frenetic.simulators.worlds import Conditions
 
 
 def recorded(
@@ -25,14 +26,12 @@ def recorded(
     id: int = 1,  # noqa: A002
     reason: str = "Car reached",
     duration: float | None = None,
-    conditions: Conditions = USUAL,
+    conditions: Conditions = MappingProxyType({}),
 ) -> Test:
     """A test of a straight road of 230 m; the car leaves its lane at a place, if one is given."""
     findings = () if place is None else (Finding(LANE, 1.0, 0.5, side, 5.0, place, 0.0, 0.0),)
     result = Result(outcome, reason, moobd, duration=duration, findings=findings)
-    candidate = Candidate(
-        id, np.zeros(24), 10.0, Origin("random"), conditions=conditions_document(conditions)
-    )
+    candidate = Candidate(id, np.zeros(24), 10.0, Origin("random"), conditions=dict(conditions))
     attempt = Attempt(id, result, seconds=0.25)
     return Test(candidate=candidate, attempt=attempt, told=id, budget_spent=0.5)
 
@@ -59,7 +58,7 @@ def redriven(
         id=test.id,
         reason=reason,
         duration=duration,
-        conditions=conditions,
+        conditions=dict(conditions),
     )
     return Repeat(test, again, difference)
 

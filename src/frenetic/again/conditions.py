@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from msgspec import convert
 
 from frenetic._support.scalars import take_numpy_scalars
+from frenetic.drive import Rules
 from frenetic.errors import FreneticError
+from frenetic.quantities import SEED, quantities, quantity
 from frenetic.search.strategy import require_whole
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import QUANTITIES, SEEDED, USUAL, Conditions, check_can_vary
+from frenetic.simulators.worlds import Conditions, check_can_vary
 from frenetic.spec import require_count
 
 
@@ -26,46 +28,35 @@ class Variation:
     """
 
     quantity: str
-    """Name in `frenetic.simulators.worlds.QUANTITIES`."""
+    """Name in `frenetic.quantities`."""
     low: float
     high: float
     """Equal to `low` if the quantity is only set, not varied."""
 
     def __post_init__(self) -> None:
         take_numpy_scalars(self)
-        if self.quantity not in QUANTITIES:
-            raise FreneticError(
-                f"cannot vary {self.quantity!r}: choose from {', '.join(QUANTITIES)}"
-            )
-        allowed = QUANTITIES[self.quantity]
-        if not allowed.low <= self.low <= self.high <= allowed.high:
-            unit = f" {allowed.unit}" if allowed.unit else ""
+        row = quantity(self.quantity)
+        if not row.low <= self.low <= self.high <= row.high:
             raise FreneticError(
                 f"cannot vary {self.quantity} from {self.low:g} to {self.high:g}: a range LOW:HIGH"
-                f" within {allowed.low:.3g} to {allowed.high:.3g}{unit} is needed"
+                f" within {row.allowed} is needed"
             )
 
     @classmethod
-    def usual(cls, quantity: str, simulator: Simulator) -> Variation:
-        """The default range of a quantity.
-
-        Friction is up to a fifth less than the simulator's, the speed limit a tenth less or more;
-        noise is up to 0.2 m, delay up to 0.1 s, the start within 0.3 m and 0.03 rad. What a camera
-        sees varies from any scene and little wear to thick fog and dusk, see ``_USUAL``.
+    def usual(cls, name: str, simulator: Simulator) -> Variation:
+        """The usual range of a quantity, see `frenetic.quantities`.
 
         Raises:
             FreneticError: no such quantity, or the simulator has none.
         """
-        if quantity in QUANTITIES:
-            check_can_vary(simulator, [quantity])
-        match quantity:
-            case "friction":
-                friction: float = simulator.friction  # type: ignore[attr-defined]
-                return cls(quantity, 0.8 * friction, friction)
-            case "speed":
-                limit = simulator.rules.speed_limit
-                return cls(quantity, 0.9 * limit, 1.1 * limit)
-        return cls(quantity, *_USUAL.get(quantity, (0.0, 0.0)))
+        row = quantity(name)
+        check_can_vary(simulator, [name])
+        own: float = 1.0
+        if row.is_relative:
+            own = getattr(simulator, row.attribute)
+            own = own.speed_limit if isinstance(own, Rules) else own
+        low, high = row.usual
+        return cls(name, low * own, high * own)
 
     @classmethod
     def read(cls, item: Any) -> Variation:
@@ -85,24 +76,9 @@ class Variation:
         return self.low == self.high
 
     def __str__(self) -> str:
-        unit = QUANTITIES[self.quantity].unit
+        unit = quantity(self.quantity).unit
         text = f"{self.low:.3g}" if self.is_fixed else f"{self.low:.3g} to {self.high:.3g}"
         return f"{self.quantity} {text}{' ' if unit else ''}{unit}"
-
-
-_USUAL: Final[Mapping[str, tuple[float, float]]] = {
-    "noise": (0.0, 0.2),
-    "delay": (0.0, 0.1),
-    "start": (-0.3, 0.3),
-    "heading": (-0.03, 0.03),
-    "scene": (0.0, 1000.0),
-    "wear": (0.0, 0.8),
-    "fog": (30.0, 300.0),
-    "rain": (0.0, 20.0),
-    "blur": (0.0, 0.05),
-    "light": (0.4, 1.6),
-    "grain": (0.0, 20.0),
-}
 
 
 def draw_conditions(
@@ -120,19 +96,19 @@ def draw_conditions(
     """
     times = require_count("times", times)
     seed = require_whole("seed", seed, 0, 2**63 - 1)
-    names = [variation.quantity for variation in variations]
+    table, names = list(quantities()), [variation.quantity for variation in variations]
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"{name} is varied twice: give one range for it")
     rng = np.random.default_rng(seed)
-    drawn = [USUAL] * times
+    drawn: list[dict[str, float]] = [{} for _ in range(times)]
     # In a fixed order, independent of the given one.
-    for variation in sorted(variations, key=lambda v: list(QUANTITIES).index(v.quantity)):
+    for variation in sorted(variations, key=lambda v: table.index(v.quantity)):
         shares = (rng.permutation(times) + rng.random(times)) / times
         values = variation.low + (variation.high - variation.low) * shares
-        for i, value in enumerate(values.tolist()):
-            changes: dict[str, Any] = {variation.quantity: value}
-            if variation.quantity in SEEDED:
-                changes["noise_seed"] = int(rng.integers(2**31))
-            drawn[i] = replace(drawn[i], **changes)
+        is_seeded = quantity(variation.quantity).is_seeded
+        for conditions, value in zip(drawn, values.tolist(), strict=True):
+            conditions[variation.quantity] = value
+            if is_seeded:
+                conditions[SEED] = int(rng.integers(2**31))
     return tuple(drawn)

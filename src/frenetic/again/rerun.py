@@ -37,13 +37,7 @@ from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import (
-    USUAL,
-    Conditions,
-    check_can_vary,
-    conditions_document,
-    in_conditions,
-)
+from frenetic.simulators.worlds import Conditions, check_can_vary, in_conditions
 from frenetic.spec import Budget, describe, part_text, version_notes
 from frenetic.versions import SHORT, comparison_key, differences
 
@@ -233,7 +227,7 @@ def drive_tests(
     folder: Path | str,
     tester: RoadTester,
     tests: Iterable[int],
-    conditions: Sequence[Conditions] = (USUAL,),
+    conditions: Sequence[Conditions] = ({},),
     *,
     seed: int = 0,
     variations: Sequence[Variation] = (),
@@ -241,7 +235,7 @@ def drive_tests(
 ) -> Rerun:
     """The same in given conditions; arguments and errors are those of `rerun`."""
     tests = list(dict.fromkeys(tests))
-    strategy = Again(folder, tests, [conditions_document(one) for one in conditions])
+    strategy = Again(folder, tests, conditions)
     simulator = tester.simulator
     if not tests:
         return Rerun(

@@ -10,7 +10,7 @@ from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.search.records import Candidate, Evaluation, Origin, Source
 from frenetic.search.strategy import Ledger, SearchEnded, Strategy
-from frenetic.simulators.worlds import read_conditions
+from frenetic.simulators.worlds import check_conditions
 
 OPERATOR: Final = "again"
 """Operator in the origin of roads that are driven again."""
@@ -22,7 +22,7 @@ class Again(Strategy):
     Args:
         campaign: its folder.
         tests: ids of the tests; they have to be driven ones.
-        conditions: of each drive of a test, by the names of `frenetic.simulators.worlds.Conditions`
+        conditions: of each drive of a test, by the names of `frenetic.quantities`
             as far as they differ from the campaign's; by default one drive in the campaign's own.
 
     Raises:
@@ -40,7 +40,7 @@ class Again(Strategy):
     ) -> None:
         tests = list(tests)
         for one in conditions:
-            read_conditions(one)
+            check_conditions(one)
         with CampaignStore.open(campaign) as store:
             roads = [_driven(store, number) for number in tests]
             made_at = store.fact("created_at")

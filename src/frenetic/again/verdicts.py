@@ -22,7 +22,8 @@ from frenetic.analysis.statistics import SIGNIFICANT, holm, proportion_interval,
 from frenetic.campaign.record import Test
 from frenetic.oracle import Finding
 from frenetic.outcome import Outcome
-from frenetic.simulators.worlds import QUANTITIES, Conditions, read_conditions
+from frenetic.quantities import quantity
+from frenetic.simulators.worlds import Conditions
 
 LEVEL: Final = 0.5
 """Failing share that separates robust failures (at least) from fragile ones (less)."""
@@ -127,10 +128,10 @@ class Repeat:
         """The campaign's test."""
         return self.recorded.id
 
-    @cached_property
+    @property
     def conditions(self) -> Conditions:
         """The conditions of the drive."""
-        return read_conditions(self.test.candidate.conditions)
+        return self.test.candidate.conditions
 
     @property
     def outcome(self) -> Outcome:
@@ -210,8 +211,8 @@ class Influence:
         return self.p < SIGNIFICANT
 
     def __str__(self) -> str:
-        quantity = QUANTITIES[self.quantity]
-        worse = quantity.less if self.spearman > 0.0 else quantity.more
+        row = quantity(self.quantity)
+        worse = row.less if self.spearman > 0.0 else row.more
         return f"{worse} is worse (Spearman {self.spearman:.2f})"
 
 
@@ -298,7 +299,7 @@ class Repeats:
         names = [v.quantity for v in self.variations if not v.is_fixed]
         if len(judged) < LEAST_DRIVES or len(set(margins)) == 1:
             return ()
-        columns = [[drive.conditions.value(name) or 0.0 for drive in judged] for name in names]
+        columns = [[drive.conditions.get(name, 0.0) for drive in judged] for name in names]
         found = [spearman(column, margins) for column in columns]
         p_values = holm([p for _, p in found])
         influences = [

@@ -35,9 +35,10 @@ from frenetic.drivers import Driver, Noisy
 from frenetic.drivers.driver import stack_of
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.quantities import SEED
 from frenetic.search import RandomSearch
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import USUAL, Conditions
+from frenetic.simulators.worlds import Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
 from frenetic.trust import NOT_DRIVING
 from frenetic.versions import SHORT, comparison_key, differences, sources_named
@@ -457,6 +458,5 @@ def _conditions(driver: Driver, repeats: int) -> tuple[Conditions, ...]:
         if isinstance(layer, Noisy):
             noise = layer.offset
     if noise is None:
-        return (USUAL,) * repeats
-    others = (Conditions(noise=noise, noise_seed=number) for number in range(1, repeats))
-    return (USUAL, *others)
+        return ({},) * repeats
+    return ({}, *({"noise": noise, SEED: number} for number in range(1, repeats)))

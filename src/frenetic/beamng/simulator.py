@@ -13,8 +13,14 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
-from frenetic.drivers import BeamngAi, Driver, DriveSetup, appearance
-from frenetic.drivers.driver import blaming_driver, camera_of, checked_controls, under_layers
+from frenetic.drivers import BeamngAi, Driver, DriveSetup
+from frenetic.drivers.driver import (
+    blaming_driver,
+    camera_of,
+    check_other_world,
+    checked_controls,
+    under_layers,
+)
 from frenetic.errors import DriverError
 from frenetic.road import Road
 from frenetic.beamng.car import (
@@ -386,7 +392,7 @@ class BeamngSimulator:
                 "without a graphics card BeamNG.tech draws nothing, and the driver has a camera:"
                 " leave out no_gpu"
             )
-        appearance.check_other_world(driver, "BeamNG.tech")
+        check_other_world(driver, "BeamNG.tech")
 
     def _open_camera(self, driver: Driver) -> None:
         """Puts the driver's camera on the car, which stands on its road."""
@@ -405,7 +411,7 @@ class BeamngSimulator:
         if inner is not driver:
             raise DriverError(
                 "BeamNG.AI takes no noise, delay or view: leave them out, those of a campaign with"
-                " --noise 0, --delay 0 or --view inf, or choose another driver"
+                " noise=0, delay=0 or view=inf, or choose another driver"
             )
         if inner != BeamngAi():
             raise DriverError(
@@ -658,7 +664,7 @@ def _steering_checks(car: MeasuredCar, lag: float) -> Iterator[Check]:
             f"{STEP_SHARE:.0%} of a step {speed} takes {took}, {way}: at most {STEERING_LAG:g} s"
             " would be fine",
             "your drivers steer late, so they leave the lane sooner than elsewhere: lower"
-            " --speed-limit, or search elsewhere with as much --delay",
+            " the speed limit, or search elsewhere with as much delay",
         )
     else:
         yield Check("steering lag", True, f"{lag:.2f} s {speed}, {way}")

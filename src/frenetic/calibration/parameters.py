@@ -9,7 +9,6 @@ from typing import Any, Final, Literal, TypeAlias
 
 from frenetic.drive import Rules
 from frenetic.drivers.driver import Driver
-from frenetic.drivers.loading import LAYERS
 from frenetic.errors import FreneticError
 from frenetic.registry import arguments_of, hint, options_of
 from frenetic.simulators.embedded import EmbeddedSimulator
@@ -113,8 +112,7 @@ class Model:
         car = Vehicle.of(model.vehicle)
         known: dict[str, float] = {f"driver.{name}": value for name, value in starts.items()}
         known |= {f"vehicle.{item.name}": getattr(car, item.name) for item in fields(car)}
-        nothing = {layer.name: layer.nothing for layer in LAYERS}
-        known |= {f"layer.{k}": model.layers.get(k, nothing[k]) for k in _FITTED_LAYERS}
+        known |= {f"layer.{name}": model.layers.get(name, 0.0) for name in _FITTED_LAYERS}
         parameters: list[Parameter] = []
         for one in asked:
             parameter = model._parameter(one, known)

@@ -24,7 +24,7 @@ from frenetic.search.records import Candidate
 from frenetic.simulators.capabilities import check_pair
 from frenetic.simulators.isolated import BrokenDriveError
 from frenetic.simulators.simulator import Simulator
-from frenetic.simulators.worlds import in_conditions, read_conditions
+from frenetic.simulators.worlds import check_conditions, in_conditions
 from frenetic.spec import is_number, shown
 
 logger = logging.getLogger(__name__)
@@ -82,8 +82,8 @@ class RoadTester:
             return _refused(candidate.id, str(error))
         if not candidate.conditions:
             return self._driven(candidate.id, road, self.driver)
-        conditions = read_conditions(candidate.conditions)
-        with in_conditions(conditions, self.simulator, self.driver) as driver:
+        check_conditions(candidate.conditions)
+        with in_conditions(candidate.conditions, self.simulator, self.driver) as driver:
             check_pair(self.simulator, driver)
             return self._driven(candidate.id, road, driver)
 

@@ -70,9 +70,7 @@ COMMANDS: Final = {
     "export-road": Row(
         "export_road:export_road", "Write one road for other tools: OpenDRIVE, CSV, ..."
     ),
-    "drivers": Row("listings:drivers", "List the drivers, the systems under test."),
-    "strategies": Row("listings:strategies", "List the search strategies."),
-    "simulators": Row("listings:simulators", "List the simulators."),
+    "list": Row("list:list_parts", "List drivers, strategies, simulators, quantities."),
     "doctor": Row("doctor:doctor", "Say whether the simulators work here."),
 }
 """Name -> the command."""

@@ -23,7 +23,7 @@ DEFAULT_SIMULATIONS = 1000
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
 @click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
-@part_choice("strategy", "How to search (see 'frenetic strategies').", "frenetic")
+@part_choice("strategy", "How to search (see 'frenetic list strategies').", "frenetic")
 @click.option("--name", default="told", show_default=True, help="What drives, for the record.")
 @click.option(
     "--map-size", type=float, default=200.0, show_default=True, help="m, side of the map."

@@ -57,7 +57,7 @@ _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
 )
 @count_option(
     "--repeats",
-    "Drive each road N times with each version: for what does not repeat, and for --noise, whose"
+    "Drive each road N times with each version: for what does not repeat, and for noise, whose"
     " errors then differ.",
     default=1,
 )

@@ -58,7 +58,7 @@ class Fits(Range):
 )
 @part_choice(
     "driver",
-    "The twin's driver ('frenetic drivers'), package.module:Class or file.py:Class.",
+    "The twin's driver ('frenetic list drivers'), package.module:Class or file.py:Class.",
     required=True,
 )
 @click.option(

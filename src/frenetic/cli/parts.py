@@ -12,7 +12,7 @@ from click.shell_completion import CompletionItem
 
 from frenetic._support.words import read_part
 from frenetic.cli.options import Decorator, with_options
-from frenetic.drivers.loading import LAYERS
+from frenetic.quantities import quantity
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
 from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_wall_limit
 
@@ -102,6 +102,41 @@ def part_choice(
     return lambda command: with_options([option], command)
 
 
+class Amount(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
+    """NAME=VALUE for a quantity of the driver."""
+
+    name = "name=value"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, float]:
+        """(name, amount)."""
+        name, equals, text = (part.strip() for part in str(value).partition("="))
+        row = quantity(name)
+        if not row.layer:
+            option = f"--simulator embedded,{row.attribute}={row.usual[1]:g}"
+            option = "--speed-limit" if row.attribute == "rules" else option
+            self.fail(f"{name} is no condition of the driver: set it by {option}", param, ctx)
+        try:
+            amount = float(text) if equals else math.nan
+        except ValueError:
+            amount = math.nan
+        if math.isnan(amount):
+            self.fail(f"{value!r} is not NAME=VALUE, as in {name}={row.usual[1]:g}", param, ctx)
+        try:
+            return name, amount if amount == row.nothing else row.require(amount)
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+_with_option: Final = click.option(
+    "--with",
+    "layers",
+    type=Amount(),
+    multiple=True,
+    help="A condition to drive in, such as delay=0.1 or, for a camera, fog=60"
+    " ('frenetic list quantities'); may be repeated.",
+)
 _as_option: Final = click.option(
     "--as",
     AS,
@@ -126,18 +161,15 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
     options: list[Decorator] = [
         part_choice(
             "driver",
-            "Who drives: a name ('frenetic drivers'), package.module:Class, file.py:Class or a"
+            "Who drives: a name ('frenetic list drivers'), package.module:Class, file.py:Class or a"
             " neural network, model.onnx.",
             Spec.driver.name,
             show_default=shown(Spec.driver.name),
         ),
-        *(
-            click.option(f"--{layer.name}", type=float, metavar=layer.unit.upper(), help=layer.help)
-            for layer in LAYERS
-        ),
+        _with_option,
         part_choice(
             "simulator",
-            "What moves the car (see 'frenetic simulators').",
+            "What moves the car (see 'frenetic list simulators').",
             Spec.simulator.name,
             show_default=shown(Spec.simulator.name),
         ),
@@ -165,12 +197,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
     """The options that choose other parts than the recorded ones; None if not given."""
     options: list[Decorator] = [
         part_choice("driver", "Another driver than the campaign's."),
-        *(
-            click.option(
-                f"--{layer.name}", type=float, metavar=layer.unit.upper(), help=layer.another
-            )
-            for layer in LAYERS
-        ),
+        _with_option,
         part_choice("simulator", "Another simulator than the campaign's."),
         *(
             click.option(
@@ -205,11 +232,7 @@ def asked_spec(context: click.Context, options: Mapping[str, Any], **others: Any
     Raises:
         FreneticError: the file cannot be read, or an option is out of range.
     """
-    # 0 s of delay are a layer in a campaign's record; an infinite view never was one.
-    none = {
-        layer.name: None for layer in LAYERS if layer.nothing == math.inf == options.get(layer.name)
-    }
-    spec, given = Spec.from_options({**options, **none}, **others), given_options(context)
+    spec, given = Spec.from_options(options, **others), given_options(context)
     return with_given(spec, given, has_roads=False) if AS in given else spec
 
 

@@ -27,6 +27,7 @@ from frenetic.cli.options import (
 )
 from frenetic.cli.parts import part_options
 from frenetic.cli.search import fail_on_failure_option
+from frenetic.quantities import quantities
 
 if TYPE_CHECKING:
     from frenetic.again.conditions import Variation
@@ -38,11 +39,6 @@ if TYPE_CHECKING:
 VARY: Final = "--vary"
 VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
-# `frenetic.simulators.worlds.QUANTITIES`, whose import is too slow for help.
-QUANTITIES: Final = (
-    *("friction", "speed", "noise", "delay", "start", "heading"),
-    *("scene", "wear", "fog", "rain", "blur", "light", "grain"),
-)
 
 
 def variation(asked: AskedRange, simulator: Simulator) -> Variation:
@@ -63,7 +59,7 @@ class VaryingCommand(GroupedCommand):
         is_range = False
         for arg in args:
             name, equals, _ = arg.partition("=")
-            is_range = is_range and (name in QUANTITIES or bool(equals)) and arg[:1] != "-"
+            is_range = is_range and (name in quantities() or bool(equals)) and arg[:1] != "-"
             if is_range and spread[-1] != VARY:
                 spread.append(VARY)
             spread.append(arg)
@@ -84,10 +80,8 @@ class VaryingCommand(GroupedCommand):
     "asked",
     type=Range("friction=0.8:1.0"),
     multiple=True,
-    help="What differs between the drives: friction, speed (km/h), noise (m), delay (s), start (m),"
-    " heading (rad), as in --vary friction=0.8:1.0 noise=0.2 speed; for a driver with a camera also"
-    " scene, wear, fog (m), rain (mm/h), blur (s), light and grain; a name alone means its usual"
-    " range. [default: nothing]",
+    help="What differs between the drives, as in --vary friction=0.8:1.0 noise=0.2 speed; a name"
+    " alone means its usual range ('frenetic list quantities').",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @part_options

@@ -1,6 +1,6 @@
 """Layers over a driver with a camera: scenery, worn markings, fog, rain, blur, light and grain.
 
-Scenery and wear say what is drawn, which only the embedded simulator does (`scene_of`). The others
+Scenery and wear say what is drawn, which only the embedded simulator does. The others
 change the picture of any simulator: each is a function of the picture, the camera and the
 observation, on the assumption that the ground is flat.
 """
@@ -18,15 +18,24 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.camera import Camera, Scene
+from frenetic.drivers.camera_quantities import (
+    BLUR,
+    FOG,
+    GRAIN,
+    LIGHT,
+    QUANTITIES,
+    RAIN,
+    SCENE,
+    WEAR,
+)
 from frenetic.drivers.driver import (
     Controls,
     Driver,
     Observation,
     OwnLayer,
     camera_of,
-    stack_of,
 )
-from frenetic.errors import DriverError
+from frenetic.quantities import Quantity
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -54,36 +63,25 @@ class CameraLayer(OwnLayer):
         ValueError: none has a camera.
     """
 
-    option: ClassVar[str]
-    """Name of its option."""
+    quantity: ClassVar[Quantity]
     name: ClassVar[str]
     """Name of its amount."""
-    unit: ClassVar[str]
-    low: ClassVar[float]
-    high: ClassVar[float]
-    """Bounds of the amount."""
-    place: ClassVar[int]
-    """Its place among the layers of one picture: from the world, 0, to the sensor."""
 
     def __init__(self, driver: Driver, amount: float) -> None:
         camera = camera_of(driver)
         if camera is None:
             raise ValueError(
-                f"{self.option} changes what a camera sees, and the driver has none: leave it out"
-            )
-        if not self.low <= amount <= self.high:
-            unit = f" {self.unit}" if self.unit else ""
-            raise ValueError(
-                f"{self.option} is {amount:g}: {self.low:g} to {self.high:g}{unit} is needed"
+                f"{self.quantity.name} changes what a camera sees, and the driver has none:"
+                " leave it out"
             )
         super().__init__(driver)
-        self.amount = float(amount)
+        self.amount = self.quantity.require(amount)
         self._camera = camera
 
     @classmethod
-    def over(cls, driver: Driver, amount: float) -> Self:
-        """A driver under this layer."""
-        return cls(driver, amount)
+    def over(cls, driver: Driver, amount: float, **seed: int) -> Self:
+        """A driver under this layer; a random one takes a seed."""
+        return cls(driver, amount, **seed)
 
     @property
     def options(self) -> dict[str, float]:
@@ -102,43 +100,6 @@ class CameraLayer(OwnLayer):
         """What the camera sees instead of a picture."""
         return image
 
-    def in_scene(self, scene: Scene) -> Scene:
-        """What is drawn instead of a scene."""
-        return scene
-
-
-def scene_of(driver: Driver) -> Scene:
-    """The scene that a driver's layers ask for."""
-    scene = Scene()
-    for one in stack_of(driver):
-        if isinstance(one, CameraLayer):
-            scene = one.in_scene(scene)
-    return scene
-
-
-def check_other_world(driver: Driver, world: str) -> None:
-    """Refuses what a simulator lacks that draws a world of its own, with a lens of its own.
-
-    Args:
-        driver: the driver; one without a camera is accepted.
-        world: the simulator's name.
-
-    Raises:
-        DriverError: the camera's lens is distorted, or a layer changes the scene.
-    """
-    camera = camera_of(driver)
-    if camera is None:
-        return
-    if camera.distortion != 0.0:
-        raise DriverError(
-            f"{world}'s camera has no distortion: the driver's has {camera.distortion:g}, where 0"
-            " is needed"
-        )
-    if scene_of(driver) != Scene():
-        raise DriverError(
-            f"{world} draws its own world: leave out --scene and --wear, those of a campaign with 0"
-        )
-
 
 class Elsewhere(CameraLayer):
     """A driver in another place: other asphalt, land, sky and sun, drawn from a seed.
@@ -148,7 +109,7 @@ class Elsewhere(CameraLayer):
         amount: the seed, rounded down; 0 is the usual scene.
     """
 
-    option, name, unit, low, high, place = "scene", "seed", "", 0.0, 1e6, 0
+    quantity, name, place = SCENE, "seed", 3
 
     def in_scene(self, scene: Scene) -> Scene:
         """The scene with another seed."""
@@ -163,7 +124,7 @@ class Worn(CameraLayer):
         amount: share of the paint that is gone, 0..1.
     """
 
-    option, name, unit, low, high, place = "wear", "share", "", 0.0, 1.0, 1
+    quantity, name, place = WEAR, "share", 4
 
     def in_scene(self, scene: Scene) -> Scene:
         """The scene with worn markings."""
@@ -179,7 +140,7 @@ class Foggy(CameraLayer):
             contrast is left.
     """
 
-    option, name, unit, low, high, place = "fog", "visibility", "m", 2.0, math.inf, 2
+    quantity, name, place = FOG, "visibility", 5
 
     def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
         """The picture in fog."""
@@ -217,7 +178,7 @@ class Rainy(_SeededLayer):
         seed: of the streaks, from 0.
     """
 
-    option, name, unit, low, high, place = "rain", "rate", "mm/h", 0.0, 200.0, 3
+    quantity, name, place = RAIN, "rate", 6
 
     def seen(self, image: Image, observation: Observation) -> Image:
         """The picture with streaks."""
@@ -247,7 +208,7 @@ class Blurred(CameraLayer):
         amount: the time of exposure, in s.
     """
 
-    option, name, unit, low, high, place = "blur", "exposure", "s", 0.0, 0.5, 4
+    quantity, name, place = BLUR, "exposure", 7
 
     def __init__(self, driver: Driver, amount: float) -> None:
         super().__init__(driver, amount)
@@ -270,7 +231,7 @@ class Lit(CameraLayer):
         amount: factor of the light, 1 is the usual; bright colours saturate above.
     """
 
-    option, name, unit, low, high, place = "light", "factor", "", 0.01, 10.0, 5
+    quantity, name, place = LIGHT, "factor", 8
 
     def seen(self, image: Image, observation: Observation) -> Image:  # noqa: ARG002
         """The picture in this light."""
@@ -288,7 +249,7 @@ class Grainy(_SeededLayer):
         seed: of the noise, from 0.
     """
 
-    option, name, unit, low, high, place = "grain", "deviation", "", 0.0, 128.0, 6
+    quantity, name, place = GRAIN, "deviation", 9
 
     def seen(self, image: Image, observation: Observation) -> Image:
         """The picture with noise."""
@@ -390,5 +351,5 @@ def _smear(image: Image, ways: FloatArray, out: Image) -> None:
             out[v, u, 2] = (blue + _TAPS // 2) // _TAPS
 
 
-ALL: Final = {kind.option: kind for kind in (Elsewhere, Worn, Foggy, Rainy, Blurred, Lit, Grainy)}
-"""Name of an option -> its layer."""
+ALL: Final[dict[str, type[CameraLayer]]] = {row.name: row.layer_class() for row in QUANTITIES}
+"""Name of a quantity -> its layer."""

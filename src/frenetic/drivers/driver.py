@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, runtime_checkable
 
 from frenetic._support.arrays import FloatArray
-from frenetic.drivers.camera import Camera
+from frenetic.drivers.camera import Camera, Scene
 from frenetic.errors import DriverError, describe_raised
 
 if TYPE_CHECKING:
@@ -145,6 +145,8 @@ class OwnLayer:
 
     BEHAVIOUR: ClassVar[int] = 1
     """Raised when its effect changes, as a driver's."""
+    place: ClassVar[int]
+    """Its place among the layers over a driver, from the outermost, 0."""
 
     def __init__(self, driver: Driver) -> None:
         self.driver = driver
@@ -156,6 +158,10 @@ class OwnLayer:
     def act(self, observation: Observation) -> Controls:
         """The driver's controls."""
         return self.driver.act(observation)
+
+    def in_scene(self, scene: Scene) -> Scene:
+        """What a camera sees instead of a scene."""
+        return scene
 
 
 def under_layers(driver: Driver) -> Driver:
@@ -194,6 +200,40 @@ def camera_of(driver: Driver) -> Camera | None:
                 f"the driver's camera is {repr(camera)[:60]}: a frenetic.Camera is needed"
             )
     return None
+
+
+def scene_of(driver: Driver) -> Scene:
+    """The scene that a driver's layers ask for."""
+    scene = Scene()
+    for layer in stack_of(driver):
+        if isinstance(layer, OwnLayer):
+            scene = layer.in_scene(scene)
+    return scene
+
+
+def check_other_world(driver: Driver, world: str) -> None:
+    """Refuses what a simulator lacks that draws a world of its own, with a lens of its own.
+
+    Args:
+        driver: the driver; one without a camera is accepted.
+        world: the simulator's name.
+
+    Raises:
+        DriverError: the camera's lens is distorted, or a layer changes the scene.
+    """
+    camera = camera_of(driver)
+    if camera is None:
+        return
+    if camera.distortion != 0.0:
+        raise DriverError(
+            f"{world}'s camera has no distortion: the driver's has {camera.distortion:g}, where 0"
+            " is needed"
+        )
+    if scene_of(driver) != Scene():
+        raise DriverError(
+            f"{world} draws its own world: leave out scene and wear, or give them 0 where a"
+            " campaign has them"
+        )
 
 
 @contextmanager

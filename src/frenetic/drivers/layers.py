@@ -79,6 +79,8 @@ class Noisy(OwnLayer):
         seed: of the errors.
     """
 
+    place = 1
+
     def __init__(
         self,
         driver: Driver,
@@ -100,10 +102,9 @@ class Noisy(OwnLayer):
             raise ValueError(f"seed is {seed!r}: a whole number of at least 0 is needed")
 
     @classmethod
-    def over(cls, driver: Driver, amount: float) -> Noisy:
+    def over(cls, driver: Driver, amount: float, *, seed: int = 0) -> Noisy:
         """A driver whose lateral error has this standard deviation in m, the heading's follows."""
-        amount = _amount(amount, "noise", "m", most=_LARGEST_ERROR)
-        return cls(driver, offset=amount, heading=HEADING_PER_OFFSET * amount)
+        return cls(driver, offset=amount, heading=HEADING_PER_OFFSET * amount, seed=seed)
 
     @property
     def options(self) -> dict[str, float]:
@@ -186,6 +187,8 @@ class Delayed(OwnLayer):
         seconds: the delay, rounded to whole control periods.
     """
 
+    place = 0
+
     def __init__(self, driver: Driver, *, seconds: float = 0.1) -> None:
         super().__init__(driver)
         self.seconds = _amount(seconds, "seconds", "s", most=_LONGEST_DELAY)
@@ -193,7 +196,7 @@ class Delayed(OwnLayer):
     @classmethod
     def over(cls, driver: Driver, amount: float) -> Delayed:
         """A driver whose controls arrive this many s late."""
-        return cls(driver, seconds=_amount(amount, "delay", "s", most=_LONGEST_DELAY))
+        return cls(driver, seconds=amount)
 
     @property
     def options(self) -> dict[str, float]:
@@ -223,6 +226,8 @@ class LimitedView(OwnLayer):
         distance: m of road; the view is cut to whole points 2 m apart, at least two.
     """
 
+    place = 2
+
     def __init__(self, driver: Driver, *, distance: float = 30.0) -> None:
         super().__init__(driver)
         self.distance = _amount(distance, "distance", "m", allow_zero=False)
@@ -230,7 +235,7 @@ class LimitedView(OwnLayer):
     @classmethod
     def over(cls, driver: Driver, amount: float) -> LimitedView:
         """A driver that sees this many m ahead."""
-        return cls(driver, distance=_amount(amount, "view", "m", allow_zero=False))
+        return cls(driver, distance=amount)
 
     @property
     def options(self) -> dict[str, float]:

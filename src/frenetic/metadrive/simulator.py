@@ -12,9 +12,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self, TypeAlias
 import numpy as np
 
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
-from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
-from frenetic.drivers.driver import Driver, blaming_driver, camera_of, checked_controls
+from frenetic.drivers.driver import (
+    Driver,
+    blaming_driver,
+    camera_of,
+    check_other_world,
+    checked_controls,
+)
 from frenetic.errors import DriverError, FreneticError, describe_error
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks
@@ -169,7 +174,7 @@ class MetaDriveSimulator(StartingPlace, PolicySimulator):
                 not what its lens and layers ask for.
         """
         metadrive_driver(driver)
-        appearance.check_other_world(driver, "MetaDrive")
+        check_other_world(driver, "MetaDrive")
         if camera_of(driver) is not None:
             check_drawing()
 

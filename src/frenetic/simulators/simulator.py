@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from types import TracebackType
-from typing import Final, Protocol, Self, runtime_checkable
+from typing import Protocol, Self, runtime_checkable
 
 from frenetic.drive import CarBody, Drive, Rules
 from frenetic.drivers.driver import Driver
+from frenetic.quantities import MAX_START_HEADING, MAX_START_OFFSET
 from frenetic.road import Road
 
 
@@ -42,12 +42,6 @@ class Simulator(Protocol):
 
     def drive(self, road: Road, driver: Driver) -> Drive:
         """One drive of the driver along the road."""
-
-
-MAX_START_OFFSET: Final = 2.0
-"""Largest distance of a start from the ego lane's centre, in m: to the lane's edge."""
-MAX_START_HEADING: Final = math.pi / 4.0
-"""Largest angle of a start against the road, in rad."""
 
 
 class StartingPlace:

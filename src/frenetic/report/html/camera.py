@@ -18,7 +18,7 @@ from frenetic.campaign.record import Test
 from frenetic.drive import Trajectory
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
-from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
+from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, scene_of
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.versions import over_each_other
@@ -77,7 +77,7 @@ class DriverCamera:
         if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
             return None
         path, road = record.drive.trajectory, record.road
-        renderer = Renderer(road, eye.camera, appearance.scene_of(eye.layered))
+        renderer = Renderer(road, eye.camera, scene_of(eye.layered))
         critical = _critical(record, path)
         taken = evenly(len(path), MOST_PICTURES)
         taken = np.unique(np.append(taken[: MOST_PICTURES - 1], critical))

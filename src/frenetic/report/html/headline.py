@@ -15,7 +15,7 @@ from frenetic.campaign.asking import FACTS
 from frenetic.campaign.counts import Counts
 from frenetic.campaign.objective import in_words
 from frenetic.campaign.summary import facts_in_words
-from frenetic.drivers.loading import LAYERS
+from frenetic.quantities import quantities
 from frenetic.report.html.blocks import Fact, Role, percent
 from frenetic.spec import earlier_of
 from frenetic.versions import innermost, short_version
@@ -149,10 +149,11 @@ def _named(config: Mapping[str, JSONValue], part: str) -> str:
     if isinstance(command, Mapping) and isinstance(command.get(part), str):
         text = str(command[part])
         if part == "driver":
+            amounts, rows = command.get("layers"), quantities()
             layers = [
-                f"{layer.name} {command[layer.name]:g} {layer.unit}"
-                for layer in LAYERS
-                if isinstance(command.get(layer.name), int | float)
+                rows[name].text(amount) if name in rows else f"{name} {amount}"
+                for name, amount in (amounts.items() if isinstance(amounts, Mapping) else ())
+                if isinstance(amount, int | float)
             ]
             text += f" with {', '.join(layers)}" if layers else ""
         return text

@@ -18,13 +18,13 @@ from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import Planner
-from frenetic.drivers.appearance import scene_of
 from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
     blaming_driver,
     camera_of,
     checked_controls,
+    scene_of,
     under_layers,
 )
 from frenetic.drivers.laws import setup_array

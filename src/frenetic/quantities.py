@@ -1,0 +1,210 @@
+"""Quantities: what the conditions of a drive have an amount of, such as noise, fog or friction.
+
+A row declares a quantity once, for the command line, records, reports and `frenetic.again`. A
+quantity is a layer over the driver, so that it works with every simulator, or an attribute of the
+simulator that may be set between two drives. A package adds rows by an entry point in the group
+``frenetic.quantities`` that names a tuple of them.
+
+The command line reads the table, so a layer is imported when it is laid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from types import MappingProxyType
+from typing import Any, Final
+
+from frenetic.errors import FreneticError, UnknownNameError
+from frenetic.registry import Entry, hint, installed
+
+GROUP: Final = "frenetic.quantities"
+SEED: Final = "noise_seed"
+"""Name of the seed of random layers among the conditions of a drive."""
+FARTHEST: Final = 100_000.0
+"""Largest amount in m of what has no upper bound."""
+MAX_START_OFFSET: Final = 2.0
+"""Largest distance of a start from the ego lane's centre, in m: to the lane's edge."""
+MAX_START_HEADING: Final = math.pi / 4.0
+"""Largest angle of a start against the road, in rad."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A quantity of a drive's conditions."""
+
+    name: str
+    about: str
+    unit: str = ""
+    """Empty if it has none."""
+    low: float
+    """Least amount allowed."""
+    high: float
+    """Largest amount allowed."""
+    usual: tuple[float, float]
+    """Range in which it usually varies."""
+    is_relative: bool = False
+    """Whether that range is in shares of the simulator's own amount."""
+    nothing: float | None = None
+    """Amount without effect, which removes a recorded layer."""
+    layer: str = ""
+    """``module:Class`` of a layer, whose class method ``over(driver, amount)`` lays it."""
+    attribute: str = ""
+    """Attribute of a simulator, where it is no layer."""
+    is_seeded: bool = False
+    """Whether the layer draws random numbers: then ``over`` takes a ``seed``, too."""
+    words: tuple[str, str] | None = None
+    """Words for a smaller and for a larger amount; None for "less" and "more" of its name."""
+
+    @property
+    def less(self) -> str:
+        """Words for a smaller amount, such as "less friction"."""
+        return self.words[0] if self.words else f"less {self.name}"
+
+    @property
+    def more(self) -> str:
+        """Words for a larger amount."""
+        return self.words[1] if self.words else f"more {self.name}"
+
+    def layer_class(self) -> Any:
+        """The class of its layer."""
+        module, _, name = self.layer.partition(":")
+        return getattr(import_module(module), name)
+
+    def require(self, amount: float) -> float:
+        """An amount that is allowed.
+
+        Raises:
+            ValueError: it is not.
+        """
+        if not self.low <= amount <= self.high:
+            raise ValueError(f"{self.name} is {amount:g}: {self.allowed} is needed")
+        return float(amount)
+
+    @property
+    def allowed(self) -> str:
+        """The allowed range in words."""
+        unit = f" {self.unit}" if self.unit else ""
+        low, high = (float(f"{value:.3g}") for value in (self.low, self.high))
+        return f"{low:g} to {high:g}{unit}"
+
+    def text(self, amount: float) -> str:
+        """An amount for people."""
+        return f"{self.name} {amount:g}{' ' if self.unit else ''}{self.unit}"
+
+
+_OWN: Final = (
+    Quantity(
+        name="friction",
+        about="friction of the road, 1 is dry",
+        low=0.01,
+        high=1.5,
+        usual=(0.8, 1.0),
+        is_relative=True,
+        attribute="friction",
+    ),
+    Quantity(
+        name="speed",
+        about="speed limit",
+        unit="km/h",
+        low=1.0,
+        high=500.0,
+        usual=(0.9, 1.1),
+        is_relative=True,
+        attribute="rules",
+        words=("a lower speed limit", "a higher speed limit"),
+    ),
+    Quantity(
+        name="noise",
+        about="standard deviation of the driver's error about its lateral place",
+        unit="m",
+        low=0.0,
+        high=10.0,
+        usual=(0.0, 0.2),
+        nothing=0.0,
+        layer="frenetic.drivers.layers:Noisy",
+        is_seeded=True,
+    ),
+    Quantity(
+        name="delay",
+        about="time until the driver's controls arrive",
+        unit="s",
+        low=0.0,
+        high=10.0,
+        usual=(0.0, 0.1),
+        nothing=0.0,
+        layer="frenetic.drivers.layers:Delayed",
+    ),
+    Quantity(
+        name="start",
+        about="place of the start, to the left of the lane's centre",
+        unit="m",
+        low=-MAX_START_OFFSET,
+        high=MAX_START_OFFSET,
+        usual=(-0.3, 0.3),
+        attribute="start_offset",
+        words=("a start further right", "a start further left"),
+    ),
+    Quantity(
+        name="heading",
+        about="heading at the start, to the left of the road's direction",
+        unit="rad",
+        low=-MAX_START_HEADING,
+        high=MAX_START_HEADING,
+        usual=(-0.03, 0.03),
+        attribute="start_heading",
+        words=("a start turned to the right", "a start turned to the left"),
+    ),
+    Quantity(
+        name="view",
+        about="length of the road ahead that the driver sees",
+        unit="m",
+        low=1.0,
+        high=FARTHEST,
+        usual=(10.0, 50.0),
+        nothing=math.inf,
+        layer="frenetic.drivers.layers:LimitedView",
+        words=("a shorter view", "a longer view"),
+    ),
+)
+
+
+def quantities() -> Mapping[str, Quantity]:
+    """All quantities by name: our own, then those of installed packages.
+
+    Raises:
+        FreneticError: two have one name.
+    """
+    return _table(installed(GROUP))
+
+
+@cache
+def _table(entries: tuple[Entry, ...]) -> Mapping[str, Quantity]:
+    table = {row.name: row for row in _OWN}
+    for entry in entries:
+        module, _, name = entry.target.partition(":")
+        for row in getattr(import_module(module), name):
+            if row.name in table:
+                raise FreneticError(
+                    f"two quantities are named {row.name!r}, one comes from {entry.origin}:"
+                    " uninstall one of them"
+                )
+            table[row.name] = row
+    return MappingProxyType(table)
+
+
+def quantity(name: str) -> Quantity:
+    """The quantity of a name.
+
+    Raises:
+        UnknownNameError: there is none; the message lists the known ones.
+    """
+    known = quantities()
+    if name not in known:
+        raise UnknownNameError(
+            f"unknown quantity {name!r}{hint(name, known)} Known: {', '.join(known)}"
+        )
+    return known[name]
