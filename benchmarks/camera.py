@@ -16,8 +16,8 @@ import numpy as np
 from frenetic import EmbeddedSimulator, Observation, Planner, Road
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Scene
-from frenetic.drivers.marking_follower import MarkingFollower
-from frenetic.simulators.embedded.rendering import LAYERS, Renderer
+from frenetic.vision.marking_follower import MarkingFollower
+from frenetic.vision.rendering import LAYERS, Renderer
 
 ROAD = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0.05, 0.0, 0.0])
 PICTURES = 40

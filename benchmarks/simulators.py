@@ -43,13 +43,13 @@ from frenetic._support.arrays import FloatArray
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Driver, Stanley
 from frenetic.drivers.loading import load_driver
+from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Frenetic
 from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import EmbeddedSimulator, Simulator, Vehicle
-from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
 
 AT_ONCE: Final = replace(Vehicle(), steering_rate=20.0, steering_lag=0.01)
 """The embedded simulator's default car without its largest difference from MetaDrive's."""

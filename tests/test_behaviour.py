@@ -21,7 +21,6 @@ import pytest
 from frenetic import oracle, road
 from frenetic.drivers import Observation, Planner, appearance
 from frenetic.drivers.driver import scene_of
-from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.quantities import quantities
@@ -29,10 +28,11 @@ from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
 from frenetic.road import Road
 from frenetic.search import Candidate, Strategy
 from frenetic.simulators import EmbeddedSimulator, Rules
-from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.simulator import Simulator
 from frenetic.testing import DummyDriver, DummySimulator, converse
 from frenetic.versions import version_of
+from frenetic.vision.marking_follower import MarkingFollower
+from frenetic.vision.rendering import Renderer
 
 RECORDED: Final = Path(__file__).with_name("behaviour.json")
 NOT_RECORDED: Final = {"simulator beamng"}

@@ -43,8 +43,8 @@ from frenetic import (
     Road,
     judge,
 )
-from frenetic.drivers.neural import METADATA, Convention, Network
 from frenetic.search.random_search import RandomRoads
+from frenetic.vision.neural import METADATA, Convention, Network
 
 PRESET: Final = "dave2"
 CONVENTION: Final = Convention.of({}, {"preset": PRESET})

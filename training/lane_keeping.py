@@ -44,10 +44,10 @@ from torch import nn
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, Frenetic, Road
 from frenetic.analysis import measure_campaign
-from frenetic.drivers.neural import METADATA, Network
-from frenetic.drivers.policy import VECTOR_SIZE
-from frenetic.gym import LaneKeepingVectorEnv
-from frenetic.gym.environment import given_roads
+from frenetic.vision.gym import LaneKeepingVectorEnv
+from frenetic.vision.gym.environment import given_roads
+from frenetic.vision.neural import METADATA, Network
+from frenetic.vision.policy import VECTOR_SIZE
 
 CARS: Final = 64
 ROLLOUT: Final = 256

@@ -19,7 +19,7 @@ import sysconfig
 import weakref
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import redirect_stdout, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
@@ -163,8 +163,6 @@ class Registry:
     """Name -> (``module:Class``, summary)."""
     methods: tuple[str, ...]
     """Methods that an object of this kind must have."""
-    files: Mapping[str, str] = field(default_factory=dict)
-    """End of a file's name -> ``module:Class`` that is made of such a file, its first argument."""
     target: str = "class"
     """Word for what a user's own spec names: class or function."""
 
@@ -179,6 +177,8 @@ class Registry:
             for name, (target, summary) in self.built_in.items()
         }
         for entry in installed(self.group):
+            if entry.name.startswith("."):
+                continue
             if entry.name in found:
                 raise FreneticError(
                     f"two {self.kind} entries are named {entry.name!r}: one is"
@@ -187,6 +187,24 @@ class Registry:
                 )
             found[entry.name] = entry
         return list(found.values())
+
+    @property
+    def files(self) -> Mapping[str, str]:
+        """End of a file's name -> ``module:Class`` that is made of such a file.
+
+        The file is its first argument. A package adds one by an entry point that is called like the
+        end, such as ``.onnx``.
+        """
+        return {one.name: one.target for one in installed(self.group) if one.name.startswith(".")}
+
+    def about(self, entry: Entry) -> str:
+        """A line about a part: of an installed one the beginning of its docstring, or its place."""
+        if entry.summary:
+            return entry.summary
+        with suppress(FreneticError):
+            text = inspect.getdoc(self.load(entry.name)) or ""
+            return text.partition("\n")[0].rstrip(".") or entry.target
+        return entry.target
 
     def is_own(self, spec: str) -> bool:
         """Whether a name stands for code that is not ours; nothing is imported."""
@@ -451,11 +469,6 @@ STRATEGIES: Final = Registry(
             "random roads, then mutants and crossovers of the worst (Castellano et al., 2021)",
         ),
         "random": ("frenetic.search:RandomSearch", "random roads only, the baseline"),
-        "screened": (
-            "frenetic.twin.screening:screened",
-            "another strategy, over a search in the twin of a profile: the simulator gets the one"
-            " of twenty roads that promises most",
-        ),
     },
     ("ask", "tell"),
 )
@@ -473,25 +486,8 @@ DRIVERS: Final = Registry(
             "frenetic.drivers:BeamngAi",
             "a model of BeamNG.AI, fitted to recorded drives; in the simulator beamng, BeamNG.AI",
         ),
-        "marking-follower": (
-            "frenetic.drivers.marking_follower:MarkingFollower",
-            "follows the line at its lane's edge in a camera's picture; knows nothing else",
-        ),
-        "metadrive-idm": (
-            "frenetic.metadrive:MetaDriveIdm",
-            "MetaDrive's rule-based driver; in the simulator metadrive only",
-        ),
-        "metadrive-expert": (
-            "frenetic.metadrive:MetaDriveExpert",
-            "MetaDrive's neural network, trained by PPO; in the simulator metadrive only",
-        ),
-        "dave2": (
-            "frenetic.drivers.neural:Dave2",
-            "a neural network that steers by a camera's image, at a steady speed; an extra",
-        ),
     },
     ("reset", "act"),
-    files={".onnx": "frenetic.drivers.neural:Network"},
 )
 
 OBJECTIVES: Final = Registry(
@@ -519,14 +515,6 @@ SIMULATORS: Final = Registry(
         "embedded": (
             "frenetic.simulators:EmbeddedSimulator",
             "a dynamic single-track car in compiled code, headless",
-        ),
-        "metadrive": (
-            "frenetic.metadrive:MetaDriveSimulator",
-            "MetaDrive: a four-wheeled car in Bullet physics, headless; an extra",
-        ),
-        "beamng": (
-            "frenetic.beamng:BeamngSimulator",
-            "BeamNG.tech, started or running already (needs a licence and the extra beamng)",
         ),
     },
     ("drive", "__enter__", "__exit__"),

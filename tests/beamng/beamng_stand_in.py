@@ -42,7 +42,6 @@ import numpy as np
 from frenetic.drivers import Camera, DriveSetup, Planner
 from frenetic.road import Road
 from frenetic.simulators import Observer, Rules, Vehicle
-from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.rollout import STEP
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
@@ -55,6 +54,7 @@ from frenetic.simulators.embedded.vehicle import (
     Y,
     advance,
 )
+from frenetic.vision.rendering import Renderer
 
 Message = dict[str, Any]
 

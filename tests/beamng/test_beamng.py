@@ -22,24 +22,24 @@ import pytest
 from beamng_stand_in import DROP, HANG, StandIn, Trouble, World, program
 from beamngpy.connection.prefixed_length_socket import PrefixedLengthSocket
 
+from frenetic.beamng import BeamngError, BeamngSimulator
+from frenetic.beamng.link import end_process
+from frenetic.beamng.scene import ego_start
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.doctor import Health, examine
 from frenetic.drivers import BeamngAi, Controls, Delayed, Driver, DriveSetup, Observation, Stanley
 from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.loading import load_driver
-from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.errors import CampaignError, DriverError
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, Rules
-from frenetic.beamng import BeamngError, BeamngSimulator
-from frenetic.beamng.link import end_process
-from frenetic.beamng.scene import ego_start
-from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.testing import DummyDriver, SimulatorContract
+from frenetic.vision.marking_follower import MarkingFollower
+from frenetic.vision.rendering import Renderer
 
 ROAD = Road([0.0, 0.0, 0.01, 0.02, 0.01, 0.0, 0.0], pose=Pose(80.0, 50.0, 1.0))
 

@@ -1,8 +1,8 @@
 from __future__ import annotations
 
 from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner, Stanley
-from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.testing import DriverContract
+from frenetic.vision.marking_follower import MarkingFollower
 
 
 class TestPlanner(DriverContract):

@@ -20,15 +20,15 @@ from panda3d.core import LPoint3, NodePath, PerspectiveLens, Point2, Vec3
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.drivers import Camera, Controls, Observation, Stanley
 from frenetic.drivers.loading import load_driver
-from frenetic.drivers.marking_follower import MarkingFollower
 from frenetic.errors import DriverError, FreneticError
+from frenetic.metadrive import MetaDriveIdm, MetaDriveSimulator, drawing, world
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.search import Frenetic2021
 from frenetic.simulators import Rules, Simulator
-from frenetic.metadrive import MetaDriveIdm, MetaDriveSimulator, drawing, world
 from frenetic.testing import SimulatorContract
+from frenetic.vision.marking_follower import MarkingFollower
 
 
 class TestMetaDrive(SimulatorContract):

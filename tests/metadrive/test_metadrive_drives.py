@@ -16,13 +16,13 @@ from metadrive.examples.ppo_expert import numpy_expert
 from metadrive_drives import STRAIGHT, WINDING, Fixed, digest, random_roads, run
 
 from frenetic.drivers import Controls, Driver, DriveSetup, Noisy, Planner, Stanley
+from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
+from frenetic.metadrive.policies import make_policy
+from frenetic.metadrive.world import EGO_LANE, pieces_of
 from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator, Vehicle
-from frenetic.metadrive import MetaDriveExpert, MetaDriveIdm, MetaDriveSimulator
-from frenetic.metadrive.policies import make_policy
-from frenetic.metadrive.world import EGO_LANE, pieces_of
 
 
 @pytest.fixture(scope="module")

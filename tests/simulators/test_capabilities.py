@@ -8,15 +8,15 @@ from typing import Any
 
 import pytest
 
+from frenetic.beamng import BeamngSimulator
 from frenetic.drivers import Delayed, Driver, Planner
 from frenetic.drivers.loading import load_driver
 from frenetic.errors import DriverError, FreneticError
+from frenetic.metadrive import MetaDriveSimulator
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Rules, Simulator
-from frenetic.beamng import BeamngSimulator
 from frenetic.simulators.capabilities import Capabilities, capabilities, check_pair, usual
 from frenetic.simulators.isolated import IsolatedSimulator
-from frenetic.metadrive import MetaDriveSimulator
 from frenetic.testing import DummyDriver, DummySimulator
 
 

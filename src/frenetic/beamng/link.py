@@ -30,10 +30,10 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic._support.child_processes import kill_tree
-from frenetic.drivers.camera import Camera, Image
-from frenetic.errors import FreneticError, describe_error
 from frenetic.beamng.car import CarState
 from frenetic.beamng.scene import MARKING_WIDTH, Scene
+from frenetic.drivers.camera import Camera, Image
+from frenetic.errors import FreneticError, describe_error
 
 DEFAULT_PORT: Final = 25252
 """Port on which BeamNG.tech listens by default."""

@@ -12,17 +12,6 @@ from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 
-from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
-from frenetic.drivers import BeamngAi, Driver, DriveSetup
-from frenetic.drivers.driver import (
-    blaming_driver,
-    camera_of,
-    check_other_world,
-    checked_controls,
-    under_layers,
-)
-from frenetic.errors import DriverError
-from frenetic.road import Road
 from frenetic.beamng.car import (
     LENGTHS,
     WIDTHS,
@@ -39,6 +28,17 @@ from frenetic.beamng.scene import (
     open_field,
     scene_of,
 )
+from frenetic.drive import Breakdown, CarBody, Drive, Rules, Trajectory
+from frenetic.drivers import BeamngAi, Driver, DriveSetup
+from frenetic.drivers.driver import (
+    blaming_driver,
+    camera_of,
+    check_other_world,
+    checked_controls,
+    under_layers,
+)
+from frenetic.errors import DriverError
+from frenetic.road import Road
 from frenetic.simulators.checks import Check, drive_checks
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit

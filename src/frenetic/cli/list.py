@@ -42,7 +42,8 @@ def list_parts(kind: str | None, as_json: bool) -> None:
 
 def _documents(kind: str) -> list[dict[str, Any]]:
     if kind != "quantities":
-        return [asdict(entry) for entry in _REGISTRIES[kind].entries()]
+        registry = _REGISTRIES[kind]
+        return [{**asdict(one), "summary": registry.about(one)} for one in registry.entries()]
     return [
         {
             "name": row.name,
@@ -75,7 +76,7 @@ def _print(kind: str, title: str | None) -> None:
     entries = registry.entries()
     print_table(
         ("name", "from", "what it is"),
-        [(entry.name, entry.origin, entry.summary or entry.target) for entry in entries],
+        [(entry.name, entry.origin, registry.about(entry)) for entry in entries],
         title=title,
     )
     files = "".join(f", or path/to/file{suffix}" for suffix in registry.files)

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from frenetic.drivers.camera import Camera
     from frenetic.drivers.driver import CameraDriver, Controls, Driver, DriveSetup, Observation
     from frenetic.drivers.layers import Delayed, LimitedView, Noisy
-    from frenetic.drivers.policy import PolicyDriver
 
 __all__ = [
     "BeamngAi",
@@ -29,7 +28,6 @@ __all__ = [
     "Noisy",
     "Observation",
     "Planner",
-    "PolicyDriver",
     "Stanley",
 ]
 
@@ -46,6 +44,5 @@ __getattr__ = lazy_names(
             "Observation",
         ),
         "frenetic.drivers.layers": ("Delayed", "LimitedView", "Noisy"),
-        "frenetic.drivers.policy": ("PolicyDriver",),
     },
 )

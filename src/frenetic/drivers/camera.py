@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import numpy as np
 
@@ -19,6 +19,19 @@ if TYPE_CHECKING:
 Image: TypeAlias = "npt.NDArray[np.uint8]"
 """Picture of a camera: (height, width, 3) RGB, the first row on top."""
 
+
+class Renderer(Protocol):
+    """Draws what a camera sees along a road.
+
+    A package offers one by an entry point in the group `RENDERERS`: a function of the road, the
+    `Camera` and the `Scene`.
+    """
+
+    def draw(self, x: float, y: float, heading: float) -> Image:
+        """The picture with the car's centre of mass at a place in m, and its heading in rad."""
+
+
+RENDERERS: Final = "frenetic.renderers"
 MOST_PIXELS: Final = 1 << 20
 """Pixels of the largest image."""
 

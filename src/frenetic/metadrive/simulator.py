@@ -21,8 +21,6 @@ from frenetic.drivers.driver import (
     checked_controls,
 )
 from frenetic.errors import DriverError, FreneticError, describe_error
-from frenetic.road import Road
-from frenetic.simulators.checks import Check, broken, drive_checks
 from frenetic.metadrive.car import (
     PERIOD,
     STEPS_PER_PERIOD,
@@ -31,6 +29,8 @@ from frenetic.metadrive.car import (
 )
 from frenetic.metadrive.drawing import check_drawing, drawn_region
 from frenetic.metadrive.drivers import MetaDriveDriver, PolicySimulator, metadrive_driver
+from frenetic.road import Road
+from frenetic.simulators.checks import Check, broken, drive_checks
 from frenetic.simulators.observing import Observer, wrap
 from frenetic.simulators.simulator import StartingPlace
 from frenetic.simulators.wall_limit import WallLimitExceeded, wall_limit

@@ -26,13 +26,13 @@ from panda3d.core import Vec3
 
 from frenetic.drivers.camera import Camera, Image
 from frenetic.errors import FreneticError
-from frenetic.road import Road
 from frenetic.metadrive.car import (
     BRAKE_IMPULSE,
     ENGINE_FORCE,
     PHYSICS_STEP,
     VEHICLE,
 )
+from frenetic.road import Road
 
 SEED: Final = 0
 """Seed of every road, so that the car is the same on each."""

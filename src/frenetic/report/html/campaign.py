@@ -5,9 +5,10 @@ from __future__ import annotations
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -22,8 +23,8 @@ from frenetic.campaign.record import Test
 from frenetic.campaign.store import CampaignStore
 from frenetic.errors import CampaignError
 from frenetic.outcome import Outcome
+from frenetic.registry import installed
 from frenetic.report.html.blocks import Part, Section
-from frenetic.report.html.camera import PICTURES_SIZE, DriverCamera
 from frenetic.report.html.elsewhere import elsewhere_sections
 from frenetic.report.html.feature_map import Measured, choose_mapped, map_section
 from frenetic.report.html.gallery import gallery_section, misses_section
@@ -34,6 +35,7 @@ from frenetic.report.html.repeating import drive_options, repeat_section
 from frenetic.report.html.tests import (
     DRIVES_SIZE,
     DriveData,
+    Film,
     TestSummary,
     TestTable,
     drive_data,
@@ -41,6 +43,11 @@ from frenetic.report.html.tests import (
 from frenetic.report.html.timeline import timeline_section
 from frenetic.spec import decode_budget
 
+FILMS: Final = "frenetic.films"
+"""Group of entry points: functions of a campaign's record that give one of a test, for its `Film`
+or None."""
+FILMS_SIZE: Final = 3_000_000
+"""Approximate bytes of all pictures of a page."""
 REPORT: Final = "report.html"
 """Name of the report in a campaign's folder."""
 
@@ -164,9 +171,9 @@ def _look(
     """
     drives: list[DriveData] = []
     measured: dict[int, Measured] = {}
-    room, room_for_pictures = DRIVES_SIZE, PICTURES_SIZE
+    room, room_for_pictures = DRIVES_SIZE, FILMS_SIZE
     is_mapped, is_shown = set(mapped), set(shown)
-    camera = DriverCamera(store.config)
+    films = [film(store.config) for film in _films()]
     for test_id in dict.fromkeys([*shown, *mapped]):
         is_wanted = room > 0 and test_id in is_shown
         if not is_wanted and test_id not in is_mapped:
@@ -180,12 +187,18 @@ def _look(
         if is_wanted:
             drive = drive_data(record, segment)
             if room_for_pictures > 0:
-                drive = replace(drive, camera=camera.saw(record))
+                seen = (film(record) for film in films)
+                drive = replace(drive, film=next((one for one in seen if one is not None), None))
             drives.append(drive.with_files(store.folder))
             room -= drive.size
-            if drive.camera is not None:
-                room_for_pictures -= drive.camera.size
+            if drive.film is not None:
+                room_for_pictures -= drive.film.size
     return drives, measured
+
+
+def _films() -> list[Callable[[Mapping[str, JSONValue]], Callable[[Test], Film | None]]]:
+    targets = (entry.target.partition(":") for entry in installed(FILMS))
+    return [getattr(import_module(module), name) for module, _, name in targets]
 
 
 def _segment(record: Test) -> Segment | None:

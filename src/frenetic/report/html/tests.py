@@ -17,7 +17,6 @@ from frenetic.errors import FreneticError
 from frenetic.oracle import Assessment, Finding, Result, Side
 from frenetic.outcome import Outcome
 from frenetic.report.failures import FAILURES, file_stem
-from frenetic.report.html.camera import CameraData
 from frenetic.report.minimised import MINIMISED
 from frenetic.report.orientation import turn_of
 from frenetic.road import Road
@@ -165,6 +164,26 @@ class RoadData:
 
 
 @dataclass(frozen=True)
+class Film:
+    """Pictures that are shown beside a drive's replay."""
+
+    pictures: str
+    """All pictures as one image, `columns` beside each other, as a data URL."""
+    columns: int
+    width: int
+    """Width of one of them."""
+    height: int
+    times: tuple[float, ...]
+    """Time of each since the drive's start, in s."""
+    caption: str
+
+    @property
+    def size(self) -> int:
+        """Approximate bytes of its JSON."""
+        return len(self.pictures) + 8 * len(self.times)
+
+
+@dataclass(frozen=True)
 class MinimisedData:
     """A minimised road."""
 
@@ -198,8 +217,8 @@ class DriveData:
     departure: Finding | None
     columns: tuple[tuple[int, ...], ...]
     """See `drive_columns`."""
-    camera: CameraData | None
-    """What its driver's camera saw, if it has one and there is room."""
+    film: Film | None
+    """What is shown beside its replay, if anything and there is room."""
     road_file: str | None
     """The road's file in the campaign's folder, if any."""
     minimised: MinimisedData | None
@@ -261,7 +280,7 @@ def drive_data_of(
         speed_limit=drive.rules.speed_limit,
         departure=None if departure is None else _rounded_departure(departure),
         columns=drive_columns(drive.trajectory, segment.assessment),
-        camera=None,
+        film=None,
         road_file=None,
         minimised=None,
     )

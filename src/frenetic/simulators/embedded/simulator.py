@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import cache
+from importlib import import_module
 from types import TracebackType
 from typing import Any, ClassVar, Final, Self
 
@@ -18,6 +19,7 @@ from frenetic._support.compiled import cache_folder
 from frenetic._support.kernel_cache import VARIABLE
 from frenetic.drive import Breakdown, Drive, Rules, Trajectory
 from frenetic.drivers import Planner
+from frenetic.drivers.camera import RENDERERS, Camera, Renderer, Scene
 from frenetic.drivers.driver import (
     Driver,
     DriveSetup,
@@ -32,10 +34,10 @@ from frenetic.drivers.layers import Compiled, Noisy, compiled_form
 from frenetic.errors import DriverError
 from frenetic.oracle import judge, rules_array
 from frenetic.outcome import Outcome
+from frenetic.registry import installed
 from frenetic.road import Road
 from frenetic.simulators.checks import Check, broken, drive_checks, time_of_drives
 from frenetic.simulators.embedded import rollout as kernels
-from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.vehicle import (
     HEADING,
     SPEED,
@@ -241,7 +243,10 @@ class EmbeddedSimulator(StartingPlace):
             return 0, Breakdown.of(error)
         renderer = None
         if camera is not None:
-            renderer = Renderer(road, camera, scene_of(driver))
+            try:
+                renderer = _renderer(road, camera, scene_of(driver))
+            except DriverError as error:
+                return 0, Breakdown.of(error)
             renderer.draw(*road.pose)  # likewise
         written = 0
         state = kernels.start_state(
@@ -281,6 +286,21 @@ class EmbeddedSimulator(StartingPlace):
         except DriverError as error:
             return written, Breakdown.of(error)
         return written, None
+
+
+def _renderer(road: Road, camera: Camera, scene: Scene) -> Renderer:
+    """What draws for a camera: the first that is installed.
+
+    Raises:
+        DriverError: none is.
+    """
+    for entry in installed(RENDERERS):
+        module, _, name = entry.target.partition(":")
+        renderer: Renderer = getattr(import_module(module), name)(road, camera, scene)
+        return renderer
+    raise DriverError(
+        f"the driver has a camera, and nothing is installed that draws for it ({RENDERERS})"
+    )
 
 
 @cache

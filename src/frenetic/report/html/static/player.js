@@ -139,25 +139,25 @@ const player = (() => {
     shown.clock.textContent = `${fixed(shown.time, 1)} / ${fixed(shown.end, 1)} s`;
   }
 
-  /** Shows what the camera saw last. */
+  /** Shows the last picture of the film. */
   function showPicture() {
-    const { camera } = shown.drive;
-    if (camera === null) return;
-    const i = clamp(lastUpTo(camera.times, shown.time + 1e-6), 0, camera.times.length - 1);
-    const { columns, width, height } = camera;
+    const { film } = shown.drive;
+    if (film === null) return;
+    const i = clamp(lastUpTo(film.times, shown.time + 1e-6), 0, film.times.length - 1);
+    const { columns, width, height } = film;
     shown.picture.setAttribute("viewBox", `${(i % columns) * width} ${Math.floor(i / columns) * height} ${width} ${height}`);
   }
 
-  /** What the camera saw. */
-  function cameraPart(camera, state) {
-    if (camera === null) return null;
-    const { columns, width, height, times } = camera;
+  /** The pictures beside a replay. */
+  function filmPart(film, state) {
+    if (film === null) return null;
+    const { columns, width, height, times, caption } = film;
     const rows = Math.ceil(times.length / columns);
-    const sheet = svg("image", { href: camera.pictures, width: columns * width, height: rows * height });
-    state.picture = svg("svg", { class: "picture", id: "picture", role: "img", "aria-label": "What the camera sees now", viewBox: `0 0 ${width} ${height}` }, sheet);
+    const sheet = svg("image", { href: film.pictures, width: columns * width, height: rows * height });
+    state.picture = svg("svg", { class: "picture", id: "picture", role: "img", "aria-label": caption, viewBox: `0 0 ${width} ${height}` }, sheet);
     state.picture.style.aspectRatio = String(width / height);
-    const parts = [el("figure", {}, state.picture, el("figcaption", {}, "What the camera sees, drawn again"))];
-    return el("div", { class: "camera" }, parts);
+    const parts = [el("figure", {}, state.picture, el("figcaption", {}, caption))];
+    return el("div", { class: "film" }, parts);
   }
 
   function moveCars(cars, at) {
@@ -242,7 +242,7 @@ const player = (() => {
         el("figure", { class: "stage-close" }, state.close, el("figcaption", {}, `${closeWide} m around the car`)),
       ),
       el("div", { class: "controls" }, state.play, state.slider, state.clock, state.speeds),
-      ...[cameraPart(drive.camera, state)].filter((part) => part !== null),
+      ...[filmPart(drive.film, state)].filter((part) => part !== null),
       plots,
       ...(isEmbedded ? [] : [el("div", { class: "details" }, factsOf(drive), actionsOf(drive))]),
     );

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from frenetic import Road, Rules
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
-from frenetic.gym import LaneKeepingEnv, LaneKeepingVectorEnv
+from frenetic.vision.gym import LaneKeepingEnv, LaneKeepingVectorEnv
 
 CARS = 3
 QUICK = Rules(stuck_time=0.4)

@@ -18,7 +18,15 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.compiled import njit
 from frenetic.drivers.camera import Camera, Scene
-from frenetic.drivers.camera_quantities import (
+from frenetic.drivers.driver import (
+    Controls,
+    Driver,
+    Observation,
+    OwnLayer,
+    camera_of,
+)
+from frenetic.quantities import Quantity
+from frenetic.vision.quantities import (
     BLUR,
     FOG,
     GRAIN,
@@ -28,14 +36,6 @@ from frenetic.drivers.camera_quantities import (
     SCENE,
     WEAR,
 )
-from frenetic.drivers.driver import (
-    Controls,
-    Driver,
-    Observation,
-    OwnLayer,
-    camera_of,
-)
-from frenetic.quantities import Quantity
 
 if TYPE_CHECKING:
     import numpy.typing as npt

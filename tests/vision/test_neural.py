@@ -35,13 +35,13 @@ from frenetic import (
     Road,
     judge,
 )
-from frenetic.drivers import PolicyDriver
 from frenetic.drivers.loading import load_driver
-from frenetic.drivers.neural import Convention, Dave2, Network
-from frenetic.drivers.neural.model import check_loading
-from frenetic.drivers.neural.network import DAVE2, pursuit
 from frenetic.errors import DriverError, FreneticError
 from frenetic.testing import DriverContract
+from frenetic.vision.neural import Convention, Dave2, Network
+from frenetic.vision.neural.model import check_loading
+from frenetic.vision.neural.network import DAVE2, pursuit
+from frenetic.vision.policy import PolicyDriver
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -54,7 +54,7 @@ SIZE = {"width": 6, "height": 4}
 @pytest.fixture(autouse=True)
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
     """Saves the process in which each unknown model is loaded first."""
-    monkeypatch.setattr("frenetic.drivers.neural.network.check_loading", lambda _: None)
+    monkeypatch.setattr("frenetic.vision.neural.network.check_loading", lambda _: None)
 
 
 def setup() -> DriveSetup:
@@ -356,7 +356,7 @@ def test_a_model_that_cannot_drive_is_refused_in_a_line(
 def test_a_model_that_never_ends_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.drivers.neural.network.LONGEST", 0.1)
+    monkeypatch.setattr("frenetic.vision.neural.network.LONGEST", 0.1)
     with pytest.raises(ValueError, match=r"it takes more than 0\.1 s for an image"):
         Network(str(endless(tmp_path / "m.onnx")))
 
@@ -364,8 +364,8 @@ def test_a_model_that_never_ends_is_given_up(
 def test_loading_that_never_ends_is_given_up(
     frenetic: Frenetic, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.drivers.neural.network.check_loading", check_loading)
-    monkeypatch.setattr("frenetic.drivers.neural.model.LONGEST_LOADING", 0.5)
+    monkeypatch.setattr("frenetic.vision.neural.network.check_loading", check_loading)
+    monkeypatch.setattr("frenetic.vision.neural.model.LONGEST_LOADING", 0.5)
     endless_to_load(Path("m.onnx"))
     answer = frenetic("run", "--driver", "m.onnx", "--simulations", "2", "--out", "c")
     assert answer.refuses("driver 'm.onnx'", "loading it takes more than 0.5 s")
@@ -378,7 +378,7 @@ def test_loading_that_breaks_onnxruntime_breaks_a_process_of_its_own(
     data = answering(tmp_path / "m.onnx", 0.0).read_bytes()
     check_loading(data)
     check_loading(b"garbage")  # which loading it here says
-    monkeypatch.setattr("frenetic.drivers.neural.model._TRIAL", "import os; os.abort()")
+    monkeypatch.setattr("frenetic.vision.neural.model._TRIAL", "import os; os.abort()")
     with pytest.raises(ValueError, match=r"onnxruntime's process .* while loading it"):
         check_loading(data)
 

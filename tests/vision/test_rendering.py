@@ -25,9 +25,9 @@ from frenetic.oracle import judge
 from frenetic.outcome import Outcome
 from frenetic.road import Pose, Road
 from frenetic.simulators import EmbeddedSimulator
-from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.worlds import in_conditions
 from frenetic.spec import describe
+from frenetic.vision.rendering import Renderer
 
 SHORT = Road([0.0, 0.0, 0.03, 0.03])
 BENDS = Road([0.0, 0.0, 0.03, 0.04, 0.0, -0.04, -0.05, -0.03, 0.0, 0.03, 0.05, 0.05, 0.0, 0.0])

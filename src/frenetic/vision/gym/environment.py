@@ -18,13 +18,13 @@ from frenetic.campaign.database import DATABASE
 from frenetic.campaign.store import CampaignStore
 from frenetic.drivers import Camera
 from frenetic.errors import FreneticError
-from frenetic.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions, plain_seed
 from frenetic.oracle import RUNNING
 from frenetic.outcome import Outcome
 from frenetic.road import MAP_SIZE, Road
 from frenetic.road.files import find_roads
 from frenetic.search.random_search import RandomRoads
 from frenetic.simulators import Drive, EmbeddedSimulator
+from frenetic.vision.gym.cars import START, STEP, WAIT, Cars, Seen, checked_actions, plain_seed
 
 Vector = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
@@ -33,9 +33,9 @@ Flags = npt.NDArray[np.bool_]
 class LaneKeepingEnv(gymnasium.Env[Seen, Vector]):
     """One car that is to keep its lane, on another road in every episode.
 
-    `frenetic.drivers.policy` describes the observation, (26,) float32 in -1..1, and the action,
-    (2,) in -1..1: steering, then throttle (above 0) or brake. `frenetic.gym.cars` describes the
-    reward. A step is a control period of the embedded simulator, 0.05 s.
+    `frenetic.vision.policy` describes the observation, (26,) float32 in -1..1, and the action,
+    (2,) in -1..1: steering, then throttle (above 0) or brake. `frenetic.vision.gym.cars` describes
+    the reward. A step is a control period of the embedded simulator, 0.05 s.
 
     An episode is terminated when the car reaches the road's end, leaves its lane by more than the
     tolerance or gets stuck, and truncated when it takes longer than the rules allow. Then ``info``

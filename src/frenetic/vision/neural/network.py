@@ -15,10 +15,10 @@ from frenetic._support.arrays import FloatArray
 from frenetic.drivers.camera import Camera
 from frenetic.drivers.driver import Controls, DriveSetup, Observation
 from frenetic.drivers.laws import setup_array
-from frenetic.drivers.neural.convention import Convention, shown
-from frenetic.drivers.neural.model import LONGEST, Model, check_loading, read_model
-from frenetic.drivers.policy import VECTOR_SIZE, controls_of, vector_of
 from frenetic.errors import DriverError
+from frenetic.vision.neural.convention import Convention, shown
+from frenetic.vision.neural.model import LONGEST, Model, check_loading, read_model
+from frenetic.vision.policy import VECTOR_SIZE, controls_of, vector_of
 
 if TYPE_CHECKING:
     from frenetic.drivers.camera import Image
@@ -45,7 +45,7 @@ class Network:
 
     Args:
         model: path of the file.
-        preset: name of one of `frenetic.drivers.neural.PRESETS`.
+        preset: name of one of `frenetic.vision.neural.PRESETS`.
 
     Raises:
         FreneticError: onnxruntime is not installed.

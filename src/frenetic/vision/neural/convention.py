@@ -41,8 +41,9 @@ class Convention:
     """
 
     inputs: str = "image"
-    """What it is fed with: the camera's ``image``, or the ``vector`` of `frenetic.drivers.policy`,
-    which the environment of `frenetic.gym` gives; a vector has none of the image's settings."""
+    """What it is fed with: the camera's ``image``, or the ``vector`` of `frenetic.vision.policy`,
+    which the environment of `frenetic.vision.gym` gives; a vector has none of the image's
+    settings."""
     layout: str | None = None
     """Order of the input's axes: ``nchw`` or ``nhwc``; None to tell it by the axis of
     length 1 or 3."""
@@ -62,7 +63,7 @@ class Convention:
     pairs (ahead, left) in m from the centre of mass, the nearest first."""
     steering: str = "share"
     """What steering is: the ``share`` of the front wheels' largest angle, -1..1; that of an
-    ``action`` in `frenetic.gym`, -1..1; their angle in ``rad`` or ``degrees``; or the
+    ``action`` in `frenetic.vision.gym`, -1..1; their angle in ``rad`` or ``degrees``; or the
     ``curvature`` to drive, in 1/m."""
     steering_sign: int = 1
     """1 if positive steering turns left, -1 if it turns right."""

@@ -3,10 +3,10 @@
 Importing this registers ``frenetic/LaneKeeping-v0``, so either of these makes it::
 
     import gymnasium
-    import frenetic.gym
+    import frenetic.vision.gym
 
     gymnasium.make("frenetic/LaneKeeping-v0")
-    gymnasium.make("frenetic.gym:frenetic/LaneKeeping-v0")  # imports it by itself
+    gymnasium.make("frenetic.vision.gym:frenetic/LaneKeeping-v0")  # imports it by itself
 
 `gymnasium.make_vec` makes `LaneKeepingVectorEnv`, which steps all its cars in one compiled call.
 """
@@ -22,8 +22,8 @@ except ImportError as error:
         "the environment needs Gymnasium, which is not installed: pip install 'frenetic-roads[gym]'"
     ) from error
 
-from frenetic.gym.cars import FAILURE
-from frenetic.gym.environment import LaneKeepingEnv, LaneKeepingVectorEnv
+from frenetic.vision.gym.cars import FAILURE
+from frenetic.vision.gym.environment import LaneKeepingEnv, LaneKeepingVectorEnv
 
 __all__ = ["FAILURE", "ID", "LaneKeepingEnv", "LaneKeepingVectorEnv"]
 
@@ -32,6 +32,6 @@ ID: Final = "frenetic/LaneKeeping-v0"
 
 gymnasium.register(
     ID,
-    entry_point="frenetic.gym.environment:LaneKeepingEnv",
-    vector_entry_point="frenetic.gym.environment:LaneKeepingVectorEnv",
+    entry_point="frenetic.vision.gym.environment:LaneKeepingEnv",
+    vector_entry_point="frenetic.vision.gym.environment:LaneKeepingVectorEnv",
 )

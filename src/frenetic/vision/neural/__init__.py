@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
-    from frenetic.drivers.neural.convention import METADATA, PRESETS, Convention
-    from frenetic.drivers.neural.network import Dave2, Network
+    from frenetic.vision.neural.convention import METADATA, PRESETS, Convention
+    from frenetic.vision.neural.network import Dave2, Network
 
 __all__ = ["METADATA", "PRESETS", "Convention", "Dave2", "Network"]
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "frenetic.drivers.neural.convention": ("METADATA", "PRESETS", "Convention"),
-        "frenetic.drivers.neural.network": ("Dave2", "Network"),
+        "frenetic.vision.neural.convention": ("METADATA", "PRESETS", "Convention"),
+        "frenetic.vision.neural.network": ("Dave2", "Network"),
     },
 )

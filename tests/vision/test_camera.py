@@ -22,11 +22,12 @@ from frenetic import (
 )
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Test
-from frenetic.drivers import appearance
 from frenetic.drivers.loading import load_driver
 from frenetic.report.html import campaign_report
-from frenetic.report.html.camera import LARGEST, MOST_PICTURES, CameraData, DriverCamera
-from frenetic.simulators.embedded.rendering import Renderer
+from frenetic.report.html.tests import Film
+from frenetic.vision import appearance
+from frenetic.vision.film import LARGEST, MOST_PICTURES, camera_film
+from frenetic.vision.rendering import Renderer
 
 
 def run(folder: Path, driver: Driver, simulations: int) -> None:
@@ -39,8 +40,8 @@ def run(folder: Path, driver: Driver, simulations: int) -> None:
     ).run()
 
 
-def camera_data(record: Test, config: Mapping[str, JSONValue]) -> CameraData | None:
-    return DriverCamera(config).saw(record)
+def camera_data(record: Test, config: Mapping[str, JSONValue]) -> Film | None:
+    return camera_film(config)(record)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +62,7 @@ def test_a_report_shows_what_the_camera_saw_through_its_layers(searched: Path) -
     with CampaignStore.open(searched) as store:
         report = campaign_report(store)
         record = store.test(report.drives[0].id)
-    camera = report.drives[0].camera
+    camera = report.drives[0].film
     assert camera is not None
     assert len(camera.times) <= MOST_PICTURES
     assert camera.times[0] == 0.0
@@ -97,7 +98,7 @@ def test_only_what_can_be_drawn_again_is_in_a_report(searched: Path) -> None:
     assert camera_data(record, {**config, "driver": {**driver, "driver": fog}}) is None
     for seed in ("x", -1, 1.5):
         options: JSONValue = {"rate": 5.0, "seed": seed}
-        rain = {**driver, "class": "frenetic.drivers.appearance:Rainy", "options": options}
+        rain = {**driver, "class": "frenetic.vision.appearance:Rainy", "options": options}
         assert camera_data(record, {**config, "driver": rain}) is None
 
 
@@ -114,4 +115,4 @@ def test_a_driver_without_a_camera_has_no_pictures(tmp_path: Path) -> None:
     folder = tmp_path / "campaign"
     run(folder, Planner(), 1)
     with CampaignStore.open(folder) as store:
-        assert [drive.camera for drive in campaign_report(store).drives] == [None]
+        assert [drive.film for drive in campaign_report(store).drives] == [None]

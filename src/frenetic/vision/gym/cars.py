@@ -22,13 +22,11 @@ from frenetic._support.compiled import njit
 from frenetic.drivers import Camera
 from frenetic.drivers.driver import AHEAD_POINTS
 from frenetic.drivers.laws import SPEED_LIMIT, setup_array
-from frenetic.drivers.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
 from frenetic.errors import FreneticError
 from frenetic.oracle import REACHED, RUNNING, TIMED_OUT, rules_array
 from frenetic.outcome import Outcome
 from frenetic.road import Road
 from frenetic.simulators import Drive, EmbeddedSimulator, Trajectory
-from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.simulators.embedded.rollout import (
     PERIOD,
     advance_period,
@@ -43,6 +41,8 @@ from frenetic.simulators.embedded.vehicle import (
     YAW_RATE,
 )
 from frenetic.simulators.observing import assess_now, look_ahead
+from frenetic.vision.policy import ACTION_SIZE, VECTOR_SIZE, controls_of, write_vector
+from frenetic.vision.rendering import Renderer
 
 Seen: TypeAlias = npt.NDArray[np.float32] | dict[str, npt.NDArray[Any]]
 """A vector, or with a camera a ``vector`` and an ``image``; or a batch of them."""
@@ -80,7 +80,7 @@ def step_cars(
 
     Args:
         tasks: (n,) WAIT, START or STEP.
-        actions: (n, 2) see `frenetic.drivers.policy.controls_of`.
+        actions: (n, 2) see `frenetic.vision.policy.controls_of`.
         tables: (n, m, 6) the roads, see `frenetic.road.geometry`, of which row k has ``rows[k]``.
         rows: (n,).
         roads: (n, 2) sub-step and lane width of each road in m.
@@ -94,7 +94,7 @@ def step_cars(
         ends: (n,) RUNNING, or how the drive ended.
         places: (n, 2) distance along the road and least oob distance so far, in m.
         rewards: (n,).
-        vectors: (n, 26) see `frenetic.drivers.policy.write_vector`.
+        vectors: (n, 26) see `frenetic.vision.policy.write_vector`.
     """
     ahead = np.empty((AHEAD_POINTS, 2))
     curvature_ahead = np.empty(AHEAD_POINTS)

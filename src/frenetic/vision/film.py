@@ -5,8 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -19,9 +18,10 @@ from frenetic.drive import Trajectory
 from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, scene_of
+from frenetic.report.html.tests import Film
 from frenetic.simulators.embedded import EmbeddedSimulator
-from frenetic.simulators.embedded.rendering import Renderer
 from frenetic.versions import over_each_other
+from frenetic.vision.rendering import Renderer
 
 MOST_PICTURES: Final = 48
 """Pictures of a drive, at most."""
@@ -29,51 +29,18 @@ COLUMNS: Final = 8
 """Pictures beside each other."""
 LARGEST: Final = 320
 """Width of the widest picture; larger ones are shrunk."""
-PICTURES_SIZE: Final = 3_000_000
-"""Approximate bytes of all pictures of a page."""
-
 _QUALITY = 70  # of JPEG
 
 
-@dataclass(frozen=True)
-class CameraData:
-    """What the camera saw in a drive."""
+def camera_film(config: Mapping[str, JSONValue]) -> Callable[[Test], Film | None]:
+    """What the camera of a campaign's driver saw in a test, drawn again.
 
-    pictures: str
-    """All pictures as one image, `COLUMNS` beside each other, as a data URL."""
-    columns: int
-    width: int
-    """Width of one of them."""
-    height: int
-    times: tuple[float, ...]
-    """Time of each since the drive's start, in s."""
-
-    @property
-    def size(self) -> int:
-        """Approximate bytes of its JSON."""
-        return len(self.pictures) + 8 * len(self.times)
-
-
-class DriverCamera:
-    """The camera of a campaign's driver, whose pictures are drawn again for one page.
-
-    Args:
-        config: of the campaign.
+    None for a driver without a camera, in another simulator than the embedded one, or if the
+    campaign's record does not say what camera it was. A test is read with its trajectory.
     """
+    eye = _eye(config)
 
-    def __init__(self, config: Mapping[str, JSONValue]) -> None:
-        self._config = config
-
-    def saw(self, record: Test) -> CameraData | None:
-        """What it saw in a test.
-
-        None for a driver without a camera, in another simulator than the embedded one, or if the
-        campaign's record does not say what camera it was.
-
-        Args:
-            record: of the test, with its trajectory.
-        """
-        eye = _eye(self._config)
+    def saw(record: Test) -> Film | None:
         if eye is None or record.drive is None or len(record.drive.trajectory) < 2:
             return None
         path, road = record.drive.trajectory, record.road
@@ -89,13 +56,16 @@ class DriverCamera:
             v, u = divmod(k, COLUMNS)
             sheet[v * height : (v + 1) * height, u * width : (u + 1) * width] = one
         start = float(path.time[0])
-        return CameraData(
+        return Film(
             pictures=_data_url(sheet),
             columns=COLUMNS,
             width=width,
             height=height,
             times=tuple(round(float(path.time[i]) - start, 2) for i in taken),
+            caption="What the camera sees, drawn again",
         )
+
+    return saw
 
 
 class _Eye:

@@ -1,4 +1,4 @@
-"""The quantities that change what a driver's camera sees; `frenetic.drivers.appearance` lays them.
+"""The quantities that change what a driver's camera sees; `frenetic.vision.appearance` lays them.
 
 From the world to the sensor, as they lie over each other.
 """
@@ -10,7 +10,7 @@ from typing import Final
 
 from frenetic.quantities import FARTHEST, Quantity
 
-_LAYERS: Final = "frenetic.drivers.appearance"
+_LAYERS: Final = "frenetic.vision.appearance"
 
 SCENE: Final = Quantity(
     name="scene",

@@ -14,14 +14,14 @@ import numpy.typing as npt
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import frenetic.gym
+import frenetic.vision.gym
 from frenetic import Budget, Campaign, EmbeddedSimulator, Planner, RandomSearch, Road, Rules, judge
-from frenetic.drivers import Camera, LimitedView, PolicyDriver
-from frenetic.drivers.policy import STEERING_RANGE, VECTOR_SIZE
+from frenetic.drivers import Camera, LimitedView
 from frenetic.errors import FreneticError
-from frenetic.gym import FAILURE, LaneKeepingEnv
 from frenetic.oracle import assess
 from frenetic.simulators import Drive
+from frenetic.vision.gym import FAILURE, LaneKeepingEnv
+from frenetic.vision.policy import STEERING_RANGE, VECTOR_SIZE, PolicyDriver
 
 Vector = npt.NDArray[np.float32]
 
@@ -283,11 +283,11 @@ def test_a_map_without_room_for_a_road_is_refused(monkeypatch: pytest.MonkeyPatc
 
 def test_without_gymnasium_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
-    monkeypatch.delitem(sys.modules, "frenetic.gym")
+    monkeypatch.delitem(sys.modules, "frenetic.vision.gym")
     with pytest.raises(FreneticError, match=r"pip install 'frenetic-roads\[gym\]'"):
-        importlib.import_module("frenetic.gym")
+        importlib.import_module("frenetic.vision.gym")
 
 
 def test_the_vector_has_the_length_that_is_documented() -> None:
     assert VECTOR_SIZE == 26
-    assert frenetic.gym.ID == "frenetic/LaneKeeping-v0"
+    assert frenetic.vision.gym.ID == "frenetic/LaneKeeping-v0"

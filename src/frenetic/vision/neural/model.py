@@ -38,7 +38,7 @@ _FATAL: Final = 4  # onnxruntime's own log shows nothing less; errors are raised
 _TRIAL: Final = """
 import sys
 sys.path[:] = sys.argv[1:]
-from frenetic.drivers.neural.model import Model
+from frenetic.vision.neural.model import Model
 Model(sys.stdin.buffer.read())
 """
 _RAISED: Final = 1

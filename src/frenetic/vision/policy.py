@@ -1,7 +1,7 @@
 """Policies as drivers: an observation as a vector of -1..1, and controls from an action of -1..1.
 
-The environment of `frenetic.gym` trains on this vector and these actions; `PolicyDriver` drives
-with them in any simulator. Both call the same kernels, so a policy drives alike in both.
+The environment of `frenetic.vision.gym` trains on this vector and these actions; `PolicyDriver`
+drives with them in any simulator. Both call the same kernels, so a policy drives alike in both.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def vector_of(observation: Observation, setup: FloatArray) -> npt.NDArray[np.flo
 
 
 class PolicyDriver:
-    """A driver that asks a policy, such as one that was trained in `frenetic.gym`.
+    """A driver that asks a policy, such as one that was trained in `frenetic.vision.gym`.
 
     Args:
         policy: a function from a vector, (26,) float32 in -1..1, to an action, (2,): steering, then

@@ -1,0 +1,1 @@
+"""A guest: drivers that see through a camera, what they see, and Gymnasium."""
