@@ -26,7 +26,6 @@ from frenetic.again.junit import write_junit
 from frenetic.again.rerun import rerun
 from frenetic.analysis import compare, find_campaigns, group_campaigns, measure_campaign
 from frenetic.bench import RECIPES, Bench, Entrant, Terms, read_bench
-from frenetic.calibration import read_recordings
 from frenetic.campaign import new_folder
 from frenetic.errors import FreneticError
 from frenetic.export import ExportedRoad, format_of, write_road
@@ -34,6 +33,7 @@ from frenetic.report import draw_road
 from frenetic.road.files import find_roads
 from frenetic.spec import Part, Spec
 from frenetic.testing import DummyDriver, DummySimulator
+from frenetic.twin.calibration import read_recordings
 from frenetic.twin.profile import Profile
 
 API = Path(__file__).parents[1] / "docs" / "api"

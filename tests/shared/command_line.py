@@ -42,7 +42,7 @@ class Answer:
 Frenetic = Callable[..., Answer]
 
 DRAWINGS = (
-    "frenetic.report.calibration.draw_calibration",
+    "frenetic.twin.page.draw_calibration",
     "frenetic.report.picture.draw_drive",
     "frenetic.report.picture.draw_gallery",
     "frenetic.report.elsewhere.draw_pair",

@@ -32,7 +32,7 @@ from frenetic.cli.parts import part_choice
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
-    from frenetic.calibration import Calibration, Model, Recordings
+    from frenetic.twin.calibration import Calibration, Model, Recordings
     from frenetic.twin.profile import Figures
 
 
@@ -170,11 +170,11 @@ def calibrate(
     after Ctrl-C or a crash.
     """
     from frenetic._support.interrupt import catch_interrupt
-    from frenetic.calibration import Settings, Terms, read_recordings
-    from frenetic.calibration import calibrate as calibrate_twin
     from frenetic.campaign.workers import available_cores
-    from frenetic.report.calibration import write_calibration
     from frenetic.report.html.page import made_by
+    from frenetic.twin.calibration import Settings, Terms, read_recordings
+    from frenetic.twin.calibration import calibrate as calibrate_twin
+    from frenetic.twin.page import write_calibration
 
     if out.suffix.lower() != ".json":
         raise click.UsageError(f"--out {out}: a profile's name ends with .json")
@@ -239,7 +239,7 @@ def _model(
     driver_options: tuple[tuple[str, Any], ...],
     vehicle: tuple[tuple[str, Any], ...],
 ) -> Model:
-    from frenetic.calibration import Asked, Model
+    from frenetic.twin.calibration import Asked, Model
 
     wanted = [
         Asked(one.name, *(one.limits or (None, None))) for several in asked for one in several

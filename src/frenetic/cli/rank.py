@@ -22,7 +22,7 @@ from frenetic.cli.parts import asked_spec, driver_options
 from frenetic.spec import drive_options
 
 if TYPE_CHECKING:
-    from frenetic.ranking import RankedRoad
+    from frenetic.twin.ranking import RankedRoad
 
 
 @click.command(cls=GroupedCommand)
@@ -53,8 +53,8 @@ def rank(
     'like' another one promises the same problem. How far the order holds elsewhere depends on how
     alike both drivers are. The exit code is 2 if a named file holds no road; the others are ranked.
     """
-    from frenetic.ranking import Twin, find_roads
-    from frenetic.ranking import rank as in_order
+    from frenetic.twin.ranking import Twin, find_roads
+    from frenetic.twin.ranking import rank as in_order
 
     spec = asked_spec(context, {name: context.params[name] for name in drive_options()})
     check_map_size(spec.map_size)

@@ -56,8 +56,8 @@ def rank_service(
     one evaluator at a time, without a password: it listens at this computer alone unless --host
     says otherwise.
     """
-    from frenetic.ranking import Twin
-    from frenetic.ranking.service import CompetitionTool, serving
+    from frenetic.twin.ranking import Twin
+    from frenetic.twin.ranking.service import CompetitionTool, serving
 
     given = {name: context.params[name] for name in drive_options()}
     with (

@@ -20,13 +20,24 @@ from threadpoolctl import threadpool_limits
 from frenetic._support.arrays import FloatArray
 from frenetic._support.json_value import plain
 from frenetic.analysis.statistics import ranks
-from frenetic.calibration.determination import Interval, intervals, moved_alone
-from frenetic.calibration.driving import COLUMNS, MOOBD, SHARE, IntArray, TwinDriver, why_broken
-from frenetic.calibration.fitting import Evaluator, Journal, Stopped, best, fit
-from frenetic.calibration.loss import Logistic, Loss, check_weights, scores
-from frenetic.calibration.parameters import Model
-from frenetic.calibration.recordings import RecordedDrive, Recordings, on_grid
-from frenetic.calibration.validation import (
+from frenetic.drive import Rules
+from frenetic.errors import FreneticError
+from frenetic.oracle import assess
+from frenetic.spec import Part, Spec, describe
+from frenetic.twin.calibration.determination import Interval, intervals, moved_alone
+from frenetic.twin.calibration.driving import (
+    COLUMNS,
+    MOOBD,
+    SHARE,
+    IntArray,
+    TwinDriver,
+    why_broken,
+)
+from frenetic.twin.calibration.fitting import Evaluator, Journal, Stopped, best, fit
+from frenetic.twin.calibration.loss import Logistic, Loss, check_weights, scores
+from frenetic.twin.calibration.parameters import Model
+from frenetic.twin.calibration.recordings import RecordedDrive, Recordings, on_grid
+from frenetic.twin.calibration.validation import (
     UNFITTED,
     VERDICTS,
     auc_interval,
@@ -37,10 +48,6 @@ from frenetic.calibration.validation import (
     severities,
     verdict_of,
 )
-from frenetic.drive import Rules
-from frenetic.errors import FreneticError
-from frenetic.oracle import assess
-from frenetic.spec import Part, Spec, describe
 from frenetic.twin.profile import Figures, Fit, Fitted, Link, Profile, Recording, Validation
 
 FOLDS: Final = 5

@@ -6,9 +6,9 @@ makes the profile.
 
 from __future__ import annotations
 
-from frenetic.calibration.calibrate import Calibration, Settings, calibrate
-from frenetic.calibration.parameters import Asked, Model, Parameter
-from frenetic.calibration.recordings import RecordedDrive, Recordings, Terms, read_recordings
+from frenetic.twin.calibration.calibrate import Calibration, Settings, calibrate
+from frenetic.twin.calibration.parameters import Asked, Model, Parameter
+from frenetic.twin.calibration.recordings import RecordedDrive, Recordings, Terms, read_recordings
 
 __all__ = [
     "Asked",

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from frenetic._support.public_names import lazy_names
 
 if TYPE_CHECKING:
-    from frenetic.ranking.ranking import Prospect, RankedRoad, Twin, rank
     from frenetic.road.files import FoundRoads, NamedRoad, find_roads
+    from frenetic.twin.ranking.ranking import Prospect, RankedRoad, Twin, rank
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "frenetic.ranking.ranking": ("Prospect", "RankedRoad", "Twin", "rank"),
+        "frenetic.twin.ranking.ranking": ("Prospect", "RankedRoad", "Twin", "rank"),
         "frenetic.road.files": ("FoundRoads", "NamedRoad", "find_roads"),
     },
 )

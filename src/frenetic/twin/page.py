@@ -13,10 +13,6 @@ from matplotlib.figure import Figure
 
 from frenetic._support.arrays import FloatArray, evenly
 from frenetic._support.words import capitalised, counted, signed
-from frenetic.calibration import Calibration
-from frenetic.calibration.driving import FAILED, OFFSET_MEDIAN, SHARE
-from frenetic.calibration.recordings import GRID
-from frenetic.calibration.validation import NEAR, found_by
 from frenetic.report.html.blocks import (
     Block,
     Chart,
@@ -33,6 +29,10 @@ from frenetic.report.html.blocks import (
 from frenetic.report.html.headline import Headline, Tile
 from frenetic.report.html.page import Report, made_by, write_page
 from frenetic.report.style import DPI, INK, QUIET, STYLE, WIDTH, form_of, write_figure
+from frenetic.twin.calibration import Calibration
+from frenetic.twin.calibration.driving import FAILED, OFFSET_MEDIAN, SHARE
+from frenetic.twin.calibration.recordings import GRID
+from frenetic.twin.calibration.validation import NEAR, found_by
 from frenetic.twin.profile import Figures
 
 TWIN: Final = "twin"

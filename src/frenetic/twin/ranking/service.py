@@ -23,8 +23,8 @@ from typing import Any, Final
 
 from frenetic.errors import FreneticError, RoadError
 from frenetic.outcome import Outcome
-from frenetic.ranking.ranking import Prospect, Twin, rank
 from frenetic.road import Road
+from frenetic.twin.ranking.ranking import Prospect, Twin, rank
 
 try:
     import grpc

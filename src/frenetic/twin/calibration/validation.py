@@ -11,16 +11,16 @@ import numpy as np
 from frenetic._support.arrays import FloatArray
 from frenetic._support.words import counted
 from frenetic.analysis.statistics import a12, spearman
-from frenetic.calibration.driving import (
+from frenetic.road import Road
+from frenetic.twin.calibration.driving import (
     DEPARTURE,
     FAILED,
     OFFSET_MEDIAN,
     SPEED_MEDIAN,
     IntArray,
 )
-from frenetic.calibration.loss import with_ties
-from frenetic.calibration.recordings import RecordedDrive
-from frenetic.road import Road
+from frenetic.twin.calibration.loss import with_ties
+from frenetic.twin.calibration.recordings import RecordedDrive
 from frenetic.twin.profile import Figures
 
 NEAR: Final = 20.0

@@ -12,14 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from frenetic._support.arrays import FloatArray
-from frenetic.calibration.parameters import Model
-from frenetic.calibration.recordings import RecordedDrive, on_grid
 from frenetic.drivers.driver import Driver
 from frenetic.errors import FreneticError
 from frenetic.oracle import LEFT_LANE, REACHED, assess
 from frenetic.simulators.embedded import compile_kernels
 from frenetic.simulators.isolated import BrokenDriveError, isolated
 from frenetic.simulators.simulator import Simulator
+from frenetic.twin.calibration.parameters import Model
+from frenetic.twin.calibration.recordings import RecordedDrive, on_grid
 from frenetic.worker import MOST_WORKERS, LostWorkerError, Worker, pack, ready
 
 IntArray: TypeAlias = npt.NDArray[np.int64]

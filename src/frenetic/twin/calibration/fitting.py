@@ -22,10 +22,10 @@ from cmaes import CMA
 from filelock import lock_descriptor
 
 from frenetic._support.arrays import FloatArray
-from frenetic.calibration.driving import IntArray, TwinDriver
-from frenetic.calibration.loss import Loss
-from frenetic.calibration.parameters import Model
 from frenetic.errors import FreneticError
+from frenetic.twin.calibration.driving import IntArray, TwinDriver
+from frenetic.twin.calibration.loss import Loss
+from frenetic.twin.calibration.parameters import Model
 
 _SIGMA: Final = 0.25
 """First step size, as a share of the bounds' distance."""

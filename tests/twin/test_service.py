@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 import grpc
 import pytest
 
-import frenetic.ranking.service
+import frenetic.twin.ranking.service
 from frenetic.drivers import Planner, Stanley
 from frenetic.errors import FreneticError
 from frenetic.outcome import Outcome
-from frenetic.ranking import Prospect, Twin
-from frenetic.ranking.service import CompetitionTool, serving
 from frenetic.road import Road
 from frenetic.simulators import Rules
 from frenetic.spec import Part, Spec
 from frenetic.twin.profile import Profile
+from frenetic.twin.ranking import Prospect, Twin
+from frenetic.twin.ranking.service import CompetitionTool, serving
 
 if TYPE_CHECKING:
     from command_line import Frenetic
@@ -47,7 +47,7 @@ def twin() -> Iterator[Twin]:
 
 
 def case(name: str, points: Iterable[tuple[float, float]]) -> bytes:
-    messages = frenetic.ranking.service._messages()
+    messages = frenetic.twin.ranking.service._messages()
     numbered = [
         messages["RoadPoint"](sequenceNumber=i, x=x, y=y) for i, (x, y) in enumerate(points)
     ]
@@ -121,7 +121,7 @@ def test_the_command_serves_in_the_competitions_setting(
         told.append((host, port))
         return serving(tool, host, 0)
 
-    monkeypatch.setattr("frenetic.ranking.service.serving", served)
+    monkeypatch.setattr("frenetic.twin.ranking.service.serving", served)
     monkeypatch.setattr("frenetic.cli.rank_service.until_interrupted", lambda: None)
     answer = frenetic("rank-service", "--json")
     assert json.loads(answer.out)["host"] == "127.0.0.1"
@@ -147,6 +147,6 @@ def test_the_command_serves_in_the_competitions_setting(
 
 def test_without_grpc_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "grpc", None)
-    monkeypatch.delitem(sys.modules, "frenetic.ranking.service")
+    monkeypatch.delitem(sys.modules, "frenetic.twin.ranking.service")
     with pytest.raises(FreneticError, match=r"pip install 'frenetic-roads\[service\]'"):
-        importlib.import_module("frenetic.ranking.service")
+        importlib.import_module("frenetic.twin.ranking.service")

@@ -16,7 +16,12 @@ import pytest
 
 from frenetic import Budget, Campaign, EmbeddedSimulator, RandomSearch, Stanley
 from frenetic.analysis.statistics import ranks
-from frenetic.calibration import (
+from frenetic.drive import Rules
+from frenetic.errors import FreneticError
+from frenetic.oracle import assess
+from frenetic.road import Road
+from frenetic.spec import Spec
+from frenetic.twin.calibration import (
     Asked,
     Calibration,
     Model,
@@ -26,9 +31,9 @@ from frenetic.calibration import (
     calibrate,
     read_recordings,
 )
-from frenetic.calibration.calibrate import folds_of
-from frenetic.calibration.determination import difference
-from frenetic.calibration.driving import (
+from frenetic.twin.calibration.calibrate import folds_of
+from frenetic.twin.calibration.determination import difference
+from frenetic.twin.calibration.driving import (
     COLUMNS,
     COVERED,
     MOOBD,
@@ -38,15 +43,16 @@ from frenetic.calibration.driving import (
     TwinDriver,
     drive_twin,
 )
-from frenetic.calibration.fitting import Journal
-from frenetic.calibration.loss import Logistic, Loss, scores, with_ties
-from frenetic.calibration.validation import UNFITTED, auc_of, found_by, linear_model, verdict_of
-from frenetic.drive import Rules
-from frenetic.errors import FreneticError
-from frenetic.oracle import assess
-from frenetic.report.calibration import shape_of
-from frenetic.road import Road
-from frenetic.spec import Spec
+from frenetic.twin.calibration.fitting import Journal
+from frenetic.twin.calibration.loss import Logistic, Loss, scores, with_ties
+from frenetic.twin.calibration.validation import (
+    UNFITTED,
+    auc_of,
+    found_by,
+    linear_model,
+    verdict_of,
+)
+from frenetic.twin.page import shape_of
 from frenetic.twin.profile import Figures
 
 KNOWN = 7.3

@@ -11,12 +11,12 @@ import pytest
 
 from frenetic.errors import RoadError
 from frenetic.outcome import Outcome
-from frenetic.ranking import Prospect, find_roads, rank
 from frenetic.road import Road
 from frenetic.road.opendrive import to_opendrive
 from frenetic.simulators import Rules
 from frenetic.spec import Part, Spec
 from frenetic.twin.profile import Profile
+from frenetic.twin.ranking import Prospect, find_roads, rank
 
 if TYPE_CHECKING:
     from command_line import Frenetic

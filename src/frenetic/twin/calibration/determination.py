@@ -18,9 +18,9 @@ from typing import Final
 import numpy as np
 
 from frenetic._support.arrays import FloatArray
-from frenetic.calibration.driving import IntArray
-from frenetic.calibration.fitting import Evaluated
-from frenetic.calibration.parameters import Parameter
+from frenetic.twin.calibration.driving import IntArray
+from frenetic.twin.calibration.fitting import Evaluated
+from frenetic.twin.calibration.parameters import Parameter
 
 LIMIT: Final = 1.96
 """Standard errors."""

@@ -30,7 +30,8 @@ import numpy as np
 
 from frenetic._support.arrays import FloatArray
 from frenetic.analysis.statistics import ranks
-from frenetic.calibration.driving import (
+from frenetic.errors import FreneticError
+from frenetic.twin.calibration.driving import (
     COVERED,
     MOOBD,
     OFFSET,
@@ -40,8 +41,7 @@ from frenetic.calibration.driving import (
     STEERING,
     IntArray,
 )
-from frenetic.calibration.recordings import RecordedDrive
-from frenetic.errors import FreneticError
+from frenetic.twin.calibration.recordings import RecordedDrive
 
 WEIGHTS: Final[Mapping[str, float]] = MappingProxyType(
     {
