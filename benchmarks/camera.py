@@ -14,8 +14,8 @@ from collections.abc import Callable
 import numpy as np
 
 from frenetic import EmbeddedSimulator, Observation, Planner, Road
-from frenetic.drivers import appearance
 from frenetic.drivers.camera import Scene
+from frenetic.vision import appearance
 from frenetic.vision.marking_follower import MarkingFollower
 from frenetic.vision.rendering import LAYERS, Renderer
 

@@ -76,26 +76,38 @@ COMMANDS: Final = {
 """Name -> the command."""
 
 
+def _guests() -> dict[str, str]:
+    """The commands of other packages, and of our own that the core does without."""
+    from frenetic.registry import installed  # what it imports takes its time
+
+    return {entry.name: entry.target for entry in installed("frenetic.commands")}
+
+
 class CommandTable(click.Group):
     """A group whose commands are imported when they are used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  # click's
-        """Their names."""
-        return sorted(COMMANDS)
+        """Their names: our own, and those of guests and other packages."""
+        return sorted({*COMMANDS, *_guests()})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """The command of a name; None if there is none."""
         row = COMMANDS.get(cmd_name)
-        if row is None:
+        target = f"{__name__}.{row.target}" if row is not None else _guests().get(cmd_name)
+        if target is None:
             return None
-        module, _, name = row.target.partition(":")
-        command: click.Command = getattr(import_module(f"{__name__}.{module}"), name)
+        module, _, name = target.partition(":")
+        command: click.Command = getattr(import_module(module), name)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes the summary of each, without importing it."""
+        """Writes the summary of each, without importing our own."""
+        summaries = {name: row.summary for name, row in COMMANDS.items()}
+        for name in _guests():
+            command = self.get_command(ctx, name)
+            summaries[name] = "" if command is None else command.get_short_help_str(limit=80)
         with formatter.section("Commands"):
-            formatter.write_dl([(name, COMMANDS[name].summary) for name in self.list_commands(ctx)])
+            formatter.write_dl(sorted(summaries.items()))
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

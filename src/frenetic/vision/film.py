@@ -15,12 +15,12 @@ from frenetic._support.arrays import evenly
 from frenetic._support.json_value import JSONValue
 from frenetic.campaign.record import Test
 from frenetic.drive import Trajectory
-from frenetic.drivers import appearance
 from frenetic.drivers.camera import Camera, Image
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation, scene_of
 from frenetic.report.html.tests import Film
 from frenetic.simulators.embedded import EmbeddedSimulator
 from frenetic.versions import over_each_other
+from frenetic.vision import appearance
 from frenetic.vision.rendering import Renderer
 
 MOST_PICTURES: Final = 48
