@@ -79,7 +79,7 @@ class Fits(Range):
 )
 @file_option(
     "--out",
-    "Where the profile goes; beside it the page (.html) and its pictures (.png).",
+    "Where the profile goes; beside it its page (.html).",
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("profile.json"),
     show_default=True,

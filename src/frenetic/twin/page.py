@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 from frenetic._support.arrays import FloatArray, evenly
 from frenetic._support.words import capitalised, counted, signed
@@ -28,15 +25,13 @@ from frenetic.report.html.blocks import (
 )
 from frenetic.report.html.headline import Headline, Tile
 from frenetic.report.html.page import Report, made_by, write_page
-from frenetic.report.style import DPI, INK, QUIET, STYLE, WIDTH, form_of, write_figure
 from frenetic.twin.calibration import Calibration
-from frenetic.twin.calibration.driving import FAILED, OFFSET_MEDIAN, SHARE
+from frenetic.twin.calibration.driving import FAILED, OFFSET_MEDIAN
 from frenetic.twin.calibration.recordings import GRID
 from frenetic.twin.calibration.validation import NEAR, found_by
 from frenetic.twin.profile import Figures
 
 TWIN: Final = "twin"
-_COLOURS: Final = ("#b3262c", "#0b5fa5", "#1b8a6b", "#e07b1a")
 _ROLES: Final[tuple[Role, ...]] = ("fail", "accent", "pass", "invalid")
 _SHOWN: Final = 4
 """Number of drives that are drawn."""
@@ -47,21 +42,19 @@ _ROLE_OF: Final[dict[str, Role | None]] = {"good": "pass", "poor": "fail"}
 
 
 def write_calibration(calibration: Calibration, profile: Path | str) -> Path:
-    """Writes the page of a calibration beside its profile, and its picture.
+    """Writes the page of a calibration beside its profile.
 
     Args:
         calibration: of the twin.
-        profile: the profile's file; the page ends with .html, the picture with .png.
+        profile: the profile's file; the page ends with .html.
 
     Returns:
         The page.
 
     Raises:
-        FreneticError: a file cannot be written.
+        FreneticError: it cannot be written.
     """
-    profile = Path(profile)
-    draw_calibration(calibration, profile.with_suffix(".png"))
-    page = profile.with_suffix(".html")
+    page = Path(profile).with_suffix(".html")
     return write_page(calibration_report(calibration), page)
 
 
@@ -399,83 +392,3 @@ def _settings(calibration: Calibration) -> Iterator[Block]:
             for one in profile.recordings
         ),
     )
-
-
-# The picture
-
-
-def draw_calibration(calibration: Calibration, path: Path | str) -> None:
-    """Draws a calibration: the replay of the record, one drive, and the loss over each parameter.
-
-    Args:
-        calibration: of the twin.
-        path: of the picture: PNG, SVG or PDF by its suffix.
-
-    Raises:
-        FreneticError: another suffix, or a file that cannot be written.
-    """
-    form = form_of(path)
-    with mpl.rc_context(STYLE):
-        write_figure(_picture(calibration), path, form)
-
-
-def _picture(calibration: Calibration) -> Figure:
-    parameters = calibration.parameters
-    rows = 1 + math.ceil(len(parameters) / 4)
-    figure = Figure(figsize=(WIDTH, 3.4 * rows + 0.4), dpi=DPI, facecolor="white")
-    figure.suptitle(
-        f"The twin {calibration.profile.name} on drives that it has not seen", color=INK
-    )
-    bottom = 0.5 / (3.4 * rows)
-    grid = figure.add_gridspec(
-        rows,
-        12,
-        hspace=0.35,
-        wspace=3.0,
-        left=0.06,
-        right=0.98,
-        top=0.92,
-        bottom=bottom,
-    )
-    failed = _failed(calibration)
-    axes = figure.add_subplot(grid[0, :4])
-    if 0.0 < failed.mean() < 1.0:
-        for (name, score), colour in zip(_rankings(calibration).items(), _COLOURS, strict=True):
-            roads, found = found_by(score, failed)
-            axes.plot(
-                100.0 * roads,
-                100.0 * found,
-                color=colour,
-                lw=2.0 if name == TWIN else 1.0,
-                label=name,
-            )
-        axes.plot((0, 100), (0, 100), color=QUIET, lw=0.8, ls=":")
-        axes.legend(fontsize=7, frameon=False, loc="lower right")
-        axes.set(xlabel="% of the roads, as ranked", ylabel="% of the failures")
-    else:
-        told = [drive.max_oob_share for drive in calibration.recordings.drives]
-        axes.plot(told, calibration.rows[:, SHARE], ".", color=_COLOURS[0], ms=3)
-        axes.set(xlabel="largest oob share, recorded", ylabel="twin")
-    chosen = _chosen(calibration)
-    if chosen:
-        i = chosen[len(chosen) // 2]
-        recorded, ours = calibration.recordings.drives[i], calibration.held_out_drive(i)
-        titles = ("offset to the left (m)", "speed (m/s)")
-        both = zip((recorded.offset, recorded.speed), ours, titles, strict=True)
-        for k, (theirs, own, title) in enumerate(both, start=1):
-            axes = figure.add_subplot(grid[0, 4 * k : 4 * k + 4])
-            for values, colour, name in (
-                (theirs, _COLOURS[1], "recorded"),
-                (own, _COLOURS[0], TWIN),
-            ):
-                axes.plot(GRID * np.arange(len(values)), values, color=colour, label=name)
-            axes.set(xlabel=f"m along the road, {recorded.name}", ylabel=title)
-            axes.legend(fontsize=7, frameon=False)
-    for k, one in enumerate(parameters):
-        axes = figure.add_subplot(grid[1 + k // 4, 3 * (k % 4) : 3 * (k % 4) + 3])
-        kept = [point for point in one.curve if point[1] < 10.0]
-        axes.plot([p[0] for p in kept], [p[1] for p in kept], color=_COLOURS[1])
-        axes.axvspan(one.low, one.high, color=_COLOURS[0], alpha=0.15, lw=0)
-        axes.axvline(one.value, color=_COLOURS[0])
-        axes.set(xlabel=str(one.parameter), ylabel="loss")
-    return figure
