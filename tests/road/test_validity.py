@@ -4,7 +4,6 @@ import math
 import pickle
 from collections import Counter
 from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +17,7 @@ from hypothesis import strategies as st
 from frenetic.errors import RoadError
 from frenetic.road.validity import (
     Verdict,
-    _orientation,
     _overlaps_itself,
-    _quads_touch,
     _to_millimetre,
     check_validity,
     interpolate,
@@ -312,26 +309,6 @@ def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
         assert _overlaps_itself(left.astype(float), right.astype(float)) == expected, (left, right)
         seen[expected] += 1
     assert min(seen.values()) > 50, seen
-
-
-def test_a_quad_inside_another_touches_it() -> None:
-    left = np.array([[0.0, 9.0], [9.0, 9.0], [5.0, 4.0], [6.0, 4.0]])
-    right = np.array([[0.0, 0.0], [9.0, 0.0], [5.0, 3.0], [6.0, 3.0]])
-    assert _quads_touch(left, right, 0, 2)
-    assert _quads_touch(left, right, 2, 0)
-
-
-def test_the_side_of_nearly_collinear_points_is_certain() -> None:
-    rng = np.random.default_rng(8)
-    sides: Counter[int] = Counter()
-    for _ in range(3000):
-        a, b = rng.uniform(0, 200, (2, 2))
-        c = a + rng.choice([0.5, 2.0, rng.uniform(-1, 2)]) * (b - a)  # on the line but for rounding
-        (ax, ay), (bx, by), (cx, cy) = ([Fraction(v) for v in p.tolist()] for p in (a, b, c))
-        exact = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
-        assert _orientation(*a, *b, *c) == (exact > 0) - (exact < 0)
-        sides[_orientation(*a, *b, *c)] += 1
-    assert min(sides[-1], sides[0], sides[1]) > 20
 
 
 # --- the rules, one by one ---------------------------------------------------------------------
