@@ -76,8 +76,8 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
     {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
-    An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road or a chain of
-    them, see `from_opendrive`; ``lane`` is the id of the lane to drive on there.
+    An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road,
+    see `from_opendrive`; ``lane`` is the id of the lane to drive on there.
 
     Raises:
         RoadError: the file is missing, unreadable, too large, neither JSON nor OpenDRIVE, or holds
