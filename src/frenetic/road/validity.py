@@ -204,9 +204,9 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
         raise RoadError(f"road points must be numbers, but they are of type {array.dtype}")
     pairs = array.astype(np.float64, order="C")
     if not np.isfinite(pairs).all():
-        raise RoadError(
-            "road points must be finite numbers of metres, but some are NaN or infinite"
-        )
+        i = np.flatnonzero(~np.isfinite(pairs).all(axis=1))[0]
+        x, y = pairs[i]
+        raise RoadError(f"road point {i} is ({x:g}, {y:g}): finite numbers of metres are needed")
     return pairs
 
 
