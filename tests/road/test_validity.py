@@ -423,7 +423,7 @@ def test_points_that_cannot_be_interpolated(points: Any) -> None:
 def test_radius_of_a_circle_and_of_a_straight_road() -> None:
     for radius in (5.0, LIMIT_RADIUS, 1000.0):
         assert min_radius(arc(radius)) == pytest.approx(radius, rel=1e-9)
-    for straight in (line(100, 101), arc(10.0)[:5], []):
+    for straight in (line(100, 101), arc(10.0)[:5], np.empty((0, 2))):
         assert min_radius(straight) == math.inf
 
 

@@ -339,9 +339,7 @@ def _bounded(pose: tuple[float, float, float]) -> Pose:
     try:
         x, y, heading = map(float, pose)
     except (TypeError, ValueError, OverflowError):
-        raise RoadError(
-            f"pose {shortened(pose)}: x, y and heading are needed, none too large"
-        ) from None
+        raise RoadError(f"pose {pose!r:.40}: x, y and heading are needed") from None
     if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE and abs(heading) <= MAX_HEADING):
         raise RoadError(
             f"pose ({x:g}, {y:g}, {heading:g}): x and y of at most {MAX_COORDINATE:g} m and a"
@@ -350,23 +348,11 @@ def _bounded(pose: tuple[float, float, float]) -> Pose:
     return Pose(x, y, heading)
 
 
-def shortened(value: object) -> str:
-    """The given value, at most 40 characters long, for a message.
-
-    Numbers of thousands of digits, which Python refuses to print, are only named.
-    """
-    try:
-        text = repr(value)
-    except ValueError:
-        return "a number of thousands of digits"
-    return text if len(text) <= 40 else text[:40] + "..."
-
-
 def _metres(value: float, name: str, least: float, most: float) -> float:
     try:
         number = float(value)
     except (TypeError, ValueError, OverflowError):
-        number, given = math.nan, shortened(value)
+        number, given = math.nan, f"{value!r:.40}"
     else:
         given = f"{number:g}"
     if not least <= number <= most:

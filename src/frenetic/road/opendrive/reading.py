@@ -234,12 +234,13 @@ def _lane(
             lane = int(_number(link, "id"))
             if lane * side <= 0:
                 raise RoadError(f"a lane leads to lane {lane}, which is driven the other way")
-        element = _driving_lane(section, lane)
+        element = _lane_of(section, lane)
         link = element.find(f"link/{onward}")
         here = (start <= places) & (places < end)
         width[here], _ = _width(element, places[here] - start)
         for inner in range(1, abs(lane)):
-            widths, slopes = _width(_lane_of(section, side * inner), places[here] - start)
+            between = _lane_of(section, side * inner, is_driven=False)
+            widths, slopes = _width(between, places[here] - start)
             shift[here] += side * widths
             slope[here] += side * slopes
     return width, shift, slope
@@ -255,40 +256,29 @@ def _width(lane: Element, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     return _profile(elements, "sOffset", places)
 
 
-def _lane_of(section: Element, lane: int) -> Element:
-    """A section's lane with an id."""
-    element = section.find(f"{_side(lane)}/lane[@id='{lane}']")
+def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
+    """A section's lane with an id, which is a driving lane for right-hand traffic if it is driven.
+
+    Raises:
+        LaneError: there is none, but other driving lanes are there.
+        RoadError: there is no driving lane at all.
+    """
+    side = "right" if lane < 0 else "left"
+    element = section.find(f"{side}/lane[@id='{lane}']")
     if element is None:
-        raise _unfit(section, lane, "is missing")
-    return element
-
-
-def _driving_lane(section: Element, lane: int) -> Element:
-    """A section's lane with an id, which is a driving lane for right-hand traffic."""
-    element = _lane_of(section, lane)
-    kind = element.get("type")
-    if kind != "driving":
-        raise _unfit(section, lane, f"is of type {kind!r:.40}: a driving lane is needed there")
-    if element.get("direction", "standard") != "standard":
-        raise RoadError(
-            f"its lane {lane} is driven against the road's rule (direction): right-hand traffic is"
-            " read"
-        )
-    return element
-
-
-def _side(lane: int) -> str:
-    return "right" if lane < 0 else "left"
-
-
-def _unfit(section: Element, lane: int, what: str) -> RoadError:
-    """The error of a lane, with the driving lanes that a section has."""
-    lanes = [one for side in (-1, 1) for one in section.findall(f"{_side(side)}/lane")]
-    ids = [one.get("id", "")[:9] for one in lanes if one.get("type") == "driving"]
-    text = f"its lane {lane}, {_side(lane)} of the centre, {what}"
+        what = "is missing"
+    elif is_driven and element.get("type") != "driving":
+        what = f"is of type {element.get('type')!r:.40}: a driving lane is needed there"
+    elif is_driven and element.get("direction", "standard") != "standard":
+        what = "is driven against the road's rule (direction)"
+    else:
+        return element
+    lanes = [*section.findall("right/lane"), *section.findall("left/lane")]
+    ids = [other.get("id", "")[:9] for other in lanes if other.get("type") == "driving"]
+    text = f"its lane {lane}, {side} of the centre, {what}"
     if not ids:
-        return RoadError(text)
-    return LaneError(f"{text} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
+        raise RoadError(text)
+    raise LaneError(f"{text} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
 
 
 def _noted_road(road: Element, geometries: Sequence[Geometry], lane_width: float) -> Road | None:
