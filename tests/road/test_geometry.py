@@ -380,7 +380,7 @@ def test_bad_curvatures_are_refused_by_name(values: Any, message: str) -> None:
         ({"step": "far"}, "step is 'far': 1e-07"),
         ({"lane_width": math.nan}, "lane_width is nan: 0.1 to 100 m are allowed"),
         ({"lane_width": 0.09}, "lane_width is 0.09: 0.1 to 100"),
-        ({"lane_width": 10**400}, r"lane_width is 1000.*\.\.\.: 0.1 to 100"),
+        ({"lane_width": 10**400}, "lane_width is 10{39}: 0.1 to 100"),
         ({"pose": (0.0, math.nan, 0.0)}, r"pose \(0, nan, 0\): x and y of at most 1e\+07 m"),
         ({"pose": (0.0, 2e7, 0.0)}, r"pose \(0, 2e\+07, 0\): x and y"),
         ({"pose": (0.0, 0.0, 2e6)}, r"pose \(0, 0, 2e\+06\): .* heading of at most 1e\+06 rad"),

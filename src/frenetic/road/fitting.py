@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import numpy as np
 
@@ -35,6 +35,7 @@ MARGIN: Final = 10.0
 """Distance of a road's centre line from the map's edge, in m: half its width and some air."""
 
 _QUARTER: Final = math.pi / 2  # [rad]
+_Number = TypeVar("_Number", float, FloatArray)
 
 
 @dataclass(frozen=True)
@@ -50,9 +51,12 @@ class RigidMotion:
 
     def apply(self, points: npt.ArrayLike) -> FloatArray:
         """Return the moved points, (N, 2) in m."""
-        x, y = as_points(points).T
+        return np.column_stack(self.moved(*as_points(points).T))
+
+    def moved(self, x: _Number, y: _Number) -> tuple[_Number, _Number]:
+        """Return the moved point, or points by their coordinates, in m."""
         c, s = math.cos(self.rotation), math.sin(self.rotation)
-        return np.column_stack([c * x - s * y + self.dx, s * x + c * y + self.dy])
+        return c * x - s * y + self.dx, s * x + c * y + self.dy
 
 
 def fit_to_map(
@@ -105,10 +109,11 @@ def fit_to_map(
     return RigidMotion(rotation, centre - (low_x + high_x) / 2.0, centre - (low_y + high_y) / 2.0)
 
 
+@njit()
 def _box(points: FloatArray) -> tuple[float, float, float, float]:
     """Return low x, low y, high x, high y."""
-    (low_x, low_y), (high_x, high_y) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    return low_x, low_y, high_x, high_y
+    x, y = points[:, 0], points[:, 1]
+    return x.min(), y.min(), x.max(), y.max()
 
 
 @njit()

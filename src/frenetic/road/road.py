@@ -284,8 +284,7 @@ class Road(Shown):
             return None
         if motion.rotation == motion.dx == motion.dy == 0.0:
             return self
-        x, y = motion.apply([self.pose[:2]])[0].tolist()
-        pose = Pose(x, y, self.pose.heading + motion.rotation)
+        pose = Pose(*motion.moved(*self.pose[:2]), self.pose.heading + motion.rotation)
         return type(self)(self.curvatures, self.step, pose, lane_width=self.lane_width)
 
     def placed(
