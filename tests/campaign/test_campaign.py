@@ -313,7 +313,7 @@ def test_map_sizes_have_to_agree(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
-        ("lane_width", 0, "lane_width is 0: a positive number of metres"),
+        ("lane_width", 0, "lane_width is 0: 0.1 to 100 m are allowed"),
         ("lane_width", float("nan"), "lane_width is nan: a number of metres"),
         ("lane_width", "4", "lane_width is '4': a number of metres"),
         ("margin", -1.0, "margin is -1: a number of at least 0"),

@@ -588,7 +588,7 @@ def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic)
     assert "missing.json" in lines[0]
     files = [line.split()[1].rstrip(":") for line in lines[1:]]
     assert files == ["pose.json", "shift.xodr", wide]
-    assert lines[3].endswith("lane_width is 1e+308: at most 100 m can be represented")
+    assert lines[3].endswith("lane_width is 1e+308: 0.1 to 100 m are allowed")
 
 
 # show

@@ -149,11 +149,10 @@ def test_the_place_on_the_globe(frenetic: Frenetic) -> None:
 
 def test_stdout_gets_the_file_and_nothing_else(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
-    frenetic("export-road", road, "--format", "opendrive", "--shoulder", "2")
-    answer = frenetic("export-road", road, "--format", "opendrive", "--shoulder", "2", "--out", "-")
+    frenetic("export-road", road, "--format", "opendrive")
+    answer = frenetic("export-road", road, "--format", "opendrive", "--out", "-")
     assert answer.code == 0
     assert answer.out == Path("bend.xodr").read_bytes().decode()
-    assert 'type="shoulder"' in answer.out
     assert not Path("-").exists()
 
 
@@ -178,10 +177,6 @@ def test_mistakes(campaign: Frenetic) -> None:
     refused(campaign("export-road", "nowhere", "1", *csv), "nowhere does not exist")
     refused(campaign("export-road", road), "Missing option '--format'")
     refused(campaign("export-road", road, "--format", "fbx"), "'fbx'", "opendrive")
-    refused(campaign("export-road", road, *csv, "--shoulder", "2"), "--shoulder is for")
-    refused(
-        campaign("export-road", road, "--format", "opendrive", "--shoulder", "-2"), "--shoulder"
-    )
     refused(campaign("export-road", road, *csv, "--out", "c"), "c cannot be written")
     assert not Path("c/exports").exists()
 

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from agreements import Agreements
 
 ROADS = readers.varied_roads()
-SHOULDERS = {name: 2.5 * (i % 2) for i, name in enumerate(ROADS)}  # m
 HERE = Path(__file__).parent
 LANELETS = "commonroad_lanelets.py"
 NEW_IN_1_8 = "check_asam_xodr_junctions_connection_one_link_to_incoming"
@@ -47,7 +46,7 @@ def test_the_roads_are_fifty_and_differ() -> None:
 @pytest.mark.parametrize("name", ROADS)
 def test_carla_finds_the_lane_within_a_centimetre(name: str) -> None:
     road = ROADS[name]
-    lane = readers.read_with_carla(to_opendrive(road, shoulder=SHOULDERS[name]), road)
+    lane = readers.read_with_carla(to_opendrive(road), road)
     assert lane.width == pytest.approx(road.lane_width)
     assert readers.away_at_places(road, lane) < 0.01
 
@@ -56,10 +55,9 @@ def test_carla_finds_the_lane_within_a_centimetre(name: str) -> None:
 def test_carla_knows_the_lanes_and_their_marks() -> None:
     import carla
 
-    carla_map = carla.Map("road", to_opendrive(ROADS["random 25"], shoulder=2.0))
-    kinds = {i: carla_map.get_waypoint_xodr(1, i, 50.0).lane_type for i in (-2, -1, 1, 2)}
-    driving, shoulder = carla.LaneType.Driving, carla.LaneType.Shoulder
-    assert kinds == {-2: shoulder, -1: driving, 1: driving, 2: shoulder}
+    carla_map = carla.Map("road", to_opendrive(ROADS["random 25"]))
+    kinds = {i: carla_map.get_waypoint_xodr(1, i, 50.0).lane_type for i in (-1, 1)}
+    assert kinds == {-1: carla.LaneType.Driving, 1: carla.LaneType.Driving}
     ego = carla_map.get_waypoint_xodr(1, -1, 50.0)
     assert ego.left_lane_marking.type == carla.LaneMarkingType.Broken
     assert ego.right_lane_marking.type == carla.LaneMarkingType.Solid
@@ -81,9 +79,7 @@ def test_carla_places_the_road_on_the_globe() -> None:
 
 @pytest.fixture(scope="module")
 def netconverted() -> dict[str, readers.ReadLane]:
-    return readers.read_with_sumo(
-        {name: to_opendrive(road, shoulder=SHOULDERS[name]) for name, road in ROADS.items()}
-    )
+    return readers.read_with_sumo({name: to_opendrive(road) for name, road in ROADS.items()})
 
 
 @pytest.mark.parametrize("name", ROADS)
@@ -115,7 +111,7 @@ def test_the_asam_checker_finds_nothing(
 ) -> None:
     files = {}
     for i, (name, road) in enumerate(ROADS.items()):
-        text = to_opendrive(road, name=name, shoulder=SHOULDERS[name])
+        text = to_opendrive(road, name=name)
         files[tmp_path / f"{i}.xodr"] = text
         # Some rules hold in one version only, so a few roads are shown as the next version, too.
         if i % 10 < 2:
@@ -172,8 +168,8 @@ def test_commonroad_finds_the_lane_within_3_centimetres_and_places_it(
 ) -> None:
     roads = ROADS | imported_roads()
     files = {tmp_path / f"{i}.xodr": road for i, road in enumerate(roads.values())}
-    for i, (path, road) in enumerate(files.items()):
-        path.write_text(to_opendrive(road, shoulder=2.5 * (i % 2)), encoding="utf-8")
+    for path, road in files.items():
+        path.write_text(to_opendrive(road), encoding="utf-8")
     elsewhere, bend = tmp_path / "elsewhere.xodr", ROADS["S-bend"]
     elsewhere.write_text(to_opendrive(bend, origin=(-33.5, 151.25)), encoding="utf-8")
     east = "+proj=tmerc +lat_0=-33.5 +lon_0=151.25 +x_0=1000 +datum=WGS84 +units=m"

@@ -4,7 +4,6 @@ import math
 import pickle
 from collections import Counter
 from collections.abc import Callable
-from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +17,7 @@ from hypothesis import strategies as st
 from frenetic.errors import RoadError
 from frenetic.road.validity import (
     Verdict,
-    _orientation,
     _overlaps_itself,
-    _quads_touch,
     _to_millimetre,
     check_validity,
     interpolate,
@@ -110,13 +107,6 @@ def at_the_border(rng: np.random.Generator) -> FloatArray:
     return line
 
 
-def scattered(rng: np.random.Generator) -> FloatArray:
-    """Somewhere, partly outside."""
-    line = drawn(random_curvatures(rng, int(rng.integers(4, 14)), 0.05, 0.05), 10.0, 5.0)
-    moved = turned(line - line.mean(axis=0), rng.uniform(0, 7)) + rng.uniform(0, 200, 2)
-    return np.asarray(moved)
-
-
 def few_points(rng: np.random.Generator) -> FloatArray:
     return rng.uniform(20, 180, (int(rng.integers(0, 8)), 2))
 
@@ -202,19 +192,17 @@ def folded(rng: np.random.Generator) -> FloatArray:
     return centred(turned(np.concatenate([into, arc, out]), rng.uniform(0, 7)))
 
 
-def swinging(rng: np.random.Generator) -> FloatArray:
-    """S curves of increasing swing: neighbouring bends come close to each other."""
-    curvature = rng.uniform(0.05, 0.07)
-    samples = int(rng.integers(3, 6))
-    kappa = [curvature * (-1) ** (i // samples) for i in range(26)]
-    kappa[:samples] = [v / 2 for v in kappa[:samples]]
-    return drawn(kappa, 10.0, 2.0)
-
-
 def jagged(rng: np.random.Generator) -> FloatArray:
     """Noise on the points, in units of the spacing."""
     line = gentle(rng)[:: int(rng.integers(1, 5))]
     return np.asarray(line + rng.normal(0, rng.choice([0.01, 0.1, 1.0]), line.shape))
+
+
+def loops(rng: np.random.Generator) -> FloatArray:
+    """Around a centre through a few uneven points: nodes are metres apart, and the ends cross."""
+    t = np.sort(rng.uniform(0, 2 * np.pi * rng.uniform(0.8, 1.4), int(rng.integers(4, 9))))
+    radius = rng.uniform(15, 60) * rng.uniform(0.5, 1.2, (len(t), 1))
+    return np.asarray(100 + radius * np.column_stack([np.cos(t), np.sin(t)]))
 
 
 def on_a_grid(rng: np.random.Generator) -> FloatArray:
@@ -236,7 +224,6 @@ FAMILIES: list[tuple[Family, int, dict[str, int]]] = [
     (gentle, 800, {"": 750}),
     (sharp, 900, {"": 200, reference.TOO_SHARP: 500}),
     (at_the_border, 800, {"": 300, reference.OUTSIDE: 300}),
-    (scattered, 400, {"": 100, reference.OUTSIDE: 120}),
     (few_points, 500, {"": 60, reference.TOO_FEW: 90, reference.OUTSIDE: 20}),
     (short, 600, {"": 250, reference.TOO_SHORT: 200}),
     (repeated, 500, {reference.REPEATED: 100, reference.SELF_INTERSECTING: 250}),
@@ -245,8 +232,8 @@ FAMILIES: list[tuple[Family, int, dict[str, int]]] = [
     (grazing, 400, {"": 80, reference.SELF_INTERSECTING: 200}),
     (looped, 200, {"": 20, reference.SELF_INTERSECTING: 120}),
     (folded, 400, {reference.TOO_SHARP: 120, reference.SELF_INTERSECTING: 150}),
-    (swinging, 300, {"": 100, reference.OUTSIDE: 80}),
     (jagged, 400, {"": 150, reference.TOO_SHARP: 30, reference.SELF_INTERSECTING: 60}),
+    (loops, 800, {"": 20, reference.SELF_INTERSECTING: 300}),
     (on_a_grid, 400, {"": 10, reference.TOO_SHORT: 50, reference.SELF_INTERSECTING: 200}),
 ]
 
@@ -278,21 +265,6 @@ def test_agrees_with_the_reference(
     assert not {m: (seen[m], n) for m, n in due.items() if seen[m] < n}
 
 
-def test_ten_thousand_roads_with_every_message_are_compared() -> None:
-    assert sum(count for _, count, _ in FAMILIES) >= 10_000
-    due: Counter[str] = Counter()
-    for _, _, of_family in FAMILIES:
-        due.update(of_family)
-    assert due[""] >= 4000
-    assert due[reference.TOO_FEW] >= 50
-    assert due[reference.TOO_MANY] >= 30
-    assert due[reference.REPEATED] >= 50
-    assert due[reference.OUTSIDE] >= 500
-    assert due[reference.SELF_INTERSECTING] >= 1000
-    assert due[reference.TOO_SHORT] >= 250
-    assert due[reference.TOO_SHARP] >= 500
-
-
 @pytest.mark.parametrize("noise", [1, 2, 3])
 def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
     # Not roads: corners on a coarse grid, where every kind of touching and overlap happens exactly.
@@ -312,26 +284,6 @@ def test_chains_of_quads_on_a_grid_agree_with_shapely(noise: int) -> None:
         assert _overlaps_itself(left.astype(float), right.astype(float)) == expected, (left, right)
         seen[expected] += 1
     assert min(seen.values()) > 50, seen
-
-
-def test_a_quad_inside_another_touches_it() -> None:
-    left = np.array([[0.0, 9.0], [9.0, 9.0], [5.0, 4.0], [6.0, 4.0]])
-    right = np.array([[0.0, 0.0], [9.0, 0.0], [5.0, 3.0], [6.0, 3.0]])
-    assert _quads_touch(left, right, 0, 2)
-    assert _quads_touch(left, right, 2, 0)
-
-
-def test_the_side_of_nearly_collinear_points_is_certain() -> None:
-    rng = np.random.default_rng(8)
-    sides: Counter[int] = Counter()
-    for _ in range(3000):
-        a, b = rng.uniform(0, 200, (2, 2))
-        c = a + rng.choice([0.5, 2.0, rng.uniform(-1, 2)]) * (b - a)  # on the line but for rounding
-        (ax, ay), (bx, by), (cx, cy) = ([Fraction(v) for v in p.tolist()] for p in (a, b, c))
-        exact = (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)
-        assert _orientation(*a, *b, *c) == (exact > 0) - (exact < 0)
-        sides[_orientation(*a, *b, *c)] += 1
-    assert min(sides[-1], sides[0], sides[1]) > 20
 
 
 # --- the rules, one by one ---------------------------------------------------------------------
@@ -354,15 +306,13 @@ CROSSING = np.array([[60.0, 60.0], [120.0, 120.0], [120.0, 60.0], [60.0, 120.0]]
     [
         (line(100), ""),
         (line(100, 3), ""),
-        (line(100, 50), ""),
         (arc(20.0), ""),
         ([], reference.TOO_FEW),
-        (np.empty((0, 2)), reference.TOO_FEW),
-        ([[50, 50]], reference.TOO_FEW),
+        ([[-50, 50]], reference.TOO_FEW),
         (line(100, 500), ""),
-        (line(100, 501), reference.TOO_MANY),
+        (np.full((501, 2), -1.0), reference.TOO_MANY),
         (line(100, 1_000_000), reference.TOO_MANY),
-        ([[50, 50], [50, 50]], reference.REPEATED),
+        ([[-50, 50], [-50, 50]], reference.REPEATED),
         ([[50, 50], [90, 50], [90, 50], [130, 50]], reference.REPEATED),
         (line(160, start=(50, 50)), reference.OUTSIDE),
         (line(100, start=(50, 4.0)), reference.OUTSIDE),
@@ -371,45 +321,30 @@ CROSSING = np.array([[60.0, 60.0], [120.0, 120.0], [120.0, 60.0], [60.0, 120.0]]
         (line(100, start=(50, 195.999)), ""),
         (line(140, start=(60, 100)), reference.OUTSIDE),
         (line(139.999, start=(60, 100)), ""),
-        (line(100, start=(-500, 50)), reference.OUTSIDE),
-        (line(1e12), reference.OUTSIDE),
         (line(1e300), reference.OUTSIDE),
+        (CROSSING - 70, reference.OUTSIDE),
         (CROSSING, reference.SELF_INTERSECTING),
         ([[50, 50], [130, 50], [50, 50], [130, 51]], reference.SELF_INTERSECTING),
-        (arc(3.0), reference.SELF_INTERSECTING),
+        (line(0.005), reference.SELF_INTERSECTING),  # nodes coincide once rounded
+        (arc(3.0), reference.SELF_INTERSECTING),  # and too short, and too sharp
         (line(20.0), reference.TOO_SHORT),
         (line(20.001), ""),
+        (arc(10.0), reference.TOO_SHORT),  # and too sharp
         (arc(14.0), reference.TOO_SHARP),
         (arc(14.7), ""),
     ],
 )
-def test_message(points: npt.ArrayLike, message: str) -> None:
+def test_the_first_broken_rule_is_named(points: npt.ArrayLike, message: str) -> None:
     assert check_validity(points) == Verdict(message == "", message)
-
-
-@pytest.mark.parametrize(
-    ("points", "first"),
-    [
-        ([[-50, 50]], reference.TOO_FEW),
-        (np.full((501, 2), -1.0), reference.TOO_MANY),
-        ([[-50, 50], [-50, 50]], reference.REPEATED),
-        (CROSSING - 70, reference.OUTSIDE),
-        (arc(3.0), reference.SELF_INTERSECTING),  # and too short, and too sharp
-        (arc(10.0), reference.TOO_SHORT),  # and too sharp
-    ],
-)
-def test_the_first_broken_rule_is_named(points: npt.ArrayLike, first: str) -> None:
-    assert check_validity(points).message == first
 
 
 def test_map_size() -> None:
     assert check_validity(line(300), map_size=400.0)
     assert check_validity(line(50, start=(20, 20)), map_size=75.0)
     assert check_validity(line(50, start=(20, 20)), map_size=70.0).message == reference.OUTSIDE
-
-
-def test_points_that_coincide_once_rounded_twist_the_road() -> None:
-    assert check_validity(line(0.005)).message == reference.SELF_INTERSECTING
+    for map_size in (0.0, math.nan, math.inf):
+        with pytest.raises(RoadError, match="map_size"):
+            check_validity(line(100), map_size)
 
 
 def test_a_verdict_is_true_when_valid() -> None:
@@ -421,16 +356,13 @@ def test_a_verdict_is_true_when_valid() -> None:
 @pytest.mark.parametrize(
     ("points", "told"),
     [
-        ([[0.0, 0.0], [math.nan, 1.0]], "NaN"),
-        ([[0.0, math.inf], [1.0, 1.0]], "infinite"),
+        ([[0.0, 0.0], [math.nan, 1.0]], "road point 1 is"),
+        ([[0.0, math.inf], [1.0, 1.0]], "road point 0 is"),
         ([[1.0, 2.0, 3.0]], r"\(1, 3\)"),
         ([1.0, 2.0, 3.0], r"\(3,\)"),
-        (3.0, r"shape \(\)"),
-        (np.zeros((2, 2, 2)), r"\(2, 2, 2\)"),
         ([["1", "2"], ["3", "4"]], "numbers"),
         ("road", r"shape \(\)"),
         ([[True, False], [False, True]], "bool"),
-        ([[1j, 2.0], [3.0, 4.0]], "complex"),
         ([[None, 2.0], [3.0, 4.0]], "object"),
         ([[1.0, 2.0], [3.0]], "pairs"),
     ],
@@ -442,29 +374,7 @@ def test_bad_points(judge: Callable[[Any], Any], points: Any, told: str) -> None
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("map_size", [0.0, -200.0, math.nan, math.inf])
-def test_bad_map_size(map_size: float) -> None:
-    with pytest.raises(RoadError, match="map_size"):
-        check_validity(line(100), map_size)
-
-
-def test_very_many_points() -> None:
-    """So many that anything that grows with their square would take hours."""
-    verdict = check_validity(line(100, 1_000_000))
-    assert verdict.message == "The road definition contains too many points"
-
-
-@pytest.mark.parametrize(
-    "alike",
-    [
-        lambda p: p.tolist(),
-        lambda p: [tuple(row) for row in p.tolist()],
-        np.asfortranarray,
-        lambda p: np.repeat(p, 2, axis=0)[::2],
-        lambda p: p.astype(np.int64),
-        lambda p: p.astype(np.float32),
-    ],
-)
+@pytest.mark.parametrize("alike", [lambda p: p.tolist(), np.asfortranarray, np.int64, np.float32])
 def test_any_array_of_points_is_taken_and_left_alone(alike: Callable[[FloatArray], Any]) -> None:
     points = np.array([[30.0, 30.0], [70.0, 35.0], [110.0, 60.0], [130.0, 100.0]])
     points.setflags(write=False)
@@ -475,27 +385,6 @@ def test_any_array_of_points_is_taken_and_left_alone(alike: Callable[[FloatArray
 # --- interpolation and radius ------------------------------------------------------------------
 
 
-def test_two_points_give_a_straight_line_of_equal_steps() -> None:
-    nodes = interpolate(line(40.4))
-    np.testing.assert_allclose(nodes, line(40.4, 41), rtol=0, atol=1e-12)
-
-
-def test_at_least_twenty_steps() -> None:
-    assert len(interpolate(line(0.5))) == 21
-
-
-def test_now_and_then_there_is_a_node_beyond_the_last_point() -> None:
-    assert len(np.arange(0, 1 + 1 / 21, 1 / 21)) == 23
-    nodes = interpolate(line(21.0))
-    assert len(nodes) == 23
-    assert nodes[-1, 0] == 72.0
-
-
-def test_the_number_of_nodes_is_that_of_numpys_arange() -> None:
-    for n in range(20, 3000):
-        assert len(interpolate(line(n + 0.5))) == len(np.arange(0, 1 + 1 / n, 1 / n))
-
-
 @pytest.mark.parametrize("family", [searched, coarse, few_points, jagged])
 def test_interpolation_is_that_of_scipy(family: Family) -> None:
     rng = np.random.default_rng(3)
@@ -503,6 +392,11 @@ def test_interpolation_is_that_of_scipy(family: Family) -> None:
         points = family(rng)
         if len(points) >= 2:
             np.testing.assert_array_equal(interpolate(points), reference.interpolated(points))
+
+
+def test_the_number_of_nodes_is_that_of_numpys_arange() -> None:
+    for n in range(20, 3000):
+        assert len(interpolate(line(n + 0.5))) == len(np.arange(0, 1 + 1 / n, 1 / n))
 
 
 def test_the_node_beyond_the_last_point_does_not_hang_on_a_tiny_last_step() -> None:
@@ -526,45 +420,31 @@ def test_points_that_cannot_be_interpolated(points: Any) -> None:
         interpolate(points)
 
 
-@pytest.mark.parametrize("radius", [5.0, LIMIT_RADIUS, 1000.0])
-def test_radius_of_a_circle(radius: float) -> None:
-    assert min_radius(arc(radius)) == pytest.approx(radius, rel=1e-9)
-
-
-def test_radius_of_a_straight_road_is_infinite() -> None:
-    assert min_radius(line(100, 101)) == math.inf
-    assert min_radius(arc(10.0)[:5]) == math.inf
-    assert min_radius([]) == math.inf
+def test_radius_of_a_circle_and_of_a_straight_road() -> None:
+    for radius in (5.0, LIMIT_RADIUS, 1000.0):
+        assert min_radius(arc(radius)) == pytest.approx(radius, rel=1e-9)
+    for straight in (line(100, 101), arc(10.0)[:5], np.empty((0, 2))):
+        assert min_radius(straight) == math.inf
 
 
 # --- properties --------------------------------------------------------------------------------
 
 inner = st.integers(10, 190)
-some_points = st.lists(st.tuples(inner, inner), min_size=2, max_size=9).map(
-    lambda points: np.array(points, dtype=np.float64)
-)
 
 
-@given(some_points)
+@given(st.lists(st.tuples(inner, inner), min_size=2, max_size=9))
 @settings(max_examples=100)
-def test_quarter_turns_and_mirrors_of_the_map_leave_the_verdict(points: FloatArray) -> None:
+def test_quarter_turns_and_mirrors_of_the_map_leave_the_verdict(
+    pairs: list[tuple[int, int]],
+) -> None:
+    points = np.array(pairs, dtype=np.float64)
     verdict = check_validity(points)
-    quarter = np.column_stack([200 - points[:, 1], points[:, 0]])
-    assert check_validity(quarter) == verdict
-    assert check_validity(200 - points) == verdict
+    assert check_validity(np.column_stack([200 - points[:, 1], points[:, 0]])) == verdict
     assert check_validity(points[:, ::-1]) == verdict
 
 
-@given(st.integers(0, 2**32 - 1), st.tuples(st.integers(-20, 20), st.integers(-20, 20)))
-@settings(max_examples=200)
-def test_a_move_within_the_map_leaves_the_verdict(seed: int, move: tuple[int, int]) -> None:
-    points = gentle(np.random.default_rng(seed))
-    moved = check_validity(points + np.array(move))
-    assert moved.message in (check_validity(points).message, reference.OUTSIDE)
-
-
 @given(st.lists(st.tuples(st.floats(-1e308, 1e308), st.floats(-1e308, 1e308)), max_size=12))
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_every_list_of_finite_points_gets_a_verdict(points: list[tuple[float, float]]) -> None:
     verdict = check_validity(points)
     assert verdict.valid == (verdict.message == "")
@@ -576,17 +456,6 @@ def test_edges_tell_whether_a_road_overlaps_itself() -> None:
     assert not overlaps_itself(left, right)
     assert overlaps_itself(left, [right[0], left[1], right[2]])  # no width in the middle
     assert overlaps_itself(left, right[::-1])
-
-
-@pytest.mark.parametrize(
-    ("left", "right", "says"),
-    [
-        ([], [], "at least 2 each"),
-        ([(0.0, 0.0)] * 3, [(0.0, 0.0)] * 2, "have 3 and 2"),
-        ([(0.0, 0.0)] * 2, [(0.0, math.nan)] * 2, "finite numbers"),
-        ([(0.0, 0.0)] * 2, [0.0, 1.0], "shape"),
-    ],
-)
-def test_edges_that_are_none_are_refused(left: Any, right: Any, says: str) -> None:
-    with pytest.raises(RoadError, match=says):
-        overlaps_itself(left, right)
+    for bad, says in (([], "at least 2 each"), (right[:2], "have 3 and 2"), ([0.0], "shape")):
+        with pytest.raises(RoadError, match=says):
+            overlaps_itself(left if bad else [], bad)

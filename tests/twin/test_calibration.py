@@ -484,7 +484,7 @@ def test_usual_bounds_end_where_no_car_can_be_made() -> None:
     [
         (lambda line: line | {"outcome": None}, "row 1 has no outcome"),
         (lambda line: line | {"outcome": "MAYBE"}, "its outcome is 'MAYBE': PASS or FAIL"),
-        (lambda line: line | {"curvatures": "x"}, "'curvatures' is not a list of numbers"),
+        (lambda line: line | {"curvatures": "x"}, r"got `str` - at `\$.curvatures`"),
         (lambda line: line | {"max_oob_share": "much"}, "its max_oob_share is 'much': a number"),
         (lambda line: line | {"trajectory": {"time": [0, 1]}}, "its trajectory has no x"),
         (lambda line: line | {"trajectory": [[0, 1, 2], [1, 2]]}, "trajectory"),

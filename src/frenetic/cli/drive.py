@@ -50,7 +50,7 @@ def drive(
 
     ROAD is JSON with curvatures (1/m) and optionally a step (m), or with road_points, or a test
     file of the competition or of a campaign's failures; or it is OpenDRIVE with a single road
-    or a chain of linked ones (.xodr). A failing road of a campaign is driven as the campaign drove
+    (.xodr). A failing road of a campaign is driven as the campaign drove
     it: its file says with which driver, layers, simulator, rules and map. Options change that. A
     road that lies elsewhere is moved into the map; an invalid one is not driven. The exit code is 0
     if it was driven, 1 if it is INVALID or the simulator or driver broke (ERROR).

@@ -36,12 +36,6 @@ EXPORTS: Final = "exports"
     type=click.Path(path_type=Path, allow_dash=True),
 )
 @click.option(
-    "--shoulder",
-    type=click.FloatRange(min=0.0),
-    metavar="M",
-    help="OpenDRIVE: m of ground beyond each lane, so that a car which leaves it does not fall.",
-)
-@click.option(
     "--origin",
     type=float,
     nargs=2,
@@ -55,7 +49,6 @@ def export_road(
     test_id: int | None,
     name: str | None,
     out: Path | None,
-    shoulder: float | None,
     origin: tuple[float, float] | None,
     lane: int | None,
     as_json: bool,
@@ -75,13 +68,12 @@ def export_road(
                 " suffix of --out"
             )
         name = format_of(out).name
-    for option, given in (("--shoulder", shoulder), ("--origin", origin)):
-        if given is not None and name != "opendrive":
-            raise click.UsageError(f"{option} is for --format opendrive, not {name}")
+    if origin is not None and name != "opendrive":
+        raise click.UsageError(f"--origin is for --format opendrive, not {name}")
     if lane is not None and test_id is not None:
         raise click.UsageError("--lane is for an OpenDRIVE file, not for a campaign's test")
     exported, default = _exported(source, test_id, lane)
-    exported = replace(exported, shoulder=shoulder or 0.0, origin=origin or exported.origin)
+    exported = replace(exported, origin=origin or exported.origin)
     the_format = road_format(name)
     if out is not None and str(out) == "-":
         # As bytes, so that every platform writes the same.

@@ -50,8 +50,6 @@ class ExportedRoad:
     """Name of the road, for a file with a place for it."""
     speed_limit: float = 70.0
     """km/h."""
-    shoulder: float = 0.0
-    """Ground beyond each lane, in m; only OpenDRIVE knows it."""
     test: Test | None = None
     """The campaign's test with this road, if any."""
     origin: tuple[float, float] = ORIGIN
@@ -78,7 +76,6 @@ def _opendrive(exported: ExportedRoad) -> str:
         exported.road,
         name=exported.name,
         speed_limit=exported.speed_limit,
-        shoulder=exported.shoulder,
         origin=exported.origin,
     )
 

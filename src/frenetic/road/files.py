@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from msgspec import Struct, ValidationError, convert
+
 from frenetic._support.files import require_list
 from frenetic.errors import LaneError, RoadError
 from frenetic.road.opendrive import from_opendrive
-from frenetic.road.road import MAX_SAMPLES, START, Pose, Road, checked_lane_width
+from frenetic.road.road import START, Road
 from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
 
 MAX_BYTES: Final = 8 * 2**20
@@ -20,16 +22,36 @@ _SUFFIXES: Final = {".json", ".xodr"}
 """Of the files that are looked into in a folder."""
 
 
+class Point(Struct):
+    """A road point that is an object."""
+
+    x: float
+    """m."""
+    y: float
+    """m."""
+
+
+class RoadEntries(Struct):
+    """The entries of a road file that describe its road."""
+
+    curvatures: list[float] | None = None
+    """1/m."""
+    road_points: list[tuple[float, float] | Point] | None = None
+    """m."""
+    step: float = 10.0
+    """m."""
+    pose: tuple[float, float, float] | None = None
+    """m, m and rad."""
+    lane_width: float = 4.0
+    """m."""
+
+
 @dataclass(frozen=True)
 class RoadFile:
     """A road as a file gives it: its curvatures or its points, unchanged."""
 
     path: Path
-    curvatures: object | None
-    step: object
-    pose: Pose | None
-    road_points: object | None
-    lane_width: object
+    given: RoadEntries
     entries: Mapping[str, Any] = field(default_factory=dict)
     """All entries of its JSON object, unchecked."""
 
@@ -39,18 +61,12 @@ class RoadFile:
         Raises:
             RoadError: the values describe no road; the message names the file.
         """
+        given = self.given
         try:
-            if self.curvatures is not None:
-                return Road(
-                    self.curvatures,  # type: ignore[arg-type]
-                    self.step,  # type: ignore[arg-type]
-                    self.pose or START,
-                    lane_width=self.lane_width,  # type: ignore[arg-type]
-                )
-            return Road.from_points(
-                self.road_points,  # type: ignore[arg-type]
-                lane_width=self.lane_width,  # type: ignore[arg-type]
-            )
+            if given.curvatures is None:
+                return Road.from_points(self._points(), lane_width=given.lane_width)
+            pose = given.pose or START
+            return Road(given.curvatures, given.step, pose, lane_width=given.lane_width)
         except RoadError as error:
             raise RoadError(f"{self.path}: {error}") from None
 
@@ -60,14 +76,16 @@ class RoadFile:
         Raises:
             RoadError: the values describe no road; the message names the file.
         """
-        if self.curvatures is None:
-            try:
-                checked_lane_width(self.lane_width)  # type: ignore[arg-type]
-                return check_validity(self.road_points, map_size)  # type: ignore[arg-type]
-            except RoadError as error:
-                raise RoadError(f"{self.path}: {error}") from None
-        _, verdict = self.road().placed(map_size)
-        return verdict
+        if self.given.curvatures is not None:
+            return self.road().placed(map_size)[1]
+        try:
+            return check_validity(self._points(), map_size)
+        except RoadError as error:
+            raise RoadError(f"{self.path}: {error}") from None
+
+    def _points(self) -> list[tuple[float, float]]:
+        points = self.given.road_points or []
+        return [(p.x, p.y) if isinstance(p, Point) else p for p in points]
 
 
 def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
@@ -76,8 +94,8 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
     A JSON file holds an object with ``curvatures`` (1/m) and optionally ``step`` (m, 10), ``pose``
     ([x, y, heading] in m, m, rad) and ``lane_width`` (m, 4); or one with ``road_points`` ([x, y] or
     {"x": x, "y": y} in m each), which a test file of the competition is; or just a list of points.
-    An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road or a chain of
-    them, see `from_opendrive`; ``lane`` is the id of the lane to drive on there.
+    An OpenDRIVE file, known by its suffix ``.xodr`` or by being XML, holds one road, see
+    `from_opendrive`; ``lane`` is the id of the lane to drive on there.
 
     Raises:
         RoadError: the file is missing, unreadable, too large, neither JSON nor OpenDRIVE, or holds
@@ -86,10 +104,18 @@ def read_road(path: Path | str, *, lane: int | None = None) -> RoadFile:
     path = Path(path)
     data = _load(path)
     if path.suffix.lower() == ".xodr" or data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
-        return _read_opendrive(path, data, -1 if lane is None else lane)
+        try:
+            road = from_opendrive(data, lane=-1 if lane is None else lane)
+        except RoadError as error:
+            raise type(error)(f"{path} cannot be read as OpenDRIVE: {error}") from None
+        curvatures = road.curvatures.tolist()
+        return RoadFile(path, RoadEntries(curvatures, None, road.step, road.pose, road.lane_width))
     if lane is not None:
         raise RoadError(f"{path} is no OpenDRIVE file: a lane can be chosen in those only")
-    content = _parse_json(path, data)
+    try:
+        content = json.loads(data.decode("utf-8-sig"))
+    except (RecursionError, ValueError) as error:
+        raise RoadError(f"{path} is not JSON that can be read: {error}") from None
     if isinstance(content, list):
         content = {"road_points": content}
     if not isinstance(content, Mapping):
@@ -110,31 +136,14 @@ def road_file(path: Path, content: Mapping[str, Any]) -> RoadFile:
     Raises:
         RoadError: it holds no road.
     """
-    curvatures, points = content.get("curvatures"), content.get("road_points")
-    if curvatures is None and points is None:
+    try:
+        given = convert(content, RoadEntries)
+    except ValidationError as error:
+        raise RoadError(f"{path}: {error}") from None
+    if given.curvatures is None and given.road_points is None:
         keys = ", ".join(sorted(map(str, content))[:8]) or "nothing"
         raise RoadError(f"{path} has neither 'curvatures' nor 'road_points', but {keys}")
-    if curvatures is not None and not _is_list_of_numbers(curvatures):
-        raise RoadError(f"{path}: 'curvatures' is not a list of numbers")
-    if curvatures is None:
-        points = _pairs(path, points)
-    return RoadFile(
-        path,
-        curvatures,
-        content.get("step", 10.0),
-        _pose(path, content.get("pose")),
-        points,
-        content.get("lane_width", 4.0),
-        content,
-    )
-
-
-def _read_opendrive(path: Path, data: bytes, lane: int) -> RoadFile:
-    try:
-        road = from_opendrive(data, lane=lane)
-    except RoadError as error:
-        raise type(error)(f"{path} cannot be read as OpenDRIVE: {error}") from None
-    return RoadFile(path, road.curvatures, road.step, road.pose, None, road.lane_width)
+    return RoadFile(path, given, content)
 
 
 def _load(path: Path) -> bytes:
@@ -143,64 +152,16 @@ def _load(path: Path) -> bytes:
             raise RoadError(f"{path} is a folder: a JSON or OpenDRIVE file is needed")
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise RoadError(
-                f"{path} has more than {MAX_BYTES} bytes ({MAX_BYTES // 2**20} MiB): no road file"
-                " is that large"
-            )
     except FileNotFoundError:
         raise RoadError(f"there is no file {path}") from None
     except OSError as error:
         raise RoadError(f"{path} cannot be read: {error.strerror or error}") from None
+    if len(data) > MAX_BYTES:
+        raise RoadError(
+            f"{path} has more than {MAX_BYTES} bytes ({MAX_BYTES // 2**20} MiB): no road file is"
+            " that large"
+        )
     return data
-
-
-def _parse_json(path: Path, data: bytes) -> Any:
-    try:
-        return json.loads(data.decode("utf-8-sig"))
-    except UnicodeDecodeError:
-        raise RoadError(f"{path} is not a text file: JSON in UTF-8 is needed") from None
-    except json.JSONDecodeError as error:
-        raise RoadError(
-            f"{path} is not JSON: {error.msg} in line {error.lineno}, column {error.colno}"
-        ) from None
-    except (RecursionError, ValueError):
-        raise RoadError(
-            f"{path} is not JSON that can be read: nested too deeply, or too long a number"
-        ) from None
-
-
-def _is_list_of_numbers(values: object) -> bool:
-    """Whether it is a list of numbers, as far as a road may be long."""
-    return isinstance(values, list) and all(
-        isinstance(v, (int, float)) and not isinstance(v, bool) for v in values[: MAX_SAMPLES + 1]
-    )
-
-
-def _pairs(path: Path, points: object) -> object:
-    """Points as [x, y] each, if some of them are objects with x and y; else what was given."""
-    if not isinstance(points, list):
-        return points
-    if len(points) > MAX_SAMPLES:
-        raise RoadError(f"{path}: a road of {len(points)} points: 2 to {MAX_SAMPLES} are allowed")
-    pairs = []
-    for i, point in enumerate(points):
-        if isinstance(point, Mapping):
-            missing = [key for key in ("x", "y") if key not in point]
-            if missing:
-                raise RoadError(f"{path}: point {i} has no '{missing[0]}'")
-            pairs.append([point["x"], point["y"]])
-        else:
-            pairs.append(point)
-    return pairs
-
-
-def _pose(path: Path, value: object) -> Pose | None:
-    if value is None:
-        return None
-    if not (isinstance(value, list) and len(value) == 3 and _is_list_of_numbers(value)):
-        raise RoadError(f"{path}: 'pose' has to be [x, y, heading] in m, m and rad")
-    return Pose(*value)
 
 
 # Folders

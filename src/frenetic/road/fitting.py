@@ -51,10 +51,7 @@ class RigidMotion:
 
     def apply(self, points: npt.ArrayLike) -> FloatArray:
         """Return the moved points, (N, 2) in m."""
-        array = as_points(points)
-        moved = np.empty_like(array)
-        moved[:, 0], moved[:, 1] = self.moved(array[:, 0], array[:, 1])
-        return moved
+        return np.column_stack(self.moved(*as_points(points).T))
 
     def moved(self, x: _Number, y: _Number) -> tuple[_Number, _Number]:
         """Return the moved point, or points by their coordinates, in m."""
@@ -92,10 +89,8 @@ def fit_to_map(
     if len(line) == 0:
         raise RoadError("there are no points to fit to the map; a road has at least one")
     low_x, low_y, high_x, high_y = _box(line)
-    if not (high_x - low_x < math.inf and high_y - low_y < math.inf):
-        raise RoadError(
-            "road points must be finite numbers of metres, but some are NaN or infinite"
-        )
+    if math.inf in (high_x - low_x, high_y - low_y):
+        raise RoadError("the road is longer than any number of metres")
 
     room = map_size - 2.0 * margin
     if room <= 0.0:
@@ -116,18 +111,9 @@ def fit_to_map(
 
 @njit()
 def _box(points: FloatArray) -> tuple[float, float, float, float]:
-    """Return low x, low y, high x, high y; NaN if any coordinate is."""
-    low_x = high_x = points[0, 0]
-    low_y = high_y = points[0, 1]
-    for i in range(len(points)):
-        x, y = points[i, 0], points[i, 1]
-        if math.isnan(x) or math.isnan(y):
-            return math.nan, math.nan, math.nan, math.nan
-        low_x = min(low_x, x)
-        low_y = min(low_y, y)
-        high_x = max(high_x, x)
-        high_y = max(high_y, y)
-    return low_x, low_y, high_x, high_y
+    """Return low x, low y, high x, high y."""
+    x, y = points[:, 0], points[:, 1]
+    return x.min(), y.min(), x.max(), y.max()
 
 
 @njit()

@@ -40,10 +40,8 @@ SUB_TURN = 0.5
 
 # Nodes and weights of the Gauss-Legendre rule with five points on [0, 1]. On a sub-step, which
 # turns by SUB_TURN at most, its error is below 1e-11 m.
-_GAUSS_X = 0.5 * (np.polynomial.legendre.leggauss(5)[0] + 1.0)
-_GAUSS_W = 0.5 * np.polynomial.legendre.leggauss(5)[1]
-_G0, _G1, _G2, _G3, _G4 = (float(v) for v in _GAUSS_X)
-_W0, _W1, _W2, _W3, _W4 = (float(v) for v in _GAUSS_W)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+GAUSS = tuple(zip((0.5 * (_NODES + 1.0)).tolist(), (0.5 * _WEIGHTS).tolist(), strict=True))
 
 
 @njit()
@@ -51,7 +49,7 @@ def chord(heading: float, curvature: float, rate: float, u: float) -> tuple[floa
     """Displacement (dx, dy) after ``u`` m of a clothoid with the given start and curvature rate."""
     dx = 0.0
     dy = 0.0
-    for node, weight in ((_G0, _W0), (_G1, _W1), (_G2, _W2), (_G3, _W3), (_G4, _W4)):
+    for node, weight in GAUSS:
         t = u * node
         angle = heading + t * (curvature + 0.5 * rate * t)
         dx += weight * math.cos(angle)
@@ -75,7 +73,7 @@ def _sub_chord(curvature: float, rate: float, u: float) -> tuple[float, float]:
     """`chord` in the frame of its start, over at most one sub-step: no trigonometry, so fast."""
     ahead = 0.0
     left = 0.0
-    for node, weight in ((_G0, _W0), (_G1, _W1), (_G2, _W2), (_G3, _W3), (_G4, _W4)):
+    for node, weight in GAUSS:
         t = u * node
         cosine, sine = _turn(t * (curvature + 0.5 * rate * t))
         ahead += weight * cosine

@@ -23,6 +23,8 @@ SPLINE_STEP = 0.5
 CORRECTION = 4.0
 """Length of road over which a road along a spline corrects its distance from it, in m."""
 
+_ENDS = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1))
+
 Recovered: TypeAlias = tuple[FloatArray, float, tuple[float, float, float]]
 
 
@@ -127,17 +129,7 @@ def _recognise(points: FloatArray) -> Recovered | None:
     step = float((lengths[1:-1] * (1.0 + turns[1:] * turns[:-1] / 24.0)).mean())
     found, worst = None, math.inf
     spread = 0.5 / step
-    for front, back in (
-        (0, 0),
-        (1, 0),
-        (-1, 0),
-        (0, 1),
-        (0, -1),
-        (1, 1),
-        (1, -1),
-        (-1, 1),
-        (-1, -1),
-    ):
+    for front, back in _ENDS:
         curvatures = _from_turns(turns / step, front * spread, back * spread)
         heading = directions[0] - step * (curvatures[0] / 3.0 + curvatures[1] / 6.0)
         start = np.concatenate([curvatures, [points[0, 0], points[0, 1], heading, step]])
@@ -180,7 +172,8 @@ def _gauss_newton(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray,
     step = unknowns[-1]
     best, best_worst, stalled = unknowns, math.inf, 0
     for iteration in range(40):
-        residual, jacobian = _mismatch(unknowns, points)
+        place, jacobian = _chain_jacobian(unknowns)
+        residual = place - points.ravel()
         worst = float(np.abs(residual).max())
         stalled = 0 if worst < 0.5 * best_worst else stalled + 1
         if worst < best_worst:
@@ -194,44 +187,31 @@ def _gauss_newton(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray,
     return best, best_worst
 
 
-def _mismatch(unknowns: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Residuals (2 N,) of a chain's samples against the points, and their Jacobian (2 N, N + 4)."""
-    n = len(points)
-    curvatures, (x, y, heading, step) = unknowns[:n], unknowns[n:]
-    residual, jacobian = _chain_jacobian(curvatures, x, y, heading, step)
-    return residual - points.ravel(), jacobian
-
-
 @njit()
-def _chain_jacobian(
-    curvatures: FloatArray, x: float, y: float, heading: float, step: float
-) -> tuple[FloatArray, FloatArray]:
-    """Samples (2 N,) of a clothoid chain and their derivatives by curvatures, pose and step."""
-    n = len(curvatures)
-    unknowns = n + 4
+def _chain_jacobian(unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Samples (2 N,) of a clothoid chain and their Jacobian (2 N, N + 4).
+
+    The unknowns are N curvatures, x, y, heading and step.
+    """
+    n = len(unknowns) - 4
+    heading, step = unknowns[n + 2], unknowns[n + 3]
     place = np.empty(2 * n)
-    jacobian = np.zeros((2 * n, unknowns))
+    jacobian = np.zeros((2 * n, n + 4))
     # d(heading)/d(unknown) at the current sample.
-    turn = np.zeros(unknowns)
+    turn = np.zeros(n + 4)
     turn[n + 2] = 1.0
-    place[0] = x
-    place[1] = y
+    place[0] = unknowns[n]
+    place[1] = unknowns[n + 1]
     jacobian[0, n] = 1.0
     jacobian[1, n + 1] = 1.0
     parts = max(1, math.ceil(step))
     du = 1.0 / parts
     for i in range(n - 1):
-        k0, k1 = curvatures[i], curvatures[i + 1]
+        k0, k1 = unknowns[i], unknowns[i + 1]
         dx = dy = 0.0
         gx, gy = np.zeros(4), np.zeros(4)  # by heading, k0, k1, step
         for part in range(parts):
-            for node, weight in (
-                (geometry._G0, geometry._W0),
-                (geometry._G1, geometry._W1),
-                (geometry._G2, geometry._W2),
-                (geometry._G3, geometry._W3),
-                (geometry._G4, geometry._W4),
-            ):
+            for node, weight in geometry.GAUSS:
                 u = (part + node) * du
                 by_k0 = step * (u - 0.5 * u * u)
                 by_k1 = step * 0.5 * u * u
@@ -246,7 +226,7 @@ def _chain_jacobian(
         place[2 * i + 2] = place[2 * i] + step * dx
         place[2 * i + 3] = place[2 * i + 1] + step * dy
         row, before = 2 * i + 2, 2 * i
-        for j in range(unknowns):
+        for j in range(n + 4):
             jacobian[row, j] = jacobian[before, j] + step * gx[0] * turn[j]
             jacobian[row + 1, j] = jacobian[before + 1, j] + step * gy[0] * turn[j]
         jacobian[row, i] += step * gx[1]

@@ -15,7 +15,7 @@ from frenetic.errors import RoadError
 from frenetic.road import geometry
 from frenetic.road.fitting import MARGIN, fit_to_map
 from frenetic.road.recovery import curvature_from_points
-from frenetic.road.validity import MAP_SIZE, Verdict, check_validity
+from frenetic.road.validity import MAP_SIZE, Verdict, as_points, check_validity
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -102,25 +102,31 @@ class Road(Shown):
         *,
         lane_width: float = 4.0,
     ) -> None:
-        values = _numbers(curvatures, "curvatures")
+        try:
+            values = np.array(curvatures, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            raise RoadError("curvatures are not a list of numbers") from None
         if values.ndim != 1:
             raise RoadError(f"curvatures have shape {values.shape}: a flat list (N,) is needed")
         if not 2 <= len(values) <= MAX_SAMPLES:
             raise RoadError(
                 f"a road of {len(values)} curvature samples: 2 to {MAX_SAMPLES} are allowed"
             )
-        if not np.abs(values).max() <= MAX_CURVATURE:  # nor is what is no number
-            raise RoadError(_trouble_of(values))
+        bad = np.flatnonzero(~(np.abs(values) <= MAX_CURVATURE))
+        if len(bad):
+            raise RoadError(
+                f"curvature {bad[0]} is {values[bad[0]]:g} 1/m: every curvature must be a finite"
+                f" number, at most {MAX_CURVATURE:g} in either direction"
+            )
         values.setflags(write=False)
         object.__setattr__(self, "curvatures", values)
-        object.__setattr__(self, "step", _positive(step, "step", MIN_STEP))
+        object.__setattr__(self, "step", _metres(step, "step", MIN_STEP, MAX_LENGTH))
         object.__setattr__(self, "lane_width", checked_lane_width(lane_width))
         if self.length > MAX_LENGTH:
             raise RoadError(
                 f"a road of {self.length:.0f} m: at most {MAX_LENGTH:.0f} m can be represented"
             )
-        x, y, heading = _finite_pose(pose)
-        object.__setattr__(self, "pose", Pose(x, y, heading))
+        object.__setattr__(self, "pose", _bounded(pose))
 
     @classmethod
     def from_points(cls, points: npt.ArrayLike, *, lane_width: float = 4.0) -> Road:
@@ -140,15 +146,9 @@ class Road(Shown):
             RoadError: not (N, 2) finite numbers, fewer than 2, two consecutive ones less than a
                 micrometre apart, or any beyond 10000 km.
         """
-        array = _numbers(points, "points")
-        if array.ndim != 2 or array.shape[1] != 2:
-            raise RoadError(f"points have shape {array.shape}: a list of (x, y), (N, 2), is needed")
+        array = as_points(points)
         if not 2 <= len(array) <= MAX_SAMPLES:
             raise RoadError(f"a road of {len(array)} points: 2 to {MAX_SAMPLES} are allowed")
-        bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
-        if len(bad):
-            x, y = array[bad[0]]
-            raise RoadError(f"point {bad[0]} is ({x}, {y}): coordinates must be finite numbers")
         far = np.flatnonzero(np.abs(array).max(axis=1) > MAX_COORDINATE)
         if len(far):
             x, y = array[far[0]]
@@ -205,7 +205,7 @@ class Road(Shown):
 
     def distances(self, spacing: float = POINT_SPACING) -> FloatArray:
         """Distances along the road, (n,) in m: equal steps of ``spacing`` or a little less."""
-        spacing = _positive(spacing, "spacing")
+        spacing = _metres(spacing, "spacing", MIN_STEP, math.inf)
         pieces = max(1, math.ceil(self.length / spacing - 1e-9))
         # As numpy.linspace, which takes several times as long.
         places = np.arange(pieces + 1, dtype=np.float64) * (self.length / pieces)
@@ -325,81 +325,35 @@ def _make_road(
     return Road(curvatures, step, pose, lane_width=lane_width)
 
 
-def _trouble_of(curvatures: FloatArray) -> str:
-    """What is wrong with curvatures of which some are too large or not finite."""
-    bad = np.flatnonzero(~np.isfinite(curvatures))
-    if len(bad):
-        return (
-            f"curvature {bad[0]} is {curvatures[bad[0]]}: every curvature must be a finite number"
-        )
-    i = int(np.flatnonzero(np.abs(curvatures) > MAX_CURVATURE)[0])
-    return (
-        f"curvature {i} is {curvatures[i]:g} 1/m: at most {MAX_CURVATURE:g} in either direction can"
-        " be represented"
-    )
-
-
-def _numbers(values: npt.ArrayLike, name: str) -> FloatArray:
-    try:
-        return np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise RoadError(f"{name} are not a list of numbers") from None
-
-
 def checked_lane_width(value: float) -> float:
     """Width of a lane, in m.
 
     Raises:
         RoadError: it is no number, or not one of 0.1 to 100 m.
     """
-    return _positive(value, "lane_width", MIN_LANE_WIDTH, MAX_LANE_WIDTH)
+    return _metres(value, "lane_width", MIN_LANE_WIDTH, MAX_LANE_WIDTH)
 
 
-def _finite_pose(pose: tuple[float, float, float]) -> tuple[float, float, float]:
+def _bounded(pose: tuple[float, float, float]) -> Pose:
     try:
-        x, y, heading = (float(v) for v in pose)
-    except (TypeError, ValueError):
-        raise RoadError(f"pose {shortened(pose)}: x, y and heading are needed") from None
-    except OverflowError:
-        raise RoadError(f"pose {shortened(pose)}: a number in it is too large") from None
-    if not all(math.isfinite(v) for v in (x, y, heading)):
-        raise RoadError(f"pose {(x, y, heading)}: x, y and heading must be finite numbers")
-    if max(abs(x), abs(y)) > MAX_COORDINATE:
+        x, y, heading = map(float, pose)
+    except (TypeError, ValueError, OverflowError):
+        raise RoadError(f"pose {pose!r:.40}: x, y and heading are needed") from None
+    if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE and abs(heading) <= MAX_HEADING):
         raise RoadError(
-            f"pose ({x:g}, {y:g}, {heading:g}): at most {MAX_COORDINATE:g} m from the origin"
+            f"pose ({x:g}, {y:g}, {heading:g}): x and y of at most {MAX_COORDINATE:g} m and a"
+            f" heading of at most {MAX_HEADING:g} rad in either direction are needed"
         )
-    if abs(heading) > MAX_HEADING:
-        raise RoadError(
-            f"pose ({x:g}, {y:g}, {heading:g}): a heading of at most {MAX_HEADING:g} rad"
-            " in either direction is needed"
-        )
-    return x, y, heading
+    return Pose(x, y, heading)
 
 
-def shortened(value: object) -> str:
-    """The given value, at most 40 characters long, for a message.
-
-    Numbers of thousands of digits, which Python refuses to print, are only named.
-    """
-    try:
-        text = repr(value)
-    except ValueError:
-        return "a number of thousands of digits"
-    return text if len(text) <= 40 else text[:40] + "..."
-
-
-def _positive(value: float, name: str, least: float = 0.0, most: float = math.inf) -> float:
+def _metres(value: float, name: str, least: float, most: float) -> float:
     try:
         number = float(value)
-    except OverflowError:
-        number = math.inf
-    except (TypeError, ValueError):
-        raise RoadError(
-            f"{name} is {shortened(value)}: a positive number of metres is needed"
-        ) from None
-    if not (math.isfinite(number) and number > 0.0):
-        raise RoadError(f"{name} is {number:g}: a positive number of metres is needed")
+    except (TypeError, ValueError, OverflowError):
+        number, given = math.nan, f"{value!r:.40}"
+    else:
+        given = f"{number:g}"
     if not least <= number <= most:
-        bound = f"at least {least:g}" if number < least else f"at most {most:g}"
-        raise RoadError(f"{name} is {number:g}: {bound} m can be represented")
+        raise RoadError(f"{name} is {given}: {least:g} to {most:g} m are allowed")
     return number

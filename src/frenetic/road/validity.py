@@ -10,12 +10,12 @@ the edges of consecutive interpolated points:
     right[i]  o-----------o right[i + 1]
               line i      line i + 1       line i runs from left[i] to right[i]
 
-"Ahead" of line i is the side to which the road leads there. Where every quad lies ahead of its
-first line and behind its second, all quads are convex and neighbours meet in their common line
-only; and quad j, coming later, keeps clear of quad i when all of it lies ahead of line i + 1. These
-tests settle nearly every pair of an ordinary road. The few others are compared edge by edge, with
-orientations whose sign is certain, and pairs too far apart to meet are skipped by the stretch that
-the road needs to come back.
+"Ahead" of line i is the side to which the road leads there. A quad is plain if it lies ahead of
+its first line and behind its second: then it is convex, plain neighbours meet in their common line
+only, and a later quad keeps clear of it that lies all ahead of its second line. These tests settle
+nearly every pair of an ordinary road. The few others are compared edge by edge, and pairs too far
+apart to meet are skipped by the stretch that the road needs to come back. Along such a chain no
+quad lies inside another unless edges meet, so edges are all there is to compare.
 """
 
 from __future__ import annotations
@@ -55,19 +55,7 @@ _MIN_RADIUS: Final = 47.0  # [ft]
 _FEET_PER_METRE: Final = 3.280839895
 _STRAIGHT: Final = 1e-6  # [m2] less than this, and three points count as collinear
 _CLEAR: Final = 1e-6  # [m2] more than what rounding can do to the product of two road widths
-_FINITE_ONLY: Final = "road points must be finite numbers of metres, but some are NaN or infinite"
 _LONGEST: Final = 1e6  # [m] what `interpolate` accepts, since it makes a node for every metre
-
-# What the kernels answer; also the index of the verdict in _VERDICTS.
-_VALID: Final = 0
-_TOO_FEW: Final = 1
-_TOO_MANY: Final = 2
-_REPEATED: Final = 3
-_OUTSIDE: Final = 4
-_SELF_INTERSECTING: Final = 5
-_TOO_SHORT: Final = 6
-_TOO_SHARP: Final = 7
-_NOT_FINITE: Final = 8
 
 
 @dataclass(frozen=True)
@@ -82,16 +70,29 @@ class Verdict:
         return self.valid
 
 
-_VERDICTS: Final = (
-    Verdict(True, ""),
-    Verdict(False, "Not enough road points."),
-    Verdict(False, "The road definition contains too many points"),
-    Verdict(False, "Two consecutive road points are the same"),
-    Verdict(False, "Not entirely inside the map boundaries"),
-    Verdict(False, "The road is self-intersecting"),
-    Verdict(False, "The road is not long enough."),
-    Verdict(False, "The road is too sharp"),
+_VERDICTS: Final = tuple(
+    Verdict(not message, message)
+    for message in (
+        "",
+        "Not enough road points.",
+        "The road definition contains too many points",
+        "Two consecutive road points are the same",
+        "Not entirely inside the map boundaries",
+        "The road is self-intersecting",
+        "The road is not long enough.",
+        "The road is too sharp",
+    )
 )
+(
+    _VALID,
+    _TOO_FEW,
+    _TOO_MANY,
+    _REPEATED,
+    _OUTSIDE,
+    _SELF_INTERSECTING,
+    _TOO_SHORT,
+    _TOO_SHARP,
+) = range(len(_VERDICTS))  # what the kernels answer
 
 
 def check_validity(points: npt.ArrayLike, map_size: float = MAP_SIZE) -> Verdict:
@@ -115,10 +116,7 @@ def check_validity(points: npt.ArrayLike, map_size: float = MAP_SIZE) -> Verdict
     """
     if not 0.0 < map_size < math.inf:
         raise RoadError(f"map_size is {map_size!r}, but must be a positive number of metres")
-    code = _check(as_points(points), float(map_size))
-    if code == _NOT_FINITE:
-        raise RoadError(_FINITE_ONLY)
-    return _VERDICTS[code]
+    return _VERDICTS[_check(as_points(points), float(map_size))]
 
 
 def interpolate(points: npt.ArrayLike) -> FloatArray:
@@ -140,8 +138,6 @@ def interpolate(points: npt.ArrayLike) -> FloatArray:
     road_points = as_points(points)
     if len(road_points) < 2:
         raise RoadError(f"a road needs at least 2 points, but there are {len(road_points)}")
-    if not np.isfinite(road_points).all():
-        raise RoadError(_FINITE_ONLY)
     parameters, length = _chord_parameters(road_points)
     if not length <= _LONGEST:
         raise RoadError(
@@ -165,10 +161,7 @@ def min_radius(interpolated: npt.ArrayLike) -> float:
     Raises:
         RoadError: The points are not finite pairs of numbers.
     """
-    nodes = as_points(interpolated)
-    if not np.isfinite(nodes).all():
-        raise RoadError(_FINITE_ONLY)
-    return float(_min_radius(nodes))
+    return float(_min_radius(as_points(interpolated)))
 
 
 def overlaps_itself(left: npt.ArrayLike, right: npt.ArrayLike) -> bool:
@@ -187,8 +180,6 @@ def overlaps_itself(left: npt.ArrayLike, right: npt.ArrayLike) -> bool:
             "a road's edges must have equally many points, at least 2 each, but have"
             f" {len(left_edge)} and {len(right_edge)}"
         )
-    if not (np.isfinite(left_edge).all() and np.isfinite(right_edge).all()):
-        raise RoadError(_FINITE_ONLY)
     return bool(_overlaps_itself(left_edge, right_edge))
 
 
@@ -196,7 +187,7 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
     """Return a fresh (N, 2) array in C order: the one type for which the kernels are compiled.
 
     Raises:
-        RoadError: The points are not N pairs of numbers. (NaN is a number here.)
+        RoadError: The points are not N finite pairs of numbers.
     """
     try:
         array = np.asarray(points)
@@ -211,7 +202,12 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
         )
     if array.dtype.kind not in "fiu":
         raise RoadError(f"road points must be numbers, but they are of type {array.dtype}")
-    return array.astype(np.float64, order="C")
+    pairs = array.astype(np.float64, order="C")
+    if not np.isfinite(pairs).all():
+        i = np.flatnonzero(~np.isfinite(pairs).all(axis=1))[0]
+        x, y = pairs[i]
+        raise RoadError(f"road point {i} is ({x:g}, {y:g}): finite numbers of metres are needed")
+    return pairs
 
 
 # --- the rules ---------------------------------------------------------------------------------
@@ -220,8 +216,6 @@ def as_points(points: npt.ArrayLike) -> FloatArray:
 @njit()
 def _check(points: FloatArray, map_size: float) -> int:
     """Return the code of the first rule that is broken, _VALID if none is."""
-    if not np.isfinite(points).all():
-        return _NOT_FINITE
     if len(points) < 2:
         return _TOO_FEW
     if len(points) > _MAX_POINTS:
@@ -384,14 +378,14 @@ def _to_millimetre(value: float) -> float:
     """Return what Python's ``round(value, 3)`` does: the nearest decimal to the exact value."""
     scaled = value * 1000.0
     below = math.floor(scaled)
-    if scaled - below != 0.5:
-        return float(np.rint(scaled) / 1000.0)
-    # The product looks like a tie. What its rounding lost tells on which side it is.
-    lost = _product_error(value, 1000.0, scaled)
-    if lost > 0.0:
-        return (below + 1.0) / 1000.0
-    if lost < 0.0:
-        return below / 1000.0
+    if scaled - below == 0.5:
+        # The product looks like a tie. What its rounding lost tells on which side it is: a half of
+        # the value's digits is multiplied without loss (Dekker's splitting).
+        half = 134217729.0 * value
+        half -= half - value
+        lost = (1000.0 * half - scaled) + 1000.0 * (value - half)
+        if lost != 0.0:
+            return (below + 1.0 if lost > 0.0 else below) / 1000.0
     return float(np.rint(scaled) / 1000.0)
 
 
@@ -433,36 +427,34 @@ def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
     Close to linear time for a road that seldom comes near itself.
     """
     quads = len(left) - 1
-    # Whether line i + 1 lies ahead of line i, and line i behind line i + 1.
-    ahead = np.empty(quads, dtype=np.bool_)
-    behind = np.empty(quads, dtype=np.bool_)
+    plain = np.empty(quads, dtype=np.bool_)
     for i in range(quads):
-        ahead[i] = _is_ahead(left, right, i, i + 1)
-        behind[i] = _is_behind(left, right, i + 1, i)
-        if not (ahead[i] and behind[i]) and not _is_simple(left, right, i):
+        plain[i] = _is_ahead(left, right, i, i + 1) and _is_ahead(right, left, i + 1, i)
+        if not plain[i] and (
+            _segments_touch(left[i], left[i + 1], right[i], right[i + 1])
+            or _segments_touch(left[i], right[i], left[i + 1], right[i + 1])
+        ):
             return True
     for i in range(quads - 1):
-        if not (behind[i] and ahead[i + 1]) and not _share_only_their_line(left, right, i):
+        if not (plain[i] and plain[i + 1]) and not _share_only_their_line(left, right, i):
             return True
 
     centres = np.empty((quads, 2))
-    reach = np.empty(quads)  # [m] from its centre, how far a quad extends
-    longest_reach = 0.0
+    reach = np.zeros(quads)  # [m] from its centre, how far a quad extends
     hop = 0.0  # [m] the largest distance between consecutive centres
     for i in range(quads):
-        x = 0.25 * (left[i, 0] + left[i + 1, 0] + right[i, 0] + right[i + 1, 0])
-        y = 0.25 * (left[i, 1] + left[i + 1, 1] + right[i, 1] + right[i + 1, 1])
-        farthest = 0.0
-        for k in range(i, i + 2):
-            farthest = max(farthest, (left[k, 0] - x) ** 2 + (left[k, 1] - y) ** 2)
-            farthest = max(farthest, (right[k, 0] - x) ** 2 + (right[k, 1] - y) ** 2)
-        centres[i, 0] = x
-        centres[i, 1] = y
-        reach[i] = math.sqrt(farthest)
-        longest_reach = max(longest_reach, reach[i])
+        for axis in range(2):
+            start, end = left[i, axis] + right[i, axis], left[i + 1, axis] + right[i + 1, axis]
+            centres[i, axis] = 0.25 * (start + end)
+        for edge in (left, right):
+            for k in range(i, i + 2):
+                dx, dy = edge[k, 0] - centres[i, 0], edge[k, 1] - centres[i, 1]
+                reach[i] = max(reach[i], math.hypot(dx, dy))
         if i > 0:
-            hop = max(hop, math.hypot(x - centres[i - 1, 0], y - centres[i - 1, 1]))
-    longest_reach += 1e-6  # more than all rounding here
+            dx = centres[i, 0] - centres[i - 1, 0]
+            dy = centres[i, 1] - centres[i - 1, 1]
+            hop = max(hop, math.hypot(dx, dy))
+    longest_reach = reach.max() + 1e-6  # more than all rounding here
 
     for i in range(quads - 2):
         near = reach[i] + longest_reach
@@ -480,13 +472,13 @@ def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
                 j += 1 + int((math.sqrt(squared) - near) / hop)
                 continue
             apart = (
-                behind[i]
+                plain[i]
                 and ahead_x * (left[j, 0] - x) + ahead_y * (left[j, 1] - y) > _CLEAR
                 and ahead_x * (right[j, 0] - x) + ahead_y * (right[j, 1] - y) > _CLEAR
                 and ahead_x * (left[j + 1, 0] - x) + ahead_y * (left[j + 1, 1] - y) > _CLEAR
                 and ahead_x * (right[j + 1, 0] - x) + ahead_y * (right[j + 1, 1] - y) > _CLEAR
             )
-            if not apart and _quads_touch(left, right, i, j):
+            if not apart and _edges_touch(left, right, i, j):
                 return True
             j += 1
     return False
@@ -494,38 +486,40 @@ def _overlaps_itself(left: FloatArray, right: FloatArray) -> bool:
 
 @njit()
 def _is_ahead(left: FloatArray, right: FloatArray, line: int, other: int) -> bool:
-    """Return whether all of line `other` lies ahead of line `line`, not touching it."""
-    lx, ly = left[line, 0], left[line, 1]
-    rx, ry = right[line, 0], right[line, 1]
-    return (
-        _orientation(lx, ly, rx, ry, left[other, 0], left[other, 1]) > 0
-        and _orientation(lx, ly, rx, ry, right[other, 0], right[other, 1]) > 0
+    """Return whether all of line `other` lies ahead of line `line`; behind it, sides swapped."""
+    ax, ay = left[line, 0], left[line, 1]
+    bx, by = right[line, 0], right[line, 1]
+    return bool(
+        _side(ax, ay, bx, by, left[other, 0], left[other, 1]) > 0.0
+        and _side(ax, ay, bx, by, right[other, 0], right[other, 1]) > 0.0
     )
 
 
 @njit()
-def _is_behind(left: FloatArray, right: FloatArray, line: int, other: int) -> bool:
-    """Return whether all of line `other` lies behind line `line`, not touching it."""
-    lx, ly = left[line, 0], left[line, 1]
-    rx, ry = right[line, 0], right[line, 1]
-    return (
-        _orientation(lx, ly, rx, ry, left[other, 0], left[other, 1]) < 0
-        and _orientation(lx, ly, rx, ry, right[other, 0], right[other, 1]) < 0
-    )
+def _edge(left: FloatArray, right: FloatArray, i: int, k: int) -> tuple[FloatArray, FloatArray]:
+    """Return the ends of an edge of quad i: left, right, first line and second line, by k."""
+    if k == 0:
+        return left[i], left[i + 1]
+    if k == 1:
+        return right[i], right[i + 1]
+    return left[i + k - 2], right[i + k - 2]
 
 
 @njit()
-def _is_simple(left: FloatArray, right: FloatArray, i: int) -> bool:
-    """Return whether quad i is a polygon: neither pair of opposite edges touches."""
-    return not (
-        _segments_touch(left[i], left[i + 1], right[i], right[i + 1])
-        or _segments_touch(left[i], right[i], left[i + 1], right[i + 1])
-    )
+def _edges_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
+    """Return whether an edge of quad i has a point in common with one of quad j."""
+    for k in range(4):
+        a, b = _edge(left, right, i, k)
+        for m in range(4):
+            c, d = _edge(left, right, j, m)
+            if _segments_touch(a, b, c, d):
+                return True
+    return False
 
 
 @njit()
 def _share_only_their_line(left: FloatArray, right: FloatArray, i: int) -> bool:
-    """Return whether the quads i and i + 1, both simple, have line i + 1 in common and no more.
+    """Return whether the quads i and i + 1, neither twisted, have line i + 1 in common and no more.
 
     They do when they lie on different sides of the line, which is when they turn the same way, and
     their other edges meet nowhere but in the ends of the line. (Two edges that run along each other
@@ -533,138 +527,42 @@ def _share_only_their_line(left: FloatArray, right: FloatArray, i: int) -> bool:
     """
     if _turns_clockwise(left, right, i) != _turns_clockwise(left, right, i + 1):
         return False
-    return not (
-        _segments_touch(left[i], left[i + 1], right[i + 1], right[i + 2])
-        or _segments_touch(left[i], left[i + 1], left[i + 2], right[i + 2])
-        or _segments_touch(right[i], right[i + 1], left[i + 1], left[i + 2])
-        or _segments_touch(right[i], right[i + 1], left[i + 2], right[i + 2])
-        or _segments_touch(left[i], right[i], left[i + 1], left[i + 2])
-        or _segments_touch(left[i], right[i], right[i + 1], right[i + 2])
-        or _segments_touch(left[i], right[i], left[i + 2], right[i + 2])
-    )
-
-
-@njit()
-def _quads_touch(left: FloatArray, right: FloatArray, i: int, j: int) -> bool:
-    """Return whether two simple quads have a point in common."""
-    a = _corners(left, right, i)
-    b = _corners(left, right, j)
-    for axis in range(2):
-        a0, a1, a2, a3 = a[0, axis], a[1, axis], a[2, axis], a[3, axis]
-        b0, b1, b2, b3 = b[0, axis], b[1, axis], b[2, axis], b[3, axis]
-        if max(a0, a1, a2, a3) < min(b0, b1, b2, b3) or max(b0, b1, b2, b3) < min(a0, a1, a2, a3):
-            return False
-    for k in range(4):
-        for m in range(4):
-            if _segments_touch(a[k - 1], a[k], b[m - 1], b[m]):
-                return True
-    # No edges meet: one lies in the other with all its corners, or they are apart.
-    return _contains(a, b[0]) or _contains(b, a[0])
-
-
-@njit()
-def _corners(left: FloatArray, right: FloatArray, i: int) -> FloatArray:
-    corners = np.empty((4, 2))
-    for axis in range(2):
-        corners[0, axis] = left[i, axis]
-        corners[1, axis] = left[i + 1, axis]
-        corners[2, axis] = right[i + 1, axis]
-        corners[3, axis] = right[i, axis]
-    return corners
-
-
-@njit()
-def _contains(corners: FloatArray, point: FloatArray) -> bool:
-    """Return whether a point that is not on the quad's edges lies in the quad."""
-    inside = False
-    for k in range(4):
-        a, b = corners[k - 1], corners[k]
-        upward = b[1] > point[1]
-        if upward != (a[1] > point[1]):
-            side = _orientation(a[0], a[1], b[0], b[1], point[0], point[1])
-            if (side > 0) == upward:
-                inside = not inside
-    return inside
+    for k in (0, 1, 2):
+        a, b = _edge(left, right, i, k)
+        for m in (0, 1, 3):
+            c, d = _edge(left, right, i + 1, m)
+            if k != m and _segments_touch(a, b, c, d):
+                return False
+    return True
 
 
 @njit()
 def _turns_clockwise(left: FloatArray, right: FloatArray, i: int) -> bool:
     """Return whether left[i], left[i + 1], right[i + 1], right[i] is a clockwise turn."""
-    ax = right[i + 1, 0] - left[i, 0]
-    ay = right[i + 1, 1] - left[i, 1]
-    bx = right[i, 0] - left[i + 1, 0]
-    by = right[i, 1] - left[i + 1, 1]
-    return bool(ax * by - ay * bx < 0.0)
+    a = right[i + 1] - left[i]
+    b = right[i] - left[i + 1]
+    return bool(a[0] * b[1] - a[1] * b[0] < 0.0)
 
 
 @njit()
 def _segments_touch(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray) -> bool:
     """Return whether the segments from a to b and from c to d have a point in common."""
-    if max(a[0], b[0]) < min(c[0], d[0]) or max(c[0], d[0]) < min(a[0], b[0]):
-        return False
-    if max(a[1], b[1]) < min(c[1], d[1]) or max(c[1], d[1]) < min(a[1], b[1]):
-        return False
+    for axis in range(2):
+        if max(a[axis], b[axis]) < min(c[axis], d[axis]):
+            return False
+        if max(c[axis], d[axis]) < min(a[axis], b[axis]):
+            return False
     # The boxes meet, so the segments do, unless one lies strictly on one side of the other.
-    c_side = _orientation(a[0], a[1], b[0], b[1], c[0], c[1])
-    d_side = _orientation(a[0], a[1], b[0], b[1], d[0], d[1])
-    if c_side * d_side > 0:
+    c_side = _side(a[0], a[1], b[0], b[1], c[0], c[1])
+    d_side = _side(a[0], a[1], b[0], b[1], d[0], d[1])
+    if c_side * d_side > 0.0:
         return False
-    a_side = _orientation(c[0], c[1], d[0], d[1], a[0], a[1])
-    b_side = _orientation(c[0], c[1], d[0], d[1], b[0], b[1])
-    return a_side * b_side <= 0
-
-
-# --- arithmetic whose sign is certain ----------------------------------------------------------
+    a_side = _side(c[0], c[1], d[0], d[1], a[0], a[1])
+    b_side = _side(c[0], c[1], d[0], d[1], b[0], b[1])
+    return a_side * b_side <= 0.0
 
 
 @njit()
-def _orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
-    """Return 1 if c lies left of the way from a to b, -1 if right of it, 0 if on its line."""
-    first = (ax - cx) * (by - cy)
-    second = (ay - cy) * (bx - cx)
-    difference = first - second
-    # Four half units of rounding in each product and one in their difference, with room to spare.
-    doubt = 1e-15 * (abs(first) + abs(second))
-    if difference > doubt:
-        return 1
-    if difference < -doubt:
-        return -1
-    return _certain_orientation(ax, ay, bx, by, cx, cy)
-
-
-@njit()
-def _certain_orientation(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> int:
-    """Return the same with twice the digits: every number is a sum of a head and a small tail."""
-    ux, ux_tail = _difference(ax, cx)
-    uy, uy_tail = _difference(ay, cy)
-    vx, vx_tail = _difference(bx, cx)
-    vy, vy_tail = _difference(by, cy)
-    first = ux * vy
-    first_tail = _product_error(ux, vy, first) + (ux * vy_tail + ux_tail * vy)
-    second = uy * vx
-    second_tail = _product_error(uy, vx, second) + (uy * vx_tail + uy_tail * vx)
-    difference, tail = _difference(first, second)
-    tail += first_tail - second_tail
-    total = difference + tail
-    return 1 if total > 0.0 else -1 if total < 0.0 else 0
-
-
-@njit()
-def _difference(a: float, b: float) -> tuple[float, float]:
-    """Return a - b as the rounded difference and what the rounding lost (Knuth's two-sum)."""
-    difference = a - b
-    b_part = a - difference
-    a_part = difference + b_part
-    return difference, (a - a_part) + (b_part - b)
-
-
-@njit()
-def _product_error(a: float, b: float, product: float) -> float:
-    """Return exactly a * b - product, given the rounded product (Dekker's splitting)."""
-    a_scaled = 134217729.0 * a  # 2^27 + 1 splits 53 bits in two halves
-    a_head = a_scaled - (a_scaled - a)
-    a_tail = a - a_head
-    b_scaled = 134217729.0 * b
-    b_head = b_scaled - (b_scaled - b)
-    b_tail = b - b_head
-    return ((a_head * b_head - product) + a_head * b_tail + a_tail * b_head) + a_tail * b_tail
+def _side(ax: float, ay: float, bx: float, by: float, cx: float, cy: float) -> float:
+    """Return more than 0 if c lies left of the way from a to b, less if right of it, in m2."""
+    return (ax - cx) * (by - cy) - (ay - cy) * (bx - cx)

@@ -1,4 +1,4 @@
-"""Reading an OpenDRIVE file that holds a single road, or a chain of roads that are linked.
+"""Reading an OpenDRIVE file that holds a single road.
 
 What is read is one lane, by default lane -1, the innermost one on the right: its width, and its
 edge on the side of the road's centre, which becomes the centre line of the road that is returned.
@@ -8,45 +8,33 @@ junction, a slope, a lane of changing width) is refused.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
+from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from frenetic.errors import RoadError
-from frenetic.road.opendrive.chain import (
-    Stretch,
-    driven_stretches,
-    driving_lane,
-    lane_ids,
-    lane_of,
-    sections_of,
-)
-from frenetic.road.opendrive.elements import MAX_NUMBER, number, parse_xml
+from frenetic._support.arrays import FloatArray
+from frenetic.errors import LaneError, RoadError
 from frenetic.road.opendrive.line import (
-    Clothoid,
+    SPACING,
     Cubic,
     Geometry,
-    Offset,
     Polynomial,
-    are_of_road,
     backwards,
     exact_road,
     follow,
-    joined,
-    stacked,
+    shifted,
     trace,
 )
-from frenetic.road.opendrive.writing import CURVATURES_CODE, STEP_CODE
+from frenetic.road.opendrive.writing import ROAD_CODE, Clothoid, clothoids
 from frenetic.road.road import (
     MAX_COORDINATE,
     MAX_CURVATURE,
     MAX_HEADING,
     MAX_LENGTH,
-    MAX_SAMPLES,
     MIN_DISTANCE,
     Pose,
     Road,
@@ -56,6 +44,12 @@ FLAT: Final = 0.01
 """Largest rise or fall of a flat road, and largest change of a lane's width, in m."""
 LEVEL: Final = 1e-3
 """Largest lean of a level road to a side, in rad."""
+MAX_ELEMENTS: Final = 200_000
+"""Most elements of a file; a road has two per geometry."""
+MAX_NUMBER: Final = MAX_COORDINATE
+"""Largest number in a file, in m or its own unit, unless another limit is given."""
+
+_SAME: Final = 1e-8  # m, rad and 1/m by which a geometry may differ from what we would write
 
 
 def from_opendrive(data: bytes, *, lane: int = -1) -> Road:
@@ -67,8 +61,8 @@ def from_opendrive(data: bytes, *, lane: int = -1) -> Road:
 
     Args:
         data: the file's content.
-        lane: which lane becomes the ego lane, by its id where the first road starts. One on the
-            left (a positive id) is driven against the road, from its end to its start.
+        lane: id of the lane that becomes the ego lane, where its drive begins. One on the left (a
+            positive id) is driven against the road, from its end to its start.
 
     Raises:
         RoadError: it is no such file, or the road in it has something that a `Road` has not; the
@@ -76,198 +70,241 @@ def from_opendrive(data: bytes, *, lane: int = -1) -> Road:
     """
     if lane == 0:
         raise RoadError("lane 0 is the centre of a road: choose a lane to drive on")
-    stretches = driven_stretches(_roads(parse_xml(data)), backwards=lane > 0)
-    _require_flat([stretch.road for stretch in stretches])
-    lanes = lane_ids(stretches, lane)
-    lane_width = _ego_lane_width(stretches, lanes)
-    parts = [
-        (_geometries(stretch.road), _offsets(stretch.road, ids))
-        for stretch, ids in zip(stretches, lanes, strict=True)
-    ]
-    length = sum(geometry.length for geometries, _ in parts for geometry in geometries)
-    if length > MAX_LENGTH:
-        raise RoadError(f"its road is longer than the {MAX_LENGTH:.0f} m that can be read")
-    as_drawn = not any(stretch.backwards for stretch in stretches)
-    if as_drawn and not any(offsets for _, offsets in parts):
-        geometries = [geometry for pieces, _ in parts for geometry in pieces]
-        first, single = stretches[0].road, len(stretches) == 1
-        exact = _noted_road(first, geometries, lane_width) if single else None
-        exact = exact or exact_road(geometries, _step(first) if single else None, lane_width)
+    road = _single_road(_parse(data))
+    geometries = _geometries(road)
+    length = sum(geometry.length for geometry in geometries)
+    places = np.linspace(0.0, length, max(2, math.ceil(length / SPACING)) + 1)
+    _require_flat(road, places)
+    width, shift, _ = _lane(road, lane, places)
+    if not np.ptp(width) <= FLAT:
+        raise RoadError(
+            f"its lane {lane} is {width.min():.3g} to {width.max():.3g} m wide: only a lane of"
+            " constant width is read"
+        )
+    lane_width = float(width[0])
+    is_shifted = np.abs(shift).max() > MIN_DISTANCE
+    if lane < 0 and not is_shifted:
+        exact = _noted_road(road, geometries, lane_width) or exact_road(geometries, lane_width)
         if exact is not None:
             return exact
-    lines = [trace(geometries, offsets) for geometries, offsets in parts]
-    driven = [
-        backwards(line) if stretch.backwards else line
-        for stretch, line in zip(stretches, lines, strict=True)
-    ]
-    return follow(joined(driven), lane_width)
+    line = trace(geometries)
+    if is_shifted:
+        _, shift, slope = _lane(road, lane, line[:, 0])
+        line = shifted(line, shift, slope)
+    return follow(backwards(line) if lane > 0 else line, lane_width)
 
 
-def _roads(root: Element) -> list[Element]:
-    """The roads of a file that has no junction."""
+class _Tree(ElementTree.TreeBuilder):
+    """A tree of elements without anything harmful.
+
+    A document type is refused, and with it every entity: those that expand to gigabytes (the
+    "billion laughs"), and those that would be fetched from elsewhere.
+    """
+
+    elements = 0
+
+    def doctype(self, *_: object) -> None:
+        raise RoadError("it has a document type (DOCTYPE), which no OpenDRIVE file needs")
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> Element:
+        self.elements += 1
+        if self.elements > MAX_ELEMENTS:
+            raise RoadError(
+                f"it has more than {MAX_ELEMENTS} elements: no file of a single road is that large"
+            )
+        return super().start(tag.rpartition("}")[2], attrs)  # any namespace
+
+
+def _parse(data: bytes) -> Element:
+    """The root element.
+
+    Raises:
+        RoadError: no well-formed XML, a document type, or too many elements.
+    """
+    try:
+        return ElementTree.XML(data, ElementTree.XMLParser(target=_Tree()))  # noqa: S314 - no DTD
+    except ElementTree.ParseError as error:
+        raise RoadError(f"it is not XML: {error}") from None
+    except RoadError:
+        raise
+    except (LookupError, ValueError):
+        raise RoadError("it is not XML in an encoding that can be read: save it as UTF-8") from None
+
+
+def _number(
+    element: Element, name: str, default: float | None = None, *, most: float = MAX_NUMBER
+) -> float:
+    """A number among an element's attributes, at most ``most`` in either direction.
+
+    Raises:
+        RoadError: it is missing and there is no default, it is no finite number, or too large.
+    """
+    text = element.get(name)
+    if text is None:
+        if default is None:
+            raise RoadError(f"a <{element.tag}> has no '{name}'")
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= most:
+        raise RoadError(
+            f"a <{element.tag}> has {name}={text[:40]!r}: a number of at most {most:g} in either"
+            " direction is needed"
+        )
+    return value
+
+
+def _cubic(element: Element, suffix: str = "") -> Cubic:
+    """The coefficients of a polynomial; missing ones are 0."""
+    a, b, c, d = (_number(element, name + suffix, 0.0) for name in "abcd")
+    return a, b, c, d
+
+
+def _profile(
+    elements: Sequence[Element], name: str, places: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Values (n,) and slopes (n,) of piecewise cubics at places (n,) in m along the road.
+
+    Each element's cubic holds from its ``name`` on, in m; before the first all is 0.
+    """
+    elements = sorted(elements, key=lambda element: _number(element, name))
+    starts = np.array([0.0, *(_number(element, name) for element in elements)])
+    cubics = np.array([(0.0, 0.0, 0.0, 0.0), *map(_cubic, elements)])
+    rows = np.searchsorted(starts[1:], places, side="right")
+    p = places - starts[rows]
+    a, b, c, d = cubics[rows].T
+    return a + p * (b + p * (c + p * d)), b + p * (2.0 * c + p * 3.0 * d)
+
+
+def _single_road(root: Element) -> Element:
     if root.tag != "OpenDRIVE":
         raise RoadError(f"it is XML, but no OpenDRIVE: its root is <{root.tag:.40}>")
     header = root.find("header")
     major = None if header is None else header.get("revMajor")
     if major != "1":
         raise RoadError(f"its header says revMajor {major!r:.40}, but only OpenDRIVE 1.x is read")
-    junctions, roads = root.findall("junction"), root.findall("road")
-    if junctions:
+    roads = root.findall("road")
+    if len(roads) != 1 or root.find("junction") is not None:
         raise RoadError(
-            "it has a junction: only a file with a single road, or a chain of them, is read"
+            f"it has {len(roads)} roads and {len(root.findall('junction'))} junctions: a file with"
+            " a single road is read"
         )
-    if not roads:
-        raise RoadError("it has 0 roads: a single road, or a chain of linked ones, is read")
-    for road in roads:
-        if road.get("junction", "-1") != "-1":
-            raise RoadError("its road belongs to a junction: only a road on its own is read")
-        if road.get("rule", "RHT") != "RHT":
-            raise RoadError(
-                f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
-            )
-    return roads
-
-
-def _noted_road(road: Element, geometries: list[Geometry], lane_width: float) -> Road | None:
-    """The road whose curvatures `to_opendrive` noted, if the geometries still follow it."""
-    step = _step(road)
-    notes = [n for n in road.findall("userData") if n.get("code") == CURVATURES_CODE]
-    if step is None or not notes:
-        return None
-    try:
-        values = [float(text) for text in notes[0].get("value", "").split()]
-        noted = Road(values, step, geometries[0].pose, lane_width=lane_width)
-    except (ValueError, RoadError):
-        return None
-    return noted if are_of_road(geometries, noted) else None
-
-
-def _step(road: Element) -> float | None:
-    """The step that `to_opendrive` noted, if any."""
-    for note in road.findall("userData"):
-        if note.get("code") == STEP_CODE:
-            step = number(note, "value")
-            return step if step > 0.0 else None
-    return None
-
-
-def _cubic(element: Element, suffix: str = "", *, most: float = MAX_NUMBER) -> Cubic:
-    """The coefficients of a polynomial; missing ones are 0."""
-    a, b, c, d = (number(element, name + suffix, 0.0, most=most) for name in "abcd")
-    return a, b, c, d
-
-
-def _range(cubic: Cubic, span: float) -> tuple[float, float]:
-    """Least and largest value, to a hundredth, of a polynomial from 0 to ``span``."""
-    with np.errstate(all="ignore"):
-        values = np.polynomial.Polynomial(cubic)(np.linspace(0.0, max(span, 0.0), 101))
-    return float(values.min()), float(values.max())
-
-
-def _stretches(
-    elements: Sequence[Element], name: str, end: float
-) -> Iterator[tuple[Element, float]]:
-    """Elements that each hold from their ``name`` (m) to the next one's, and for how many m."""
-    places = [number(element, name) for element in elements]
-    for element, (here, following) in zip(
-        elements, itertools.pairwise([*places, end]), strict=True
-    ):
-        yield element, following - here
-
-
-def _require_flat(roads: Sequence[Element]) -> None:
-    heights = [
-        value
-        for road in roads
-        for element, span in _stretches(
-            road.findall("elevationProfile/elevation"), "s", number(road, "length")
+    (road,) = roads
+    if road.get("rule", "RHT") != "RHT":
+        raise RoadError(
+            f"its rule is {road.get('rule')!r:.40}: only right-hand traffic (RHT) is read"
         )
-        for value in _range(_cubic(element), span)
-    ]
-    if heights and not max(heights) - min(heights) <= FLAT:
+    return road
+
+
+def _require_flat(road: Element, places: FloatArray) -> None:
+    height, _ = _profile(road.findall("elevationProfile/elevation"), "s", places)
+    if np.ptp(height) > FLAT:
         raise RoadError("its road rises or falls (elevation): only a flat road is read")
-    for road in roads:
-        for kind in ("superelevation", "crossfall"):
-            elements = road.findall(f"lateralProfile/{kind}")
-            for element, span in _stretches(elements, "s", number(road, "length")):
-                low, high = _range(_cubic(element), span)
-                if not max(-low, high) <= LEVEL:
-                    raise RoadError(f"its road leans to a side ({kind}): only a level road is read")
-        if any(any(_cubic(shape)) for shape in road.findall("lateralProfile/shape")):
-            raise RoadError("its road is not level across (shape): only a level road is read")
+    for kind in ("superelevation", "crossfall"):
+        lean, _ = _profile(road.findall(f"lateralProfile/{kind}"), "s", places)
+        if np.abs(lean).max() > LEVEL:
+            raise RoadError(f"its road leans to a side ({kind}): only a level road is read")
+    if any(any(_cubic(shape)) for shape in road.findall("lateralProfile/shape")):
+        raise RoadError("its road is not level across (shape): only a level road is read")
 
 
-def _ego_lane_width(stretches: Sequence[Stretch], lanes: Sequence[Sequence[int]]) -> float:
-    """Width of the ego lane in m, which must be a driving lane of constant width."""
-    widths: list[float] = []
-    for stretch, ids in zip(stretches, lanes, strict=True):
-        sections = sections_of(stretch.road)
-        spans = _stretches(sections, "s", number(stretch.road, "length"))
-        for lane, (section, span) in zip(ids, spans, strict=True):
-            element = driving_lane(section, lane)
-            for cubic, _, length in _widths(element, span):
-                widths.extend(_range(cubic, length))
-    if not max(widths) - min(widths) <= FLAT:
-        raise RoadError(
-            f"its lane {lanes[0][0]} is {min(widths):.3g} to {max(widths):.3g} m wide: only a lane"
-            " of constant width is read"
-        )
-    return widths[0]
+def _lane(
+    road: Element, lane: int, places: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Width of a lane at places (n,) in m along the road, shift of its inner edge, slope of that.
+
+    The shift, in m to the left of the reference line, is the lane offset and the widths of the
+    lanes in between. From section to section the lane's own links are followed; where it has none,
+    its id stays.
+    """
+    sections = road.findall("lanes/laneSection")
+    if not sections:
+        raise RoadError("its road has no lanes")
+    side, onward = (1, "predecessor") if lane > 0 else (-1, "successor")
+    starts = [_number(section, "s") for section in sections]
+    spans = list(zip(sections, starts, [*starts[1:], math.inf], strict=True))
+    shift, slope = _profile(road.findall("lanes/laneOffset"), "s", places)
+    width = np.zeros_like(places)
+    link: Element | None = None
+    for section, start, end in spans if lane < 0 else reversed(spans):
+        if link is not None:
+            lane = int(_number(link, "id"))
+            if lane * side <= 0:
+                raise RoadError(f"a lane leads to lane {lane}, which is driven the other way")
+        element = _lane_of(section, lane)
+        link = element.find(f"link/{onward}")
+        here = (start <= places) & (places < end)
+        width[here], _ = _width(element, places[here] - start)
+        for inner in range(1, abs(lane)):
+            between = _lane_of(section, side * inner, is_driven=False)
+            widths, slopes = _width(between, places[here] - start)
+            shift[here] += side * widths
+            slope[here] += side * slopes
+    return width, shift, slope
 
 
-def _widths(lane: Element, span: float) -> Iterator[tuple[Cubic, float, float]]:
-    """Width of a lane in a section of ``span`` m: each polynomial, from where, for how many m."""
+def _width(lane: Element, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Width of a lane at places (n,) in m along its section, and its slope."""
     elements = lane.findall("width")
     if not elements:
         raise RoadError(
             f"its lane {lane.get('id')} has no width (borders instead of widths are not read)"
         )
-    for element, length in _stretches(elements, "sOffset", span):
-        yield _cubic(element), number(element, "sOffset"), length
+    return _profile(elements, "sOffset", places)
 
 
-def _offsets(road: Element, lanes: Sequence[int]) -> list[Offset]:
-    """Shifts of the ego lane's edge towards the centre, empty if there are none.
+def _lane_of(section: Element, lane: int, *, is_driven: bool = True) -> Element:
+    """A section's lane with an id, which is a driving lane for right-hand traffic if it is driven.
 
-    That is the lane offset and the widths of the lanes in between.
-
-    Args:
-        road: an element of the file.
-        lanes: (sections,) the ego lane's id in each of the road's sections.
+    Raises:
+        LaneError: there is none, but other driving lanes are there.
+        RoadError: there is no driving lane at all.
     """
-    end = number(road, "length")
-    elements = road.findall("lanes/laneOffset")
-    ranges = [_range(_cubic(element), span) for element, span in _stretches(elements, "s", end)]
-    shifts = [Offset(number(element, "s"), _cubic(element)) for element in elements]
-    if all(max(-low, high) <= MIN_DISTANCE for low, high in ranges):
-        shifts = []
-    layers = [shifts] if shifts else []
-    most = max(abs(lane) for lane in lanes)
-    for inner in range(1, most):
-        layer: list[Offset] = []
-        sections = _stretches(sections_of(road), "s", end)
-        for lane, (section, span) in zip(lanes, sections, strict=True):
-            start, side = number(section, "s"), math.copysign(1.0, lane)
-            if inner >= abs(lane):
-                layer.append(Offset(start, (0.0, 0.0, 0.0, 0.0)))
-                continue
-            between = lane_of(section, int(side) * inner)
-            for cubic, offset, _ in _widths(between, span):
-                a, b, c, d = (side * coefficient for coefficient in cubic)
-                layer.append(Offset(start + offset, (a, b, c, d)))
-        layers.append(layer)
-    return stacked(layers)
+    side = "right" if lane < 0 else "left"
+    element = section.find(f"{side}/lane[@id='{lane}']")
+    if element is None:
+        what = "is missing"
+    elif is_driven and element.get("type") != "driving":
+        what = f"is of type {element.get('type')!r:.40}: a driving lane is needed there"
+    elif is_driven and element.get("direction", "standard") != "standard":
+        what = "is driven against the road's rule (direction)"
+    else:
+        return element
+    lanes = [*section.findall("right/lane"), *section.findall("left/lane")]
+    ids = [other.get("id", "")[:9] for other in lanes if other.get("type") == "driving"]
+    text = f"its lane {lane}, {side} of the centre, {what}"
+    if not ids:
+        raise RoadError(text)
+    raise LaneError(f"{text} (driving lanes, to be chosen as 'lane': {', '.join(ids[:8])})")
+
+
+def _noted_road(road: Element, geometries: Sequence[Geometry], lane_width: float) -> Road | None:
+    """The road that `to_opendrive` noted, if the geometries are still those of it."""
+    note = road.find(f"userData[@code='{ROAD_CODE}']")
+    if note is None or not isinstance(geometries[0], Clothoid):
+        return None
+    try:
+        step, *values = map(float, note.get("value", "").split())
+        noted = Road(values, step, Pose(*geometries[0][:3]), lane_width=lane_width)
+    except (ValueError, RoadError):
+        return None
+    ours = clothoids(noted)
+    same = len(ours) == len(geometries) and all(
+        isinstance(geometry, Clothoid) and np.allclose(geometry, our, rtol=0.0, atol=_SAME)
+        for geometry, our in zip(geometries, ours, strict=True)
+    )
+    return noted if same else None
 
 
 def _geometries(road: Element) -> list[Geometry]:
     """The geometries of the reference line that have a length, in their order."""
     geometries: list[Geometry] = []
     total = 0.0
-    elements = road.findall("planView/geometry")
-    if len(elements) > MAX_SAMPLES:
-        raise RoadError(f"its road has {len(elements)} geometries: at most {MAX_SAMPLES} are read")
-    for element in elements:
-        length = number(element, "length", most=math.inf)
+    for element in road.findall("planView/geometry"):
+        length = _number(element, "length", most=math.inf)
         if length < 0.0:
             raise RoadError(f"a <geometry> has length {length:g}: a positive number is needed")
         total += length
@@ -281,40 +318,24 @@ def _geometries(road: Element) -> list[Geometry]:
 
 
 def _geometry(element: Element, length: float) -> Geometry:
-    x, y = (number(element, name, most=math.inf) for name in "xy")
-    pose = Pose(x, y, number(element, "hdg", most=MAX_HEADING))
-    if max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE:
-        raise RoadError(
-            f"a <geometry> starts at ({pose.x:g}, {pose.y:g}): at most {MAX_COORDINATE:g} m from"
-            " the origin are read"
-        )
-    shapes = list(element)
-    shape = shapes[0] if shapes else element
+    pose = Pose(
+        _number(element, "x"), _number(element, "y"), _number(element, "hdg", most=MAX_HEADING)
+    )
+    shape = next(iter(element), element)
     if shape.tag == "line":
-        return Clothoid(pose, length, 0.0, 0.0)
+        return Clothoid(*pose, length, 0.0, 0.0)
     if shape.tag == "arc":
-        curvature = number(shape, "curvature")
-        return _not_too_sharp(Clothoid(pose, length, curvature, curvature))
+        curvature = _number(shape, "curvature", most=MAX_CURVATURE)
+        return Clothoid(*pose, length, curvature, curvature)
     if shape.tag == "spiral":
-        start, end = number(shape, "curvStart"), number(shape, "curvEnd")
-        return _not_too_sharp(Clothoid(pose, length, start, end))
+        start, end = (_number(shape, name, most=MAX_CURVATURE) for name in ("curvStart", "curvEnd"))
+        return Clothoid(*pose, length, start, end)
     if shape.tag == "poly3":
-        return Polynomial(pose, length, (0.0, 1.0, 0.0, 0.0), _cubic(shape, most=math.inf), None)
+        return Polynomial(pose, length, (0.0, 1.0, 0.0, 0.0), _cubic(shape), None)
     if shape.tag == "paramPoly3":
         last = length if shape.get("pRange") == "arcLength" else 1.0
-        # Too large ones give a line that leaves every map, which is refused as such.
-        ahead, left = (_cubic(shape, axis, most=math.inf) for axis in "UV")
-        return Polynomial(pose, length, ahead, left, last)
-    known = "line, arc, spiral, poly3 and paramPoly3"
+        return Polynomial(pose, length, _cubic(shape, "U"), _cubic(shape, "V"), last)
     raise RoadError(
-        f"a <geometry> holds {shape.tag[:40] if shapes else 'nothing'}: {known} are read"
+        f"a <geometry> holds {'nothing' if shape is element else shape.tag[:40]}: line, arc,"
+        " spiral, poly3 and paramPoly3 are read"
     )
-
-
-def _not_too_sharp(clothoid: Clothoid) -> Clothoid:
-    sharpest = max(abs(clothoid.start), abs(clothoid.end))
-    if sharpest > MAX_CURVATURE:
-        raise RoadError(
-            f"a <geometry> has a curvature of {sharpest:g} 1/m: at most {MAX_CURVATURE:g} are read"
-        )
-    return clothoid

@@ -10,20 +10,16 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
-from frenetic._support.arrays import FloatArray
 from frenetic.errors import RoadError
-from frenetic.road.road import Pose, Road
+from frenetic.road.road import Road
 
-STEP_CODE: Final = "frenetic:step"
-"""``userData`` that tells the road's step, which merged lines and arcs do not show."""
-CURVATURES_CODE: Final = "frenetic:curvatures"
-"""``userData`` that tells the road's curvatures, in a file whose geometries only come near them."""
+ROAD_CODE: Final = "frenetic:road"
+"""``userData`` of the road's step and curvatures, which its geometries may only come near."""
 ORIGIN: Final = (49.0, 8.4)
 """Latitude and longitude of a road's (0, 0), in degrees, unless others are given.
 
@@ -45,18 +41,24 @@ _MOST_ARCS: Final = 100  # for one step; beyond, no curve is one of a road, and 
 _STRAIGHT: Final = 1e-10  # 1/m
 _PLACE_DIGITS: Final = 9  # decimals of m
 _ANGLE_DIGITS: Final = 12  # decimals of rad
+_CONSTANT: Final = {"b": 0.0, "c": 0.0, "d": 0.0}
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Stretch of the road that is one geometry, in samples, of which parts count."""
+class Clothoid(NamedTuple):
+    """A ``line``, ``arc`` or ``spiral``: a geometry of linear curvature."""
 
-    first: float
-    last: float
+    x: float
+    """m, of its start."""
+    y: float
+    """m."""
+    heading: float
+    """rad."""
+    length: float
+    """m."""
     start: float
-    """Curvature at its start, in 1/m."""
+    """Curvature, in 1/m."""
     end: float
-    """Curvature at its end, in 1/m."""
+    """1/m."""
 
 
 def to_opendrive(
@@ -64,7 +66,6 @@ def to_opendrive(
     *,
     name: str = "road",
     speed_limit: float = 70.0,
-    shoulder: float = 0.0,
     origin: tuple[float, float] = ORIGIN,
 ) -> str:
     """The text of an OpenDRIVE file with one road of two lanes, for right-hand traffic.
@@ -75,19 +76,15 @@ def to_opendrive(
         road: becomes road 1, without elevation.
         name: of the file and the road; characters that XML cannot hold are replaced.
         speed_limit: km/h.
-        shoulder: m of paved ground beyond each lane, for simulators in which a car falls beyond the
-            lanes; 0 for none.
         origin: latitude and longitude in degrees (WGS 84) of the point (0, 0), for converters to
             maps that lie on the globe; x points east there, y north.
 
     Raises:
-        RoadError: the speed limit is not positive, the shoulder is negative, or the origin is not
-            between 80 degrees south and 84 degrees north.
+        RoadError: the speed limit is not positive, or the origin is not between 80 degrees south
+            and 84 degrees north.
     """
     if not (math.isfinite(speed_limit) and speed_limit > 0.0):
         raise RoadError(f"speed_limit is {speed_limit:g}: a positive number of km/h is needed")
-    if not (math.isfinite(shoulder) and shoulder >= 0.0):
-        raise RoadError(f"shoulder is {shoulder:g}: 0 or a positive number of metres is needed")
     latitude, longitude = origin
     if not (-80.0 <= latitude <= 84.0 and -180.0 <= longitude <= 180.0):
         raise RoadError(
@@ -95,30 +92,45 @@ def to_opendrive(
             " -180 to 180 degrees are needed"
         )
     name = "".join(letter if letter.isprintable() else "?" for letter in name)
-    root = ElementTree.Element("OpenDRIVE")
-    header = _add_header(root, road, name, shoulder)
-    _add(header, "geoReference").text = PROJECTION.format(latitude, longitude)
-    element = _add(
-        root,
-        "road",
-        name=name,
-        length=road.length,
-        id="1",
-        junction="-1",
-        rule="RHT",
+    edges = [road.sample(road.sub_step, side * road.lane_width) for side in (1.0, -1.0)]
+    (west, south), (east, north) = (
+        [round(value, 3) for value in extreme(np.concatenate(edges), axis=0).tolist()]
+        for extreme in (np.min, np.max)
     )
-    kind = _add(element, "type", s=0.0, type="rural")
-    _add(kind, "speed", max=speed_limit, unit="km/h")
-    pieces = _pieces(road)
-    _add_plan_view(element, road, pieces)
-    profile = _add(element, "elevationProfile")
-    _add(profile, "elevation", s=0.0, **_constant(0.0))
+    root = ElementTree.Element("OpenDRIVE")
+    header = _add(
+        root,
+        "header",
+        revMajor="1",
+        revMinor="7",
+        name=name,
+        version="1.0",
+        north=north,
+        south=south,
+        east=east,
+        west=west,
+        vendor="Frenetic",
+    )
+    _add(header, "geoReference").text = PROJECTION.format(latitude, longitude)
+    element = _add(root, "road", name=name, length=road.length, id="1", junction="-1", rule="RHT")
+    _add(_add(element, "type", s=0.0, type="rural"), "speed", max=speed_limit, unit="km/h")
+    plan = _add(element, "planView")
+    s = 0.0
+    for x, y, heading, length, start, end in clothoids(road):
+        place = round(s, _PLACE_DIGITS)
+        geometry = _add(plan, "geometry", s=place, x=x, y=y, hdg=heading, length=length)
+        if start != end:
+            _add(geometry, "spiral", curvStart=start, curvEnd=end)
+        elif start != 0.0:
+            _add(geometry, "arc", curvature=start)
+        else:
+            _add(geometry, "line")
+        s += length
+    _add(_add(element, "elevationProfile"), "elevation", s=0.0, a=0.0, **_CONSTANT)
     _add(element, "lateralProfile")
-    _add_lanes(element, road.lane_width, speed_limit, shoulder)
-    _add(element, "userData", code=STEP_CODE, value=road.step)
-    if not _is_exact(road, pieces):
-        noted = " ".join(map(repr, road.curvatures.tolist()))
-        _add(element, "userData", code=CURVATURES_CODE, value=noted)
+    _add_lanes(element, road.lane_width, speed_limit)
+    noted = " ".join(map(repr, [road.step, *road.curvatures.tolist()]))
+    _add(element, "userData", code=ROAD_CODE, value=noted)
     ElementTree.indent(root)
     text = ElementTree.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
@@ -135,132 +147,56 @@ def _add(
     return ElementTree.SubElement(parent, tag, texts)
 
 
-def _constant(value: float) -> dict[str, float]:
-    """The coefficients of a polynomial that is the same everywhere."""
-    return {"a": value, "b": 0.0, "c": 0.0, "d": 0.0}
-
-
-def _add_header(
-    root: ElementTree.Element, road: Road, name: str, shoulder: float
-) -> ElementTree.Element:
-    reach = road.lane_width + shoulder
-    edges: list[FloatArray] = [road.sample(road.sub_step, side * reach) for side in (1.0, -1.0)]
-    east, north = (round(max(float(e[:, k].max()) for e in edges), 3) for k in (0, 1))
-    west, south = (round(min(float(e[:, k].min()) for e in edges), 3) for k in (0, 1))
-    return _add(
-        root,
-        "header",
-        revMajor="1",
-        revMinor="7",
-        name=name,
-        version="1.0",
-        north=north,
-        south=south,
-        east=east,
-        west=west,
-        vendor="Frenetic",
-    )
-
-
-def hardly_differ(start: float, end: float) -> bool:
-    """Whether two curvatures are such that readers fail on a spiral from one to the other."""
-    return abs(end - start) < _SAME_CURVATURE + _SAME_SHARE * max(abs(start), abs(end))
-
-
-def _pieces(road: Road) -> list[_Piece]:
+def clothoids(road: Road) -> list[Clothoid]:
     """The geometries of a road: a spiral for each step, but one arc or line for several alike."""
-    pieces: list[_Piece] = []
+    pieces: list[tuple[float, float, float, float]] = []  # from and to which sample, curvatures
     for i, (start, end) in enumerate(itertools.pairwise(road.curvatures.tolist())):
+        difference = abs(end - start)
+        hardly = difference < _SAME_CURVATURE + _SAME_SHARE * max(abs(start), abs(end))
         # An arc of a spiral's mean curvature has its heading at the end, but is this far aside.
-        aside = abs(end - start) * road.step**2 / 12.0
+        aside = difference * road.step**2 / 12.0
         arcs = max(1, math.ceil(math.sqrt(aside / _ARC_ERROR)))
-        if not hardly_differ(start, end) or arcs > _MOST_ARCS:
-            pieces.append(_Piece(i, i + 1, start, end))
+        if not hardly or arcs > _MOST_ARCS:
+            pieces.append((i, i + 1, start, end))
             continue
         for part in range(arcs):
             mean = start + (end - start) * (part + 0.5) / arcs
             mean = 0.0 if abs(mean) < _STRAIGHT else mean
-            before = pieces[-1] if pieces else None
-            last = i + (part + 1) / arcs
-            if before is not None and before.start == before.end == mean:
-                pieces[-1] = _Piece(before.first, last, mean, mean)
-            else:
-                pieces.append(_Piece(i + part / arcs, last, mean, mean))
-    return pieces
+            alike = bool(pieces) and pieces[-1][2:] == (mean, mean)
+            first = pieces.pop()[0] if alike else i + part / arcs
+            pieces.append((first, i + (part + 1) / arcs, mean, mean))
+    geometries = []
+    for first, last, start, end in pieces:
+        x, y, heading = road.pose
+        if first > 0.0:
+            x, y, heading = road.pose_at(first * road.step)
+            x, y = round(x, _PLACE_DIGITS), round(y, _PLACE_DIGITS)
+            heading = round(heading, _ANGLE_DIGITS)
+        geometries.append(Clothoid(x, y, heading, (last - first) * road.step, start, end))
+    return geometries
 
 
-def _is_exact(road: Road, pieces: list[_Piece]) -> bool:
-    """Whether the pieces have just the road's curvatures."""
-    values = road.curvatures
-    ends = np.array([(piece.first, piece.last, piece.start, piece.end) for piece in pieces])
-    samples = np.arange(len(values))
-    return all(
-        np.array_equal(np.interp(ends[:, place], samples, values), ends[:, value])
-        for place, value in ((0, 2), (1, 3))
-    )
-
-
-def _add_plan_view(element: ElementTree.Element, road: Road, pieces: list[_Piece]) -> None:
-    plan = _add(element, "planView")
-    for piece in pieces:
-        x, y, heading = road.pose_at(piece.first * road.step)
-        pose = Pose(round(x, _PLACE_DIGITS), round(y, _PLACE_DIGITS), round(heading, _ANGLE_DIGITS))
-        if piece.first == 0:
-            pose = road.pose
-        geometry = _add(
-            plan,
-            "geometry",
-            s=round(piece.first * road.step, _PLACE_DIGITS),
-            x=pose.x,
-            y=pose.y,
-            hdg=pose.heading,
-            length=(piece.last - piece.first) * road.step,
-        )
-        if piece.start != piece.end:
-            _add(geometry, "spiral", curvStart=piece.start, curvEnd=piece.end)
-        elif piece.start != 0.0:
-            _add(geometry, "arc", curvature=piece.start)
-        else:
-            _add(geometry, "line")
-
-
-def _add_lanes(
-    element: ElementTree.Element, lane_width: float, speed_limit: float, shoulder: float
-) -> None:
+def _add_lanes(element: ElementTree.Element, lane_width: float, speed_limit: float) -> None:
     lanes = _add(element, "lanes")
-    _add(lanes, "laneOffset", s=0.0, **_constant(0.0))
+    _add(lanes, "laneOffset", s=0.0, a=0.0, **_CONSTANT)
     section = _add(lanes, "laneSection", s=0.0)
-    for side, sign in (("left", 1), ("center", 0), ("right", -1)):
-        group = _add(section, side)
-        if sign == 0:
-            centre = _add(group, "lane", id="0", type="none", level="false")
-            _add_mark(centre, "broken", CENTRE_MARK)
-            continue
-        numbers = (1, 2) if shoulder > 0.0 else (1,)
-        # Lanes are listed from left to right.
-        for number in numbers if sign < 0 else reversed(numbers):
-            is_ours = number == 1
-            lane = _add(
-                group,
-                "lane",
-                id=str(sign * number),
-                type="driving" if is_ours else "shoulder",
-                level="false",
-            )
-            _add(lane, "width", sOffset=0.0, **_constant(lane_width if is_ours else shoulder))
-            _add_mark(lane, "solid" if is_ours else "none", EDGE_MARK)
-            if is_ours:
-                _add(lane, "speed", sOffset=0.0, max=speed_limit, unit="km/h")
-
-
-def _add_mark(lane: ElementTree.Element, kind: str, width: float) -> None:
-    _add(
-        lane,
-        "roadMark",
-        sOffset=0.0,
-        type=kind,
-        weight="standard",
-        color="white",
-        width=width,
-        laneChange="both" if kind == "broken" else "none",
-    )
+    solid = ("solid", EDGE_MARK, "none")
+    broken = ("broken", CENTRE_MARK, "both")
+    for side, number in (("left", 1), ("center", 0), ("right", -1)):
+        kind = "driving" if number else "none"
+        lane = _add(_add(section, side), "lane", id=str(number), type=kind, level="false")
+        if number:
+            _add(lane, "width", sOffset=0.0, a=lane_width, **_CONSTANT)
+        mark, width, change = solid if number else broken
+        _add(
+            lane,
+            "roadMark",
+            sOffset=0.0,
+            type=mark,
+            weight="standard",
+            color="white",
+            width=width,
+            laneChange=change,
+        )
+        if number:
+            _add(lane, "speed", sOffset=0.0, max=speed_limit, unit="km/h")
