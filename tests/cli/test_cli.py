@@ -547,29 +547,29 @@ def test_layers_change_the_drive(frenetic: Frenetic) -> None:
 def test_bad_road_files_get_one_line(frenetic: Frenetic, content: object, words: list[str]) -> None:
     if content is not None:
         write("road.json", content)
-    for command in ("drive", "validate"):
-        refused(frenetic(command, "road.json"), "road.json", *words)
+    for how in ((), ("--dry",)):
+        refused(frenetic("drive", "road.json", *how), "road.json", *words)
 
 
-# validate
+# drive --dry
 
 
-def test_validate_says_it_of_each_file(frenetic: Frenetic) -> None:
+def test_a_dry_drive_says_whether_a_road_is_valid(frenetic: Frenetic) -> None:
     good, bad = write("good.json", STRAIGHT), write("bad.json", LOOP)
-    assert frenetic("validate", good).code == 0
-    answer = frenetic("validate", good, bad)
+    answer = frenetic("drive", good, "--dry")
+    assert (answer.code, answer.out) == (0, "good.json: valid\n")
+    answer = frenetic("drive", bad, "--dry")
     assert answer.code == 1
-    assert answer.out.splitlines() == [
-        "good.json: valid",
-        "bad.json: INVALID  The road is self-intersecting",
-    ]
-    assert frenetic("validate", good, bad, "--json").json == [
-        {"file": "good.json", "valid": True, "message": ""},
-        {"file": "bad.json", "valid": False, "message": "The road is self-intersecting"},
-    ]
+    assert answer.out == "bad.json: INVALID  The road is self-intersecting\n"
+    assert frenetic("drive", bad, "--dry", "--json").json == {
+        "road": "bad.json",
+        "valid": False,
+        "message": "The road is self-intersecting",
+    }
+    refused(frenetic("drive", good, "--dry", "--plot", "p.png"), "--plot draws a drive")
 
 
-def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic) -> None:
+def test_hostile_files_are_one_line_each(frenetic: Frenetic) -> None:
     pose = '{"curvatures": [0, 0.01, 0], "pose": [' + "1" * 400 + ", 0, 0]}"
     Path("pose.json").write_text(pose)
     lane = '<lane id="-1" type="driving"><width sOffset="0" a="4"/></lane>'
@@ -580,15 +580,9 @@ def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic)
         "</lanes></road></OpenDRIVE>"
     )
     wide = write("wide.json", STRAIGHT | {"lane_width": 1e308})
-    good = write("good.json", STRAIGHT)
-    answer = frenetic("validate", "missing.json", "pose.json", "shift.xodr", wide, good)
-    assert answer.code == 2
-    assert answer.out == "good.json: valid\n"
-    lines = answer.err.splitlines()
-    assert "missing.json" in lines[0]
-    files = [line.split()[1].rstrip(":") for line in lines[1:]]
-    assert files == ["pose.json", "shift.xodr", wide]
-    assert lines[3].endswith("lane_width is 1e+308: at most 100 m can be represented")
+    for name in ("missing.json", "pose.json", "shift.xodr", wide):
+        refused(frenetic("drive", name, "--dry"), name)
+    refused(frenetic("drive", wide, "--dry"), "is 1e+308: at most 100 m can be represented")
 
 
 # show
@@ -715,7 +709,7 @@ def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(
     monkeypatch.delenv("OPENBLAS_NUM_THREADS")
     code = (
         "from frenetic.cli import main\n"
-        "try: main(['validate', 'road.json'])\n"
+        "try: main(['drive', 'road.json', '--dry'])\n"
         "except SystemExit: pass\n"
         "from threadpoolctl import threadpool_info\n"
         "pools = [pool for pool in threadpool_info() if pool['user_api'] == 'blas']\n"

@@ -57,10 +57,9 @@ def test_a_scenario_lies_beside_an_opendrive_file(tmp_path: Path) -> None:
         write_road(ExportedRoad(ROAD, "mine"), "opendrive", tmp_path / "road.xosc")
 
 
-def test_opendrive_carries_the_speed_limit_and_the_shoulder() -> None:
-    text = FORMATS["opendrive"].render(ExportedRoad(ROAD, "mine", 50.0, 2.0))
+def test_opendrive_carries_the_speed_limit() -> None:
+    text = FORMATS["opendrive"].render(ExportedRoad(ROAD, "mine", 50.0))
     assert 'max="50.0" unit="km/h"' in text
-    assert '<lane id="-2" type="shoulder"' in text
     assert 'name="mine"' in text
 
 

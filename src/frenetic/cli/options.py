@@ -131,6 +131,29 @@ def complete_campaign(
     return [CompletionItem(incomplete, type="dir")]
 
 
+class Source(CampaignFolder):
+    """The folder of a campaign, or the file of a road."""
+
+    def shell_complete(
+        self,
+        ctx: click.Context,
+        param: click.Parameter,
+        incomplete: str,
+    ) -> list[CompletionItem]:
+        """The campaigns whose folders begin so, or else the shell's own files."""
+        found = complete_campaign(ctx, param, incomplete)
+        return [CompletionItem(incomplete, type="file")] if found[0].type == "dir" else found
+
+
+def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
+    """The arguments for tests of a campaign, or the file of a road."""
+    arguments = [
+        click.argument("source", type=Source(), metavar="CAMPAIGN|ROAD"),
+        click.argument("test_ids", type=int, nargs=-1, metavar="[ID]..."),
+    ]
+    return with_options(arguments, command)
+
+
 class Setting(click.ParamType):  # type: ignore[type-arg]
     """NAME=VALUE for an option of a part; the value is read as JSON if it is some."""
 

@@ -137,7 +137,7 @@ _with_option: Final = click.option(
     help="A condition to drive in, such as delay=0.1 or, for a camera, fog=60"
     " ('frenetic list quantities'); may be repeated.",
 )
-_as_option: Final = click.option(
+as_option: Final = click.option(
     "--as",
     AS,
     type=click.Path(path_type=Path),
@@ -185,7 +185,7 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
             for number in NUMBERS
         ),
     ]
-    return with_options([_as_option, *options], command)
+    return with_options([as_option, *options], command)
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -207,7 +207,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             if number.another
         ),
     ]
-    return with_options([_as_option, *options], command)
+    return with_options([as_option, *options], command)
 
 
 def was_given(context: click.Context, name: str) -> bool:

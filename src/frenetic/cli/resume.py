@@ -73,7 +73,7 @@ def resume(
     if "again" in config:
         raise click.UsageError(
             f"{campaign} drives the roads of another campaign again: the command that began it,"
-            " 'frenetic rerun', 'minimise' or 'back-to-back', goes on with it"
+            " 'frenetic rerun' or 'minimise', goes on with it"
         )
     if config.get("command") is None:
         raise click.UsageError(

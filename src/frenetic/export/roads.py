@@ -10,7 +10,9 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from msgspec import ValidationError, convert
 
+from frenetic._support.bounds import Finite
 from frenetic._support.files import write_file
 from frenetic.campaign.record import Test
 from frenetic.errors import FreneticError, UnknownNameError
@@ -50,12 +52,18 @@ class ExportedRoad:
     """Name of the road, for a file with a place for it."""
     speed_limit: float = 70.0
     """km/h."""
-    shoulder: float = 0.0
-    """Ground beyond each lane, in m; only OpenDRIVE knows it."""
     test: Test | None = None
     """The campaign's test with this road, if any."""
     origin: tuple[float, float] = ORIGIN
     """Latitude and longitude of (0, 0), in degrees; only OpenDRIVE knows them."""
+
+    def __post_init__(self) -> None:
+        try:
+            convert(self.origin, tuple[Finite, Finite])
+        except ValidationError:
+            raise ValueError(
+                f"origin is {self.origin!r}: [latitude, longitude] in degrees is needed"
+            ) from None
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,6 @@ def _opendrive(exported: ExportedRoad) -> str:
         exported.road,
         name=exported.name,
         speed_limit=exported.speed_limit,
-        shoulder=exported.shoulder,
         origin=exported.origin,
     )
 
