@@ -79,7 +79,8 @@ def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic
 
 
 def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
-    run = ["run", "--simulations", "2", "--ordered", "--json"]
+    write("run.toml", "simulations = 2\nlookahead = 4\n")
+    run = ["run", "run.toml", "--json"]
     first = frenetic(*run).json
     second = frenetic(*run).json
     assert first["folder"] != second["folder"]
@@ -126,6 +127,7 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         (["--with", "friction=0.7"], ["set it by --simulator embedded,friction="]),
         (["--with", "speed=50"], ["set it by --speed-limit"]),
         (["--map-size", "1e308"], ["map_size is 1e+308: at most 1e+07 m"]),
+        (["--workers", "nowhere"], ["neither a number nor the address of a Dask scheduler"]),
         (["--workers", "1" + "0" * 400], ["'--workers'", "is not in the range 1<=x<=1024"]),
         (
             ["--strategy", "genetic"],
@@ -142,7 +144,6 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         (["--speed-limit", "0"], ["speed_limit is 0"]),
         (["--oob-tolerance", "1.5"], ["oob_tolerance is 1.5", "up to 1"]),
         (["--seed", "-1"], ["'--seed'"]),
-        (["--wall-limit", "-1"], ["wall_limit is -1"]),
         (["--no-such-option"], ["No such option"]),
     ],
 )
@@ -189,7 +190,7 @@ def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     refused(answer, 'needs the package metadrive: pip install "frenetic-roads[metadrive]"')
     assert "go on" not in answer.err
     assert not Path("c").exists()
-    elsewhere = frenetic(*options, "--cluster", "nowhere")
+    elsewhere = frenetic(*options, "--workers", "tcp://nowhere:1")
     refused(elsewhere, "nowhere")
     assert "metadrive" not in elsewhere.err, "it is needed where it drives"
 
@@ -269,7 +270,8 @@ def test_broken_driver_is_an_error_and_ends_a_campaign(
 ) -> None:
     write("mydriver.py", MY_DRIVER)
     write("road.json", STRAIGHT)
-    driver = ("--driver", f"mydriver.py:{name}", "--wall-limit", wall_limit)
+    how = f"driver = 'mydriver.py:{name}'\nwall_limit = {wall_limit}\n"
+    driver = ("--as", write("how.toml", how), "--driver", f"mydriver.py:{name}")
     answer = frenetic("drive", "road.json", *driver, "--json")
     assert answer.json["outcome"] == "ERROR"
     assert why in answer.json["reason"]

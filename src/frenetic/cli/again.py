@@ -21,7 +21,7 @@ from frenetic.cli.parts import (
     without_place,
 )
 from frenetic.errors import CampaignError
-from frenetic.spec import DRIVEN, Spec, drive_options
+from frenetic.spec import DRIVEN, Spec
 from frenetic.trust import NOT_DRIVING
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def file_spec(context: click.Context, file: RoadFile, *, checked: bool = True) -
     """
     given = given_options(context)
     if DRIVEN not in file.entries:
-        return asked_spec(context, {name: context.params[name] for name in drive_options()})
+        return asked_spec(context)
     recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
     simulator = recorded.simulator
     if is_beamng(simulator.name or ""):  # which program is started, no file says

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -172,9 +171,7 @@ def minimise(
                 complain(f"{work.name}: {error}")
                 failed = True
             else:
-                words = shlex.join(spec.drive_words(brief=True))
-                repeat = f"frenetic drive {shell(work.files.road)} {words}".rstrip()
-                done.append(Done(work, minimised, repeat))
+                done.append(Done(work, minimised, f"frenetic drive {shell(work.files.road)}"))
                 is_interrupted = minimised.ending == "stopped" and minimised.trouble is None
             left = works[number:]
             if is_interrupted:

@@ -20,7 +20,6 @@ from frenetic.cli.options import (
     lane_option,
 )
 from frenetic.cli.parts import asked_spec, driver_options, given_options
-from frenetic.spec import drive_options
 
 if TYPE_CHECKING:
     from frenetic.ranking import RankedRoad
@@ -104,15 +103,14 @@ def rank(
     from frenetic.ranking import Twin, find_roads
     from frenetic.ranking import rank as in_order
 
-    options = {name: context.params[name] for name in drive_options()}
     if serve is not None:
         if roads:
             raise click.UsageError(f"--serve gets its roads from an evaluator: without {roads[0]}")
-        _serve(context, options, *serve, as_json=as_json)
+        _serve(context, *serve, as_json=as_json)
         return
     if not roads:
         raise click.UsageError("Missing argument 'ROADS...': files of roads, or folders of them")
-    spec = asked_spec(context, options)
+    spec = asked_spec(context)
     check_map_size(spec.map_size)
     found = find_roads(roads, lane=lane)
     log, prospects = Log(), []
@@ -145,9 +143,7 @@ def rank(
         raise click.exceptions.Exit(2)
 
 
-def _serve(
-    context: click.Context, options: dict[str, Any], host: str, port: int, *, as_json: bool
-) -> None:
+def _serve(context: click.Context, host: str, port: int, *, as_json: bool) -> None:
     """Ranks roads for evaluators until Ctrl-C."""
     from frenetic.ranking import Twin
     from frenetic.ranking.service import CompetitionTool, serving
@@ -159,7 +155,7 @@ def _serve(
     elif "driver_options" in given:
         usual["driver_options"] = {**_DRIVER, **dict(given["driver_options"])}
     with (
-        Twin.of(asked_spec(context, options | usual)) as twin,
+        Twin.of(asked_spec(context, **usual)) as twin,
         serving(CompetitionTool(twin), host, port) as bound,
     ):
         if as_json:
