@@ -35,7 +35,7 @@ QUESTIONS = {
     "install": "index.html#install",
     "write my own driver": "drivers.html#your-own",
     "what is MOOBD": "tutorial.html#when-a-drive-fails-and-what-moobd-is",
-    "compare two versions of a driver": "back-to-back.html",
+    "compare two versions of a driver": "comparing.html#two-versions-of-a-driver",
     "resume crash": "campaigns.html",
     "several computers": "cluster.html",
     "beamng": "beamng.html",

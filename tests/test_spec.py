@@ -18,7 +18,6 @@ from frenetic.again.conditions import Variation, draw_conditions
 from frenetic.campaign import Campaign
 from frenetic.cli import cli
 from frenetic.cli.parts import driver_options, part_options
-from frenetic.cli.run import run
 from frenetic.drivers import LimitedView, Noisy, Planner
 from frenetic.drivers.driver import Controls, Driver, DriveSetup, Observation
 from frenetic.drivers.loading import load_driver
@@ -28,7 +27,7 @@ from frenetic.road import MAP_SIZE, MARGIN
 from frenetic.search import RandomSearch
 from frenetic.simulators import CarBody, EmbeddedSimulator, Rules
 from frenetic.simulators.worlds import in_conditions
-from frenetic.spec import NUMBERS, Budget, Part, Spec, describe, fault_of, usual_wall_limit
+from frenetic.spec import NUMBERS, Budget, Part, Spec, describe, fault_of
 
 SOURCE = "c/campaign.sqlite"
 
@@ -107,50 +106,6 @@ def test_a_record_gives_the_spec_that_was_recorded(spec: Spec, is_named: bool) -
     assert ("command" in config) is is_named
     assert fault_of(config) == ""
     assert Spec.from_json(config, source=SOURCE) == spec
-
-
-def asked(words: list[str]) -> dict[str, Any]:
-    """Values of the options of `frenetic run`."""
-    with run.make_context("run", list(words)) as context:
-        return dict(context.params)
-
-
-@given(specs)
-def test_the_command_line_reads_back_what_it_is_told(spec: Spec) -> None:
-    # Whatever is given twice, the last counts; a made-up simulator has no usual wall limit.
-    spec = replace(
-        spec, simulator=Part("embedded", spec.simulator.options), margin=MARGIN, lane_width=4.0
-    )
-    words = shlex.split(shlex.join(spec.run_words()))
-    assert words[:2] == ["frenetic", "run"]
-    given = asked(words[2:])
-    again = Spec.from_options(
-        given,
-        seed=given["seed"],
-        lookahead=given["lookahead"],
-        workers=given["workers"] or 1,
-        cluster=given["cluster"],
-        budget=Budget(given["simulations"], given["seconds"], given["failures"]),
-    )
-    recorded = replace(
-        spec,
-        strategy=replace(spec.strategy, made={}),
-        driver=replace(spec.driver, made={}),
-        simulator=replace(spec.simulator, made={}),
-        rules=Rules(speed_limit=spec.rules.speed_limit, oob_tolerance=spec.rules.oob_tolerance),
-        workers=1 if spec.cluster is not None else spec.workers,
-        car=None,
-        versions={},
-    )
-    assert again == recorded
-
-
-@given(specs)
-def test_brief_words_say_the_same(spec: Spec) -> None:
-    spec = replace(spec, simulator=Part("embedded"))
-    full, brief = (asked([*spec.drive_words(brief=is_brief)]) for is_brief in (False, True))
-    assert full == brief
-    assert Spec(wall_limit=usual_wall_limit("embedded")).drive_words(brief=True) == []
 
 
 def test_what_is_usual_is_what_the_parts_have() -> None:

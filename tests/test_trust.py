@@ -69,7 +69,6 @@ def a_failure() -> str:
     return str(min(Path("c/failures").glob("test-*.json")))
 
 
-FRESH = ("back-to-back", "--fresh", "2", "--top", "0")
 DRIVING: dict[str, Callable[[], tuple[str, ...]]] = {
     "drive": lambda: ("drive", a_failure()),
     "rerun": lambda: ("rerun", "c", "--top", "1"),
@@ -78,11 +77,7 @@ DRIVING: dict[str, Callable[[], tuple[str, ...]]] = {
 """Commands that drive, and take another driver."""
 OTHERS: dict[str, Callable[[], tuple[str, ...]]] = {
     "resume": lambda: ("resume", "c", "--simulations", "1"),
-    "back-to-back, as the old one": lambda: (*FRESH, "c", "--driver", "planner"),
-    "back-to-back, with an option": lambda: (
-        *(*FRESH, "c", "--old-driver", "gain=3.4", "--driver", "planner"),
-    ),
-    "back-to-back, as the new one": lambda: (*FRESH, "own", "c"),
+    "compare": lambda: ("compare", "--fresh", "2", "c", "--driver", "planner"),
 }
 
 

@@ -3,7 +3,7 @@
 A `Spec` comes from the options of a command line (`Spec.from_options`), from a campaign's record
 (`Spec.from_json`) or from a campaign of objects (`Campaign.spec`). It makes the objects
 (`make_strategy`, `make_driver`, `make_simulator`, `Campaign.of`), the record (`to_json`) and the
-words of a command line that does the same (`drive_words`, `run_words`).
+words of a command line that drives so (`drive_words`).
 
 Its numbers are declared here (`NUMBERS`), its layers in `frenetic.quantities`. Every command's help
 reads this module, so slow imports are inside functions.
@@ -80,8 +80,7 @@ class Number:
 
     name: str
     """Name of the option, in the record of a command line and in a `Spec` or its rules."""
-    default: float | None
-    """Default, None if it depends on the simulator."""
+    default: float
     help: str
     metavar: str | None = None
     """Placeholder in help where it replaces a campaign's."""
@@ -99,13 +98,6 @@ NUMBERS: Final = (
         "Another tolerance.",
     ),
     Number("map_size", 200.0, "m, side of the map."),
-    Number(
-        "wall_limit",
-        None,
-        "s of wall time that one drive may take. [default: 60, with beamng 600]",
-        "S",
-        "Another limit of a drive's wall time.",
-    ),
 )
 """The numbers for driving roads, beside the layers of the driver."""
 
@@ -207,12 +199,10 @@ class Part:
             return Part(name, options)
         return Part(self.name, {**self.options, **options}) if options else self
 
-    def words(self, kind: str, usual: Part | None = None) -> list[str]:
-        """The options of a command line that choose it, without a default name."""
+    def words(self, kind: str) -> list[str]:
+        """The options of a command line that choose it."""
         assert self.name is not None
-        name = None if usual is not None and self.name == usual.name else self.name
-        word = part_word(name, self.options)
-        return [f"--{kind}", word] if word else []
+        return [f"--{kind}", part_word(self.name, self.options)]
 
 
 def _usual_rules() -> Rules:
@@ -279,7 +269,7 @@ class Spec:
         parts = {
             kind: Part(given[kind], dict(given[f"{kind}_options"]))
             for kind in _PARTS
-            if given.get(kind) is not None
+            if given.get(kind) is not None and f"{kind}_options" in given
         }
         values: dict[str, Any] = {"rules": _with_rules(_usual_rules(), given), **parts}
         values |= {name: given[name] for name in ("map_size", "wall_limit") if name in given}
@@ -288,9 +278,9 @@ class Spec:
     def replaced(self, given: Mapping[str, Any]) -> Spec:
         """The same spec with replacements from a command line.
 
-        Another driver or simulator comes with its own given options, since the recorded ones belong
-        to the old one; without another, given options are added to the recorded ones. Layers and
-        rules stay unless they are given; an amount without effect removes a layer.
+        Another part comes with its own given options, since the recorded ones belong to the old
+        one; without another, given options are added to the recorded ones. Layers and rules stay
+        unless they are given; an amount without effect removes a layer.
 
         Args:
             given: as for `from_options`; None or empty values are not given.
@@ -299,9 +289,9 @@ class Spec:
             FreneticError: a rule is out of range, or another simulator cannot be loaded.
         """
         asked = {k: v for k, v in given.items() if v is not None and v != ()}
-        driver, simulator = (
+        strategy, driver, simulator = (
             getattr(self, kind).replaced(asked.get(kind), dict(asked.get(f"{kind}_options", ())))
-            for kind in ("driver", "simulator")
+            for kind in _PARTS
         )
         layers = _layers({"layers": {**self.layers, **dict(asked.get("layers", ()))}})
         if layers != self.layers:
@@ -312,6 +302,7 @@ class Spec:
             limit = self.wall_limit
         return replace(
             self,
+            strategy=strategy,
             driver=driver,
             layers=layers,
             simulator=simulator,
@@ -428,7 +419,9 @@ class Spec:
             map_size = asked.get("map_size", other.map_size)
             spec = replace(self, map_size=map_size, lane_width=other.lane_width)
         spec = replace(spec, layers={}, driver=replace(spec.driver, made={}))
-        return spec.replaced(other.command() or {}).replaced(asked)
+        command = other.command() or {}
+        driven = {name: command[name] for name in drive_options() if name in command}
+        return spec.replaced(driven).replaced(asked)
 
     def to_json(self) -> dict[str, JSONValue]:
         """The campaign's record in its database."""
@@ -552,51 +545,15 @@ class Spec:
 
     # To words
 
-    def drive_words(self, *, brief: bool = False) -> list[str]:
-        """The options of `frenetic drive` that choose driver, simulator, rules and map.
-
-        Args:
-            brief: leave out defaults.
-        """
-        usual = Spec() if brief else None
-        words = self.driver.words("driver", usual.driver if usual else None)
-        words += self.simulator.words("simulator", usual.simulator if usual else None)
-        if usual is not None:
-            usual = replace(usual, simulator=self.simulator).with_limit()
+    def drive_words(self) -> list[str]:
+        """The options of `frenetic drive` that choose driver, simulator, rules and map."""
+        words = [*self.driver.words("driver"), *self.simulator.words("simulator")]
         for name, amount in self.layers.items():
             words += ["--with", f"{name}={number_word(amount)}"]
-        for name in (number.name for number in NUMBERS):
-            value = self._amount(name)
-            if value is not None and (usual is None or value != usual._amount(name)):
-                words += [f"--{name.replace('_', '-')}", number_word(value)]
+        for number in NUMBERS:
+            value = getattr(self, number.name, getattr(self.rules, number.name, None))
+            words += [f"--{number.name.replace('_', '-')}", number_word(value)]
         return words
-
-    def run_words(self) -> list[str]:
-        """The command line of this search, without a folder."""
-        assert self.budget is not None
-        words = ["frenetic", "run"]
-        for name, value in asdict(self.budget).items():
-            if value is not None:
-                words += [f"--{name}", number_word(value)]
-        words += [*self.strategy.words("strategy"), *self.drive_words()]
-        if self.objective != "moobd":
-            words += ["--objective", self.objective]
-        for earlier in self.start_from:
-            words += ["--from", earlier.folder]
-        if self.lookahead is None:
-            words += ["--unordered"]
-        else:
-            words += ["--ordered", "--lookahead", str(self.lookahead)]
-        if self.cluster is not None:
-            words += ["--cluster", self.cluster]
-        else:
-            words += ["--workers", str(self.workers)]
-        return words if self.seed is None else [*words, "--seed", str(self.seed)]
-
-    def _amount(self, name: str) -> float | None:
-        """Amount of one of `NUMBERS`."""
-        value: float | None = getattr(self, name, getattr(self.rules, name, None))
-        return value
 
 
 def earlier_of(config: Mapping[str, Any]) -> tuple[EarlierCampaign, ...]:
@@ -667,7 +624,7 @@ def _limit_of_class(factory: Callable[..., Any]) -> float:
 def drive_options() -> list[str]:
     """Names of the options that say how roads are driven, as `Spec.from_options` takes them."""
     parts = ("driver", "driver_options", "simulator", "simulator_options")
-    return [*parts, "layers", *(number.name for number in NUMBERS)]
+    return [*parts, "layers", "wall_limit", *(number.name for number in NUMBERS)]
 
 
 def _layers(given: Mapping[str, Any]) -> dict[str, float]:

@@ -593,7 +593,7 @@ def test_a_missing_extra_says_what_brings_it(
 def test_the_command_line_takes_an_address(cluster: Cluster, tmp_path: Path) -> None:
     done = subprocess.run(
         [
-            *(sys.executable, "-m", "frenetic", "run", "--cluster", cluster.address, "--json"),
+            *(sys.executable, "-m", "frenetic", "run", "--workers", cluster.address, "--json"),
             *("--simulator", "frenetic.testing:DummySimulator", "--strategy", "random"),
             *("--simulations", "10", "--seed", "1", "--out", str(tmp_path / "campaign")),
         ],

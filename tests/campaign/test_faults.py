@@ -305,7 +305,7 @@ class Running:
         self.marks = marks
         self.folder = tmp_path / "campaign"
         self.out, self.err = tmp_path / "out", tmp_path / "err"
-        command = [sys.executable, "-m", "frenetic", "run", "--simulations", "60", "--unordered"]
+        command = [sys.executable, "-m", "frenetic", "run", "--simulations", "60"]
         command += ["--workers", str(workers), "--out", str(self.folder)]
         given = () if simulator == "embedded" else (f"folder={marks.folder}", *options)
         command += ["--simulator", ",".join([simulator, *given])]
@@ -516,7 +516,7 @@ def command(*words: str) -> int:
     return stop.value.code
 
 
-RUN = ("run", "--simulations", "40", "--seed", "3", "--workers", "1", "--drive-limit", "50s")
+RUN = ("run", "--simulations", "40", "--seed", "3", "--workers", "1")
 
 
 def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
@@ -535,7 +535,7 @@ def test_a_full_disk_says_what_is_stored_and_the_command_that_goes_on(
     assert f"; {stored} results stored, " in message
     assert "% of the budget spent; go on: frenetic resume 'a b' --workers 1" in message
     words = shlex.split(message.partition("go on: ")[2])
-    assert words == ["frenetic", "resume", "a b", "--workers", "1", "--drive-limit", "50s"]
+    assert words == ["frenetic", "resume", "a b", "--workers", "1"]
     monkeypatch.setattr(Bounded, "pages", None)
     assert command(*words[1:]) == 0
     with CampaignStore.open(Path("a b")) as store:

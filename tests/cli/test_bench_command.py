@@ -106,8 +106,9 @@ def test_json(frenetic: Frenetic) -> None:
 
 def test_a_run_of_a_strategy_is_that_of_the_command_run(frenetic: Frenetic) -> None:
     frenetic("bench", "--strategy", "frenetic", *SMALL)
+    Path("bench.toml").write_text("lookahead = 0\n")
     frenetic(
-        *("run", "--simulations", "12", "--seed", "2", "--workers", "1", "--unordered"),
+        *("run", "bench.toml", "--simulations", "12", "--seed", "2", "--workers", "1"),
         *("--out", "alone"),
     )
     exported = []

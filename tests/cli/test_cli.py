@@ -79,7 +79,8 @@ def test_fail_on_failure_ends_with_1_only_where_a_test_failed(frenetic: Frenetic
 
 
 def test_run_makes_a_folder_of_its_own_and_tells_its_seed(frenetic: Frenetic) -> None:
-    run = ["run", "--simulations", "2", "--ordered", "--json"]
+    write("run.toml", "simulations = 2\nlookahead = 4\n")
+    run = ["run", "run.toml", "--json"]
     first = frenetic(*run).json
     second = frenetic(*run).json
     assert first["folder"] != second["folder"]
@@ -126,6 +127,7 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         (["--with", "friction=0.7"], ["set it by --simulator embedded,friction="]),
         (["--with", "speed=50"], ["set it by --speed-limit"]),
         (["--map-size", "1e308"], ["map_size is 1e+308: at most 1e+07 m"]),
+        (["--workers", "nowhere"], ["neither a number nor the address of a Dask scheduler"]),
         (["--workers", "1" + "0" * 400], ["'--workers'", "is not in the range 1<=x<=1024"]),
         (
             ["--strategy", "genetic"],
@@ -142,7 +144,6 @@ def test_failing_road_fails_again_on_its_own(frenetic: Frenetic, searched: Path)
         (["--speed-limit", "0"], ["speed_limit is 0"]),
         (["--oob-tolerance", "1.5"], ["oob_tolerance is 1.5", "up to 1"]),
         (["--seed", "-1"], ["'--seed'"]),
-        (["--wall-limit", "-1"], ["wall_limit is -1"]),
         (["--no-such-option"], ["No such option"]),
     ],
 )
@@ -189,7 +190,7 @@ def test_run_refuses_a_simulator_whose_package_is_missing_and_leaves_nothing(
     refused(answer, 'needs the package metadrive: pip install "frenetic-roads[metadrive]"')
     assert "go on" not in answer.err
     assert not Path("c").exists()
-    elsewhere = frenetic(*options, "--cluster", "nowhere")
+    elsewhere = frenetic(*options, "--workers", "tcp://nowhere:1")
     refused(elsewhere, "nowhere")
     assert "metadrive" not in elsewhere.err, "it is needed where it drives"
 
@@ -269,7 +270,8 @@ def test_broken_driver_is_an_error_and_ends_a_campaign(
 ) -> None:
     write("mydriver.py", MY_DRIVER)
     write("road.json", STRAIGHT)
-    driver = ("--driver", f"mydriver.py:{name}", "--wall-limit", wall_limit)
+    how = f"driver = 'mydriver.py:{name}'\nwall_limit = {wall_limit}\n"
+    driver = ("--as", write("how.toml", how), "--driver", f"mydriver.py:{name}")
     answer = frenetic("drive", "road.json", *driver, "--json")
     assert answer.json["outcome"] == "ERROR"
     assert why in answer.json["reason"]
@@ -547,29 +549,29 @@ def test_layers_change_the_drive(frenetic: Frenetic) -> None:
 def test_bad_road_files_get_one_line(frenetic: Frenetic, content: object, words: list[str]) -> None:
     if content is not None:
         write("road.json", content)
-    for command in ("drive", "validate"):
-        refused(frenetic(command, "road.json"), "road.json", *words)
+    for how in ((), ("--dry",)):
+        refused(frenetic("drive", "road.json", *how), "road.json", *words)
 
 
-# validate
+# drive --dry
 
 
-def test_validate_says_it_of_each_file(frenetic: Frenetic) -> None:
+def test_a_dry_drive_says_whether_a_road_is_valid(frenetic: Frenetic) -> None:
     good, bad = write("good.json", STRAIGHT), write("bad.json", LOOP)
-    assert frenetic("validate", good).code == 0
-    answer = frenetic("validate", good, bad)
+    answer = frenetic("drive", good, "--dry")
+    assert (answer.code, answer.out) == (0, "good.json: valid\n")
+    answer = frenetic("drive", bad, "--dry")
     assert answer.code == 1
-    assert answer.out.splitlines() == [
-        "good.json: valid",
-        "bad.json: INVALID  The road is self-intersecting",
-    ]
-    assert frenetic("validate", good, bad, "--json").json == [
-        {"file": "good.json", "valid": True, "message": ""},
-        {"file": "bad.json", "valid": False, "message": "The road is self-intersecting"},
-    ]
+    assert answer.out == "bad.json: INVALID  The road is self-intersecting\n"
+    assert frenetic("drive", bad, "--dry", "--json").json == {
+        "road": "bad.json",
+        "valid": False,
+        "message": "The road is self-intersecting",
+    }
+    refused(frenetic("drive", good, "--dry", "--plot", "p.png"), "--plot draws a drive")
 
 
-def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic) -> None:
+def test_hostile_files_are_one_line_each(frenetic: Frenetic) -> None:
     pose = '{"curvatures": [0, 0.01, 0], "pose": [' + "1" * 400 + ", 0, 0]}"
     Path("pose.json").write_text(pose)
     lane = '<lane id="-1" type="driving"><width sOffset="0" a="4"/></lane>'
@@ -580,15 +582,9 @@ def test_validate_judges_the_other_files_beside_hostile_ones(frenetic: Frenetic)
         "</lanes></road></OpenDRIVE>"
     )
     wide = write("wide.json", STRAIGHT | {"lane_width": 1e308})
-    good = write("good.json", STRAIGHT)
-    answer = frenetic("validate", "missing.json", "pose.json", "shift.xodr", wide, good)
-    assert answer.code == 2
-    assert answer.out == "good.json: valid\n"
-    lines = answer.err.splitlines()
-    assert "missing.json" in lines[0]
-    files = [line.split()[1].rstrip(":") for line in lines[1:]]
-    assert files == ["pose.json", "shift.xodr", wide]
-    assert lines[3].endswith("lane_width is 1e+308: 0.1 to 100 m are allowed")
+    for name in ("missing.json", "pose.json", "shift.xodr", wide):
+        refused(frenetic("drive", name, "--dry"), name)
+    refused(frenetic("drive", wide, "--dry"), "lane_width is 1e+308: 0.1 to 100 m are allowed")
 
 
 # show
@@ -715,7 +711,7 @@ def test_linear_algebra_takes_one_thread_unless_the_user_wants_more(
     monkeypatch.delenv("OPENBLAS_NUM_THREADS")
     code = (
         "from frenetic.cli import main\n"
-        "try: main(['validate', 'road.json'])\n"
+        "try: main(['drive', 'road.json', '--dry'])\n"
         "except SystemExit: pass\n"
         "from threadpoolctl import threadpool_info\n"
         "pools = [pool for pool in threadpool_info() if pool['user_api'] == 'blas']\n"

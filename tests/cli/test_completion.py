@@ -45,7 +45,7 @@ def test_names_of_parts_are_completed() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    ["show", "resume", "report", "check", "export", "rerun", "compare"],
+    ["show", "resume", "report", "check", "rerun", "compare"],
 )
 def test_folders_of_campaigns_are_completed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
@@ -60,6 +60,17 @@ def test_folders_of_campaigns_are_completed(
     assert values(command, "n") == ["night"]
     assert values(command, "campaigns/t") == ["campaigns/two"]
     assert completed(command, "nowhere/") == [("dir", "nowhere/")]
+
+
+@pytest.mark.parametrize("command", ["drive", "minimise", "export"])
+def test_campaigns_and_road_files_are_completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert completed(command, "n") == [("file", "n")]
+    Path("night").mkdir()
+    Path("night", "campaign.sqlite").touch()
+    assert values(command, "n") == ["night"]
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -148,3 +148,45 @@ def test_a_damaged_record_is_one_line(
     frenetic: Frenetic, road: Path, entries: dict[str, Any], words: str
 ) -> None:
     assert frenetic("drive", changed(road, **entries)).refuses("its entry 'driven'", words)
+
+
+def test_a_campaigns_test_is_driven_as_its_file_is(frenetic: Frenetic, road: Path) -> None:
+    number = str(int(road.stem.removeprefix("test-")))
+    one, by_file = (
+        frenetic("drive", *what, "--json").json for what in (("c", number), (str(road),))
+    )
+    assert one.pop("road") == f"c {number}"
+    del by_file["road"]
+    assert one == by_file
+    assert frenetic("drive", "c", number, "--dry").out == f"c {number}: valid\n"
+    changed = frenetic("drive", "c", number, "--driver", "planner", "--speed-limit", "20").out
+    assert changed.startswith("PASS")
+
+
+def test_a_test_of_a_rerun_is_driven_in_its_own_conditions(frenetic: Frenetic, road: Path) -> None:
+    done = frenetic("rerun", "c", "--vary", "friction=0.2:0.4", "--times", "2", "--json").json
+    folder = done["folder"]
+    tests = frenetic("show", folder, "--limit", "9", "--json").json["listed"]
+    ids = [str(test["id"]) for test in tests]
+    parts = (*PARTS, *TERMS[:2], "--simulator", "embedded")  # a rerun's record has no names
+    answer = frenetic("drive", folder, *ids, *parts, "--json")
+    assert not answer.err
+    assert [one["moobd"] for one in answer.json] == [test["moobd"] for test in tests]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("c",), ("c is a folder", "which tests")),
+        (("c", "9999"), ("no test of candidate 9999",)),
+        (("c", "1", "--lane", "-2"), ("--lane is for an OpenDRIVE file",)),
+        (("c", "1", "--map-size", "300"), ("a campaign has its own map",)),
+        (("c", "1", "2", "--plot", "p.png"), ("--plot is for one road",)),
+        (("changed.json", "1"), ("changed.json is no folder",)),
+    ],
+)
+def test_mistakes_about_what_to_drive_are_one_line(
+    frenetic: Frenetic, road: Path, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    changed(road)
+    assert frenetic("drive", *arguments).refuses(*words)

@@ -146,12 +146,12 @@ def test_the_old_version_of_an_edited_driver_drives_as_it_did(folder: str) -> No
 
 @pytest.mark.parametrize("folder", ["old", "module"])
 def test_an_edited_driver_is_compared_with_its_old_self(frenetic: Frenetic, folder: str) -> None:
-    fresh = ("--fresh", "3", "--top", "2", "--json")
-    compared = frenetic("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh).json
+    fresh = ("--fresh", "3", "--json")
+    compared = frenetic("compare", folder, "--driver", CAMPAIGNS[folder], *fresh).json
     assert compared["old"]["version"] == version(folder)
     assert compared["new"]["version"] not in (version(folder), "")
     write_gains("0.8")
-    same = frenetic("back-to-back", folder, "--driver", CAMPAIGNS[folder], *fresh)
+    same = frenetic("compare", folder, "--driver", CAMPAIGNS[folder], *fresh)
     assert same.refuses("both versions are the same")
 
 

@@ -28,7 +28,6 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
     "check": ("c",),
     "export": ("c", "--format", "csv"),
     "rerun": ("c", "--top", "1", "--times", "2"),
-    "back-to-back": ("c", "--driver", "aggression=0.5", "--fresh", "20", "--top", "1"),
     "minimise": ("c", "--max-drives", "5"),
     "calibrate": (
         "c",
@@ -46,12 +45,7 @@ CALLS: Final[dict[str, tuple[str, ...]]] = {
     "bench": ("--strategy", "random", "--simulations", "3", "--repeats", "1", *ONE, "--out", "b"),
     "drive": ("road.json",),
     "rank": ("road.json",),
-    "rank-service": ("--port", "0"),
-    "validate": ("road.json",),
-    "export-road": ("road.json", "--format", "csv"),
-    "drivers": (),
-    "strategies": (),
-    "simulators": (),
+    "list": (),
     "doctor": ("--simulator", "embedded"),
 }
 """Command -> its arguments, in a folder with a road and the campaigns c and d."""
@@ -61,15 +55,9 @@ MISTAKES: Final[dict[str, tuple[str, ...]]] = {
     "calibrate": ("nowhere", "--driver", "planner", "--fit", "braking"),
     "compare": ("nowhere", "nowhere"),
     "bench": ("--simulations", "0"),
-    "back-to-back": ("nowhere", "--driver", "planner"),
     "export": ("nowhere", "--format", "csv"),
-    "export-road": ("nowhere", "--format", "csv"),
     "doctor": ("--simulator", "nowhere"),
-    "rank-service": ("--port", "no"),
-    "validate": ("road.json", "--map-size", "1"),
-    "drivers": ("nowhere",),
-    "strategies": ("nowhere",),
-    "simulators": ("nowhere",),
+    "list": ("nowhere",),
 }
 """Command -> arguments that are a mistake; of the others, the folder or file nowhere."""
 
@@ -82,7 +70,6 @@ def test_every_command_has_its_call_here() -> None:
 def test_every_command_prints_one_document(
     frenetic: Frenetic, campaign: str, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("frenetic.cli.rank_service.until_interrupted", lambda: None)
     Path("road.json").write_text(json.dumps(ROAD))
     if name == "compare":
         frenetic("run", "--simulations", "3", "--seed", "2", *ONE, "--out", "d", "--json")

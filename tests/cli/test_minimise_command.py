@@ -94,9 +94,7 @@ def test_most_severe_failure_of_a_campaign(frenetic: Frenetic, campaign: None) -
 def test_printed_line_repeats_the_failure(frenetic: Frenetic, campaign: None) -> None:
     (item,) = frenetic("minimise", "c", "--max-drives", "40", "--json").json
     command = shlex.split(item["repeat"])
-    assert command[:2] == ["frenetic", "drive"]
-    options = {"--driver", "aggression=1.1", "--with", "noise=0.03", "--map-size", "210"}
-    assert options == set(command[3:])
+    assert command == ["frenetic", "drive", item["road"]]
     again = frenetic(*command[1:], "--json").json
     stored = json.loads(Path(item["road"]).read_text(encoding="utf-8"))
     assert again["outcome"] == "FAIL"
@@ -143,7 +141,6 @@ def test_other_driver_than_the_campaigns(frenetic: Frenetic, campaign: None) -> 
         "20",
         "--json",
     ).json
-    assert "aggression=1.3" in item["repeat"]
     assert frenetic(*shlex.split(item["repeat"])[1:], "--json").json["outcome"] == "FAIL"
     assert Path(item["road"]).name == f"test-{item['test']:05d}-other.json"
     assert not Path("c", "minimised", f"test-{item['test']:05d}.json").exists()

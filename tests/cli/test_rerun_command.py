@@ -35,7 +35,7 @@ def failures_of(folder: str) -> list[int]:
 
 
 def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campaign: str) -> None:
-    answer = frenetic("rerun", campaign, "--times", "20", "--top", "3", "--rows")
+    answer = frenetic("rerun", campaign, "--times", "20", "--top", "3")
     assert answer.code == 0
     ids = failures_of(campaign)[:3]
     rows = [line for line in answer.out.splitlines() if line.count("20 of 20") == 2]
@@ -46,7 +46,7 @@ def test_a_deterministic_failure_is_reported_20_of_20(frenetic: Frenetic, campai
     assert f"Kept in {kept}; to see it: frenetic report {campaign}" in answer.out
     (found,) = read_reruns(campaign)
     assert [one.id for one in found.tests] == ids
-    assert frenetic("rerun", campaign, "--times", "20", "--top", "3", "--rows") == answer
+    assert frenetic("rerun", campaign, "--times", "20", "--top", "3") == answer
 
 
 def test_what_drove_again_is_a_campaign(frenetic: Frenetic, campaign: str) -> None:
@@ -111,7 +111,7 @@ def test_several_ranges_follow_one_vary(frenetic: Frenetic, campaign: str) -> No
 
 def test_what_matters_is_said(frenetic: Frenetic, campaign: str) -> None:
     again = ("rerun", campaign, "--top", "1", "--vary", "friction=0.8:1.3")
-    answer = frenetic(*again, "--rows")
+    answer = frenetic(*again)
     assert answer.code == 0
     assert "friction matters in 1 of 1" in answer.out
     assert "20 drives of each, friction 0.8 to 1.3" in answer.out
@@ -123,10 +123,11 @@ def test_a_summary_comes_first_and_rows_on_request(frenetic: Frenetic, campaign:
     summary = frenetic("rerun", campaign, "--times", "2").out.splitlines()
     assert f"{total} of {total} drives fail ({total} same failure)" in summary[0]
     assert not any("interval" in line for line in summary)
-    with_rows = frenetic("rerun", campaign, "--times", "2", "--rows").out.splitlines()
-    hint = summary.index("Test by test: --rows")
-    assert with_rows[:hint] == summary[:hint]
-    assert "interval" in with_rows[hint]
+    assert "Test by test: name the IDs, or --top 10" in summary
+    ids = [str(number) for number in failures_of(campaign)]
+    with_rows = frenetic("rerun", campaign, *ids, "--times", "2").out.splitlines()
+    assert with_rows[0] == summary[0]
+    assert any("interval" in line for line in with_rows)
 
 
 def test_ids_choose_tests_and_an_unknown_one_is_refused(frenetic: Frenetic, campaign: str) -> None:

@@ -18,11 +18,8 @@ import pytest
 
 from frenetic.campaign import CampaignStore, Test
 from frenetic.cli import main
-from frenetic.cli.export import FORMATS, SIDES
-from frenetic.cli.export import TRAJECTORIES as OFFERED
 from frenetic.errors import FreneticError
 from frenetic.export import TABLES, campaigns, data_frame, export_campaign, tables
-from frenetic.export.competition import Sides
 from frenetic.outcome import Outcome
 from frenetic.search.records import Source
 
@@ -258,7 +255,7 @@ def test_what_is_there_is_refused_in_one_line(campaign: Path, tmp_path: Path) ->
         export_campaign(campaign, "csv", tmp_path / "file" / "below")
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", get_args(campaigns.Format))
 @pytest.mark.parametrize(
     ("statement", "text"),
     [
@@ -364,8 +361,8 @@ def run(*arguments: str) -> int:
 
 def test_command(campaign: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = str(tmp_path / "out")
-    options = ("--outcome", "fail", "--outcome", "DROPPED", "--trajectories", "none")
-    assert run(str(campaign), "--format", "csv", "--out", out, *options) == 0
+    options = ("--outcome", "fail", "--outcome", "DROPPED")
+    assert run(str(campaign), "--format", "csv,trajectories=none", "--out", out, *options) == 0
     assert capsys.readouterr().out == f"{out}\n"
     read = pd.read_csv(Path(out) / "tests.csv")
     assert set(read["outcome"]) == {"FAIL", "DROPPED"}
@@ -390,17 +387,11 @@ def test_command_writes_into_the_campaigns_folder_by_default(
     [
         ("--format", "excel"),
         ("--format", "csv", "--outcome", "x"),
-        ("--format", "csv", "--sides", "competition"),
-        ("--format", "competition", "--sides", "x"),
+        ("--format", "csv,sides=competition"),
+        ("--format", "competition,sides=x"),
         (),
     ],
 )
 def test_command_with_what_there_is_not(campaign: Path, option: tuple[str, ...]) -> None:
     assert run(str(campaign), *option) == 2
     assert not (campaign / "exports").exists()
-
-
-def test_the_command_offers_what_the_library_does() -> None:
-    assert get_args(campaigns.Format) == FORMATS
-    assert get_args(campaigns.Which) == OFFERED
-    assert get_args(Sides) == SIDES

@@ -1,4 +1,4 @@
-"""frenetic export-road, and driving what it wrote."""
+"""frenetic export of roads, and driving what it wrote."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from frenetic.cli import main
-from frenetic.cli.export_road import FORMATS as NAMES
+from frenetic.cli.export import ROADS, TABLES
 from frenetic.export import FORMATS
+from frenetic.export.campaigns import Format
 
 
 @dataclass
@@ -68,14 +70,15 @@ def write(name: str, content: object) -> str:
 
 
 def test_the_command_offers_the_formats_that_there_are() -> None:
-    assert set(NAMES) == set(FORMATS)
+    assert set(ROADS) == set(FORMATS)
+    assert set(TABLES) == set(get_args(Format))
 
 
 def test_a_failing_road_fails_in_the_same_way_from_every_file(campaign: Frenetic) -> None:
     test_id = failing_id()
     stored = json.loads(Path(f"c/failures/test-{int(test_id):05d}.json").read_text())
     for name in ("opendrive", "json", "competition"):
-        answer = campaign("export-road", "c", test_id, "--format", name)
+        answer = campaign("export", "c", test_id, "--format", name)
         assert answer.code == 0
         path = Path(answer.out.strip())
         assert path.parent == Path("c/exports")
@@ -85,12 +88,12 @@ def test_a_failing_road_fails_in_the_same_way_from_every_file(campaign: Frenetic
         tolerance = 1e-3 if name == "competition" else 1e-6
         assert again["outcome"] == "FAIL"
         assert again["moobd"] == pytest.approx(stored["moobd"], abs=tolerance)
-        assert campaign("validate", str(path)).code == 0
+        assert campaign("drive", str(path), "--dry").code == 0
 
 
 def test_a_competition_file_holds_the_drive(campaign: Frenetic) -> None:
     test_id = failing_id()
-    path = campaign("export-road", "c", test_id, "--format", "competition").out.strip()
+    path = campaign("export", "c", test_id, "--format", "competition").out.strip()
     document = json.loads(Path(path).read_text())
     assert (document["id"], document["test_outcome"]) == (int(test_id), "FAIL")
     assert document["description"].startswith("Car drove out of the lane ")
@@ -102,8 +105,7 @@ def test_every_test_of_a_campaign_can_be_exported(campaign: Frenetic) -> None:
 
     with CampaignStore.open(Path("c")) as store:
         ids = [record.candidate.id for record in store.tests()]
-    for test_id in ids:
-        assert campaign("export-road", "c", str(test_id), "--format", "competition").code == 0
+    assert campaign("export", "c", *map(str, ids), "--format", "competition").code == 0
     assert len(list(Path("c/exports").iterdir())) == len(ids)
 
 
@@ -111,10 +113,10 @@ def test_a_road_file_is_written_beside_itself(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     for name, item in FORMATS.items():
         if name != "json":
-            answer = frenetic("export-road", road, "--format", name)
+            answer = frenetic("export", road, "--format", name)
             assert (answer.code, answer.out) == (0, f"bend{item.suffix}\n")
             assert Path(f"bend{item.suffix}").is_file()
-    assert frenetic("export-road", "bend.xodr", "--format", "json", "--out", "b/c.json").code == 0
+    assert frenetic("export", "bend.xodr", "--format", "json", "--out", "b/c.json").code == 0
     assert json.loads(Path("b/c.json").read_text())["curvatures"] == [0.0, 0.03, 0.0]
 
 
@@ -124,33 +126,34 @@ def test_a_road_file_is_written_beside_itself(frenetic: Frenetic) -> None:
 )
 def test_the_suffix_says_the_format(frenetic: Frenetic, name: str, written: str) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
-    assert frenetic("export-road", road, "--out", name).code == 0
+    assert frenetic("export", road, "--out", name).code == 0
     assert Path(name).read_text().startswith(written)
 
 
 def test_a_suffix_that_does_not_say_the_format(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
-    answer = frenetic("export-road", road, "--out", "r.json")
+    answer = frenetic("export", road, "--out", "r.json")
     refused(answer, "r.json does not say", "--format from competition, json, beamng")
     every = "--format from opendrive, competition, csv, json, beamng"
     for name in ("r", "r.txt", "xodr"):
-        refused(frenetic("export-road", road, "--out", name), f"{name} does not say", every)
+        refused(frenetic("export", road, "--out", name), f"{name} does not say", every)
         assert not Path(name).exists()
 
 
 def test_the_place_on_the_globe(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     out = ("--out", "r.xodr")
-    assert frenetic("export-road", road, "--origin", "-33.5", "151.25", *out).code == 0
+    assert frenetic("export", road, "--format", "origin=[-33.5,151.25]", *out).code == 0
     assert "+lat_0=-33.5 +lon_0=151.25 " in Path("r.xodr").read_text()
-    refused(frenetic("export-road", road, "--origin", "91", "0", *out), "latitude of -80 to 84")
-    refused(frenetic("export-road", road, "--origin", "1", "2", "--out", "r.csv"), "--origin is")
+    for origin, said in (("[91,0]", "latitude of -80 to 84"), ("7", "[latitude, longitude]")):
+        refused(frenetic("export", road, "--format", f"opendrive,origin={origin}", *out), said)
+    refused(frenetic("export", road, "--format", "csv,origin=[1,2]"), "csv has no option 'origin'")
 
 
 def test_stdout_gets_the_file_and_nothing_else(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
-    frenetic("export-road", road, "--format", "opendrive")
-    answer = frenetic("export-road", road, "--format", "opendrive", "--out", "-")
+    frenetic("export", road, "--format", "opendrive")
+    answer = frenetic("export", road, "--format", "opendrive", "--out", "-")
     assert answer.code == 0
     assert answer.out == Path("bend.xodr").read_bytes().decode()
     assert not Path("-").exists()
@@ -159,9 +162,9 @@ def test_stdout_gets_the_file_and_nothing_else(frenetic: Frenetic) -> None:
 def test_a_road_is_not_written_over_itself(frenetic: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0], "note": "keep me"})
     before = Path(road).read_bytes()
-    refused(frenetic("export-road", road, "--format", "json"), "bend.json is the road itself")
+    refused(frenetic("export", road, "--format", "json"), "bend.json is the road itself")
     refused(
-        frenetic("export-road", road, "--format", "csv", "--out", "./bend.json"),
+        frenetic("export", road, "--format", "csv", "--out", "./bend.json"),
         "bend.json is the road itself",
     )
     assert Path(road).read_bytes() == before
@@ -170,14 +173,19 @@ def test_a_road_is_not_written_over_itself(frenetic: Frenetic) -> None:
 def test_mistakes(campaign: Frenetic) -> None:
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
     csv = ("--format", "csv")
-    refused(campaign("export-road", "c", *csv), "c is a folder", "which test")
-    refused(campaign("export-road", "c", "100000", *csv), "no test of candidate 100000")
-    refused(campaign("export-road", road, "1", *csv), "bend.json is not a folder")
-    refused(campaign("export-road", "nowhere.json", *csv), "there is no file nowhere.json")
-    refused(campaign("export-road", "nowhere", "1", *csv), "nowhere does not exist")
-    refused(campaign("export-road", road), "Missing option '--format'")
-    refused(campaign("export-road", road, "--format", "fbx"), "'fbx'", "opendrive")
-    refused(campaign("export-road", road, *csv, "--out", "c"), "c cannot be written")
+    refused(campaign("export", "c", "--format", "opendrive"), "'opendrive' is no format of a camp")
+    refused(campaign("export", "c", "1", "--format", "parquet"), "'parquet' is no format of a road")
+    refused(campaign("export", "c", "1", "2", *csv, "--out", "r.csv"), "--out is for one road")
+    refused(campaign("export", "c", "1", *csv, "--outcome", "FAIL"), "--outcome is for a whole")
+    refused(campaign("export", "c", *csv, "--out", "-"), "name the ID")
+    refused(campaign("export", "c", "100000", *csv), "no test of candidate 100000")
+    refused(campaign("export", road, "1", *csv), "bend.json is not a folder")
+    refused(campaign("export", "nowhere.json", *csv), "there is no file nowhere.json")
+    refused(campaign("export", "nowhere", "1", *csv), "nowhere does not exist")
+    refused(campaign("export", road), "Missing option '--format'")
+    refused(campaign("export", road, "--format", "fbx"), "'fbx'", "opendrive")
+    refused(campaign("export", road, "--format", "csv,a"), "'a' is not OPTION=VALUE")
+    refused(campaign("export", road, *csv, "--out", "c"), "c cannot be written")
     assert not Path("c/exports").exists()
 
 
@@ -191,20 +199,20 @@ def test_opendrive_of_others_is_driven_and_what_is_not_supported_said(frenetic: 
         "</OpenDRIVE>"
     )
     Path("theirs.xodr").write_text(text)
-    assert frenetic("validate", "theirs.xodr").out == "theirs.xodr: valid\n"
+    assert frenetic("drive", "theirs.xodr", "--dry").out == "theirs.xodr: valid\n"
     driven = json.loads(frenetic("drive", "theirs.xodr", "--json").out)
     assert driven["outcome"] == "PASS"
     assert driven["length"] == pytest.approx(100.0)
     outer = lane.replace("-1", "-2")
     Path("lanes.xodr").write_text(text.replace(lane, lane + outer))
-    exported = ("export-road", "lanes.xodr", "--format", "json", "--out", "-")
+    exported = ("export", "lanes.xodr", "--format", "json", "--out", "-")
     y = json.loads(frenetic(*exported, "--lane", "-2").out)["pose"][1]
     assert y == pytest.approx(-3.5)
-    assert frenetic("validate", "lanes.xodr", "--lane", "-2").code == 0
+    assert frenetic("drive", "lanes.xodr", "--lane", "-2", "--dry").code == 0
     driven = json.loads(frenetic("drive", "lanes.xodr", "--lane", "-2", "--json").out)
     assert driven["length"] == pytest.approx(100.0 + 0.02 * 40.0 * 3.5, abs=0.01)
     refused(frenetic("drive", "lanes.xodr", "--lane", "-3"), "lane -3", "is missing", "-1, -2")
     road = write("bend.json", {"curvatures": [0, 0.03, 0]})
-    refused(frenetic("validate", road, "--lane", "-2"), "no OpenDRIVE file")
+    refused(frenetic("drive", road, "--lane", "-2", "--dry"), "no OpenDRIVE file")
     Path("city.xodr").write_text(text.replace("</OpenDRIVE>", '<junction id="3"/></OpenDRIVE>'))
     refused(frenetic("drive", "city.xodr"), "city.xodr cannot be read as OpenDRIVE", "junction")

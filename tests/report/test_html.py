@@ -17,7 +17,6 @@ import pytest
 from click.testing import CliRunner
 from html_campaigns import HOSTILE, make_empty, make_hostile, make_refused, make_searched
 
-from frenetic._support.json_value import JSONValue
 from frenetic.again.conditions import Variation
 from frenetic.again.rerun import rerun
 from frenetic.analysis.failures import Cluster, Clusters, distinct_failures, nearest_misses
@@ -27,7 +26,6 @@ from frenetic.analysis.statistics import proportion_interval
 from frenetic.campaign import Budget, Campaign, CampaignStore
 from frenetic.campaign.database import DATABASE
 from frenetic.cli import cli
-from frenetic.cli.run import run
 from frenetic.drivers import Planner
 from frenetic.errors import CampaignError, FreneticError
 from frenetic.oracle import assess
@@ -527,71 +525,18 @@ def test_a_section_id_that_cannot_be_used_is_refused(name: str) -> None:
 # Repeating
 
 
-def command_of(*arguments: str) -> dict[str, Any]:
-    """The values of all options of `frenetic run`."""
-    with run.make_context("run", list(arguments)) as context:
-        return dict(context.params)
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--simulations", "20", "--seed", "3"],
-        ["--failures", "1", "--time", "90", "--seed", "7", "--unordered", "--workers", "1"],
-        ["--simulations", "2", "--with", "noise=0.1", "--with", "view=20", "--speed-limit", "55.5"],
-        ["--simulations", "2", "--ordered", "--lookahead", "3", "--map-size", "250"],
-        [
-            "--simulations",
-            "2",
-            "--driver",
-            "aggression=1.2",
-            "--strategy",
-            "threshold=-0.2",
-        ],
-    ],
-)
-def test_command_repeats_the_campaign(arguments: list[str], tmp_path: Path) -> None:
-    given = [*arguments, "--workers", "1"] if "--workers" not in arguments else arguments
-    done = CliRunner().invoke(cli, ["run", *given, "--out", str(tmp_path / "c")])
-    assert done.exit_code == 0, done.output
-    with CampaignStore.open(tmp_path / "c") as store:
+def test_the_command_repeats_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = ["run", "--simulations", "3", "--seed", "3", "--workers", "1", "--out", "c"]
+    assert CliRunner().invoke(cli, run).exit_code == 0
+    with CampaignStore.open(Path("c")) as store:
         line = repeat_command(store.config, store.facts)
-        seed = store.config["seed"]
-    assert line is not None
-    words = shlex.split(line)
-    assert words[:2] == ["frenetic", "run"]
-    wanted = command_of(*given)
-    if wanted["ordered"] is None:
-        wanted["ordered"] = "--seed" in given
-    if wanted["ordered"] and wanted["lookahead"] is None:
-        wanted["lookahead"] = 16
-    wanted["seed"] = seed
-    assert command_of(*words[2:]) == wanted
-
-
-@pytest.mark.parametrize(
-    "value", ["x y", "7", "$HOME", "it's", 3, 0.25, True, None, [1, "a"], {"a": 1}, ""]
-)
-def test_options_of_a_repeated_command_keep_their_values(value: JSONValue, searched: Path) -> None:
-    command: JSONValue = {
-        "strategy": "frenetic",
-        "strategy_options": {"mine": value},
-        "driver": "my drivers.py:It's",
-        "driver_options": {},
-        "layers": {"delay": 0.05},
-        "simulator": "embedded",
-        "simulator_options": {},
-        "speed_limit": 70.0,
-        "oob_tolerance": 0.95,
-        "wall_limit": 60.0,
-    }
-    with CampaignStore.open(searched) as store:
-        line = repeat_command({**store.config, "command": command}, store.facts)
-    assert line is not None
-    again = command_of(*shlex.split(line)[2:])
-    assert again["strategy_options"] == (("mine", value),)
-    assert again["driver"] == "my drivers.py:It's"
-    assert again["layers"] == (("delay", 0.05),)
+        tests = [test.result for test in store.tests()]
+    assert line == "frenetic run campaign.toml"
+    monkeypatch.chdir("c")
+    assert CliRunner().invoke(cli, [*line.split()[1:], "--out", "again"]).exit_code == 0
+    with CampaignStore.open(Path("again")) as store:
+        assert [test.result for test in store.tests()] == tests
 
 
 def test_it_is_said_whether_a_campaign_can_be_repeated(searched: Path) -> None:

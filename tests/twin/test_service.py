@@ -106,8 +106,15 @@ def test_known_tests_say_from_where_on_is_selected(
 
 def test_a_port_that_is_taken_is_a_mistake(twin: Twin, frenetic: Frenetic) -> None:
     with serving(CompetitionTool(twin), port=0) as port:
-        answer = frenetic("rank-service", "--port", str(port))
-    assert answer.refuses(f"cannot listen at 127.0.0.1:{port}", "--port")
+        answer = frenetic("rank", "--serve", str(port))
+    assert answer.refuses(f"cannot listen at 127.0.0.1:{port}", "another port")
+
+
+def test_a_wrong_address_is_a_mistake(frenetic: Frenetic) -> None:
+    for address in ("no", "70000", "host:", "road.json"):
+        assert frenetic("rank", "--serve", address).refuses("is not [HOST:]PORT", "0.0.0.0:4545")
+    assert frenetic("rank", "a.json", "--serve", "0").refuses("gets its roads from an evaluator")
+    assert frenetic("rank").refuses("Missing argument 'ROADS...'")
 
 
 def test_the_command_serves_in_the_competitions_setting(
@@ -122,8 +129,8 @@ def test_the_command_serves_in_the_competitions_setting(
         return serving(tool, host, 0)
 
     monkeypatch.setattr("frenetic.twin.ranking.service.serving", served)
-    monkeypatch.setattr("frenetic.cli.rank_service.until_interrupted", lambda: None)
-    answer = frenetic("rank-service", "--json")
+    monkeypatch.setattr("frenetic.cli.rank.until_interrupted", lambda: None)
+    answer = frenetic("rank", "--json", "--serve")
     assert json.loads(answer.out)["host"] == "127.0.0.1"
     assert told == [("127.0.0.1", 4545)]
     (tool,) = tools
@@ -136,11 +143,15 @@ def test_the_command_serves_in_the_competitions_setting(
         lookahead_min=2.19,
         speed_gain=0.517,
     )
-    assert frenetic("rank-service", "--driver", "stanley").code == 0  # without its options
+    assert frenetic("rank", "--serve", "--driver", "stanley").code == 0  # without its options
     assert tools[-1].twin.tester.driver == Stanley()
     rules = Rules(speed_limit=80.0, oob_tolerance=0.85)
     Profile.of("twin", Spec(driver=Part("stanley"), rules=rules)).write(Path("twin.json"))
-    assert frenetic("rank-service", "--as", "twin.json", "--oob-tolerance", "0.7").code == 0
+    assert (
+        frenetic("rank", "--as", "twin.json", "--oob-tolerance", "0.7", "--serve", "0.0.0.0:0").code
+        == 0
+    )
+    assert told[-1] == ("0.0.0.0", 0)
     assert type(tools[-1].twin.tester.driver).__name__ == "Stanley"
     assert (tools[-1].twin.rules.speed_limit, tools[-1].twin.rules.oob_tolerance) == (80.0, 0.7)
 

@@ -1,7 +1,7 @@
 """Paired drives: two versions of a driver on the same roads, and what the pairs show.
 
-The verdict rests on the fresh roads alone. Failing roads were found by searching against the
-version that fails there, so that version looks worse on them than it is (regression to the mean).
+The verdict rests on the fresh roads alone. Failing roads were found by searching against the old
+version, so it looks worse on them than it is (regression to the mean).
 They show which problems are fixed and which are new.
 """
 
@@ -45,7 +45,6 @@ class RoadSet(StrEnum):
     """Random roads that no search has chosen."""
     OLD = "old's failing roads"
     """Those on which the old version failed in its campaign."""
-    NEW = "new's failing roads"
 
 
 class Fate(StrEnum):
@@ -406,7 +405,7 @@ class BackToBack:
         if any(roads.pairs for roads in self.sets[1:]):
             yield (
                 "the answer rests on the fresh roads; failing roads were found by searching against"
-                " one version, which looks worse on them than it is"
+                " old, which looks worse on them than it is"
             )
         for version in Version:
             broken = [drive for roads in self.sets for drive in roads.broken(version)]
@@ -421,18 +420,16 @@ class BackToBack:
             unsteady = sum(roads.unsteady(version) for roads in self.sets)
             if unsteady:
                 yield f"{version} passes and fails on the same road on {counted(unsteady, 'road')}"
-        for roads, version in ((RoadSet.OLD, Version.OLD), (RoadSet.NEW, Version.NEW)):
-            for own in self.sets:
-                passed = len(own.judged) - own.failing(version)
-                if own.roads is roads and passed:
-                    yield (
-                        f"{version} passes {passed} of the {len(own.judged)} roads on which its"
-                        " campaign failed: its drives do not repeat (use --repeats), or it has"
-                        " changed since"
-                    )
+        for own in self.sets:
+            passed = len(own.judged) - own.failing(Version.OLD)
+            if own.roads is RoadSet.OLD and passed:
+                yield (
+                    f"old passes {passed} of the {len(own.judged)} roads on which its campaign"
+                    " failed: its drives do not repeat (more repeats tell), or it has changed since"
+                )
         if self.verdict is Verdict.UNKNOWN and fresh.judged:
             more = 4 * len(fresh.pairs)
-            yield f"four times as many fresh roads (--fresh {more}) halve the interval"
+            yield f"four times as many fresh roads, {more}, halve the interval"
 
 
 def _layers(driver: Mapping[str, JSONValue]) -> list[tuple[object, object]]:

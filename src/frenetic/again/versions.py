@@ -1,8 +1,8 @@
 """Back-to-back testing: whether a new version of a driver is better than the old one.
 
 ISTQB's glossary calls so what executes the same tests on two variants and compares the results.
-Both versions drive on fresh random roads, which no search has chosen, and on the failing roads of
-the campaigns of either; `frenetic.again.paired` says what the pairs show.
+Both versions drive on fresh random roads, which no search has chosen, and on those on which the old
+one failed in its campaign; `frenetic.again.paired` says what the pairs show.
 
 The fresh roads are a campaign of their own, which the old version drives, in the folder of its
 campaign. Every other drive is a rerun of the campaign whose road it is.
@@ -24,7 +24,6 @@ from frenetic._support.json_value import JSONValue
 from frenetic.again.paired import BackToBack, Pair, PairedRoads, RoadSet
 from frenetic.again.rerun import drive_tests
 from frenetic.again.verdicts import Repeat
-from frenetic.analysis.failures import representative_failures
 from frenetic.campaign.campaign import LOOKAHEAD, SOURCES, Campaign
 from frenetic.campaign.database import DATABASE
 from frenetic.campaign.record import Test
@@ -41,15 +40,12 @@ from frenetic.simulators.simulator import Simulator
 from frenetic.simulators.worlds import Conditions
 from frenetic.spec import Budget, Part, Spec, describe, part_text, require_count
 from frenetic.trust import NOT_DRIVING
-from frenetic.versions import SHORT, comparison_key, differences, sources_named
+from frenetic.versions import SHORT, comparison_key, sources_named
 
 FRESH: Final = 200
 """Default number of fresh roads."""
 FOLDER: Final = "fresh"
 """Folder, in that of the old version's campaign, of the campaigns with fresh roads."""
-TERMS: Final = ("rules", "map_size", "margin", "lane_width")
-"""Parts of a configuration that both campaigns share, beside the simulator."""
-_OF_PART: Final = ("class", "options")
 
 
 @dataclass(frozen=True)
@@ -58,84 +54,46 @@ class Plan:
 
     old: Path
     """Folder of the campaign of the old version."""
-    new: Path | None
-    """Folder of the campaign of the new version, if it has one."""
     fresh: int
     """Number of fresh roads."""
     seed: int
     """Seed of the fresh roads."""
     repeats: int
     """Number of drives of each version on each road."""
-    failures: Mapping[RoadSet, tuple[int, ...]]
-    """The failing tests of each campaign."""
+    failures: tuple[int, ...]
+    """The campaign's failing tests."""
 
     @property
     def drives(self) -> int:
         """Number of drives of each version."""
-        return self.repeats * (self.fresh + sum(map(len, self.failures.values())))
-
-    def folder(self, roads: RoadSet) -> Path:
-        """Folder of the campaign with some failing roads."""
-        folder = self.old if roads is RoadSet.OLD else self.new
-        assert folder is not None
-        return folder
+        return self.repeats * (self.fresh + len(self.failures))
 
 
-def plan(
-    old: Path | str,
-    new: Path | str | None = None,
-    *,
-    fresh: int = FRESH,
-    seed: int | None = None,
-    repeats: int = 1,
-    top: int | None = None,
-) -> Plan:
+def plan(old: Path | str, *, fresh: int = FRESH, seed: int | None = None, repeats: int = 1) -> Plan:
     """Chooses the roads on which two versions drive.
 
     Args:
         old: folder of a campaign of the old version.
-        new: folder of one of the new version, with the same simulator, rules and map.
         fresh: number of fresh roads.
-        seed: of the fresh roads, another than those of the campaigns; the least of these by
-            default.
+        seed: of the fresh roads, another than that of the campaign; the least of these by default.
         repeats: number of drives of each version on each road.
-        top: number of failing roads of each campaign, the most telling first; all by default.
 
     Raises:
-        CampaignError: there is no such campaign, it is damaged, or the campaigns differ in more
-            than the driver.
+        CampaignError: there is no such campaign, or it is damaged.
         ValueError: an option is out of range.
     """
-    for name, number, least in (("fresh", fresh, 1), ("repeats", repeats, 1), ("top", top, 0)):
-        if number is not None:
-            require_count(name, number, least)
-    folders = {RoadSet.OLD: Path(old)} | ({} if new is None else {RoadSet.NEW: Path(new)})
-    if len({folder.resolve() for folder in folders.values()}) < len(folders):
-        raise CampaignError(f"{old} is there twice: give each version's own campaign")
-    configurations: list[Mapping[str, Any]] = []
-    failures: dict[RoadSet, tuple[int, ...]] = {}
-    for roads, folder in folders.items():
-        with CampaignStore.open(folder) as store:
-            configurations.append(store.config)
-            if top is None:
-                failing = store.tests(Outcome.FAIL)
-            else:
-                failing = iter(representative_failures(store, top) if top else [])
-            failures[roads] = tuple(sorted(record.id for record in failing))
-    differing = _differing(configurations[0], configurations[-1])
-    if differing:
-        raise CampaignError(
-            f"{old} and {new} differ in {', '.join(differing)}: only versions of a driver can be"
-            " compared, everything else has to be equal"
-        )
-    taken = [configuration.get("seed") for configuration in configurations]
+    for name, number in (("fresh", fresh), ("repeats", repeats)):
+        require_count(name, number)
+    with CampaignStore.open(old) as store:
+        taken = store.config.get("seed")
+        failures = tuple(sorted(test.id for test in store.tests(Outcome.FAIL)))
     if seed is None:
-        seed = next(number for number in count() if number not in taken)
-    elif seed in taken:
+        seed = next(number for number in count() if number != taken)
+    elif seed == taken:
         raise ValueError(
-            f"seed {seed} is that of a campaign, whose random roads are not fresh: choose another"
+            f"seed {seed} is that of the campaign, whose random roads are not fresh: choose another"
         )
-    return Plan(Path(old), None if new is None else Path(new), fresh, seed, repeats, failures)
+    return Plan(Path(old), fresh, seed, repeats, failures)
 
 
 @contextmanager
@@ -165,7 +123,7 @@ def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
     if not sources:
         raise CampaignError(
             f"{folder} keeps no source of its driver {spec.driver.name!r}: bring the old version"
-            " back in a file of its own and name it with --old-driver"
+            " back first"
         )
     path = list(sys.path)
     with TemporaryDirectory() as temporary:
@@ -186,19 +144,6 @@ def as_recorded(folder: Path | str, spec: Spec) -> Iterator[Spec]:
             yield restored
         finally:
             sys.path[:] = path
-
-
-def _differing(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """In what two configurations differ, beside the driver.
-
-    Versions of the simulator do not matter, since both drivers drive in the present one.
-    """
-    simulators = [
-        {name: value for name, value in (config.get("simulator") or {}).items() if name in _OF_PART}
-        for config in (old, new)
-    ]
-    differing = [name.replace("_", " ") for name in TERMS if old.get(name) != new.get(name)]
-    return [*differences("simulator", *simulators), *differing]
 
 
 @dataclass(frozen=True)
@@ -223,7 +168,7 @@ class Driving:
     """How a version drives."""
 
     simulator: Simulator
-    """That of the campaigns, not yet entered."""
+    """That of the campaign, not yet entered."""
     driver: Driver
     workers: int = 1
     """Number of roads driven at once, as for `Campaign`."""
@@ -282,14 +227,13 @@ def pair_up(plan: Plan, old: VersionDrives, new: VersionDrives) -> BackToBack:
             for record in records
             if record.id in ours and record.id in theirs
         )
-        folder = old.fresh if chosen is RoadSet.FRESH else plan.folder(chosen)
+        folder = old.fresh if chosen is RoadSet.FRESH else plan.old
         sets.append(PairedRoads(chosen, folder, tuple(pairs), plan.repeats))
     return BackToBack(old.driver, new.driver, old.simulator, plan.seed, tuple(sets))
 
 
 def back_to_back(
-    old_campaign: Path | str,
-    new_campaign: Path | str | None,
+    campaign: Path | str,
     simulator: Simulator,
     old: Driver,
     new: Driver,
@@ -297,12 +241,11 @@ def back_to_back(
     fresh: int = FRESH,
     seed: int | None = None,
     repeats: int = 1,
-    top: int | None = None,
     workers: int = 1,
     drive_limit: float | None = None,
 ) -> BackToBack:
     """Compares two versions of a driver, see `plan` and `Driving` for arguments and errors."""
-    chosen = plan(old_campaign, new_campaign, fresh=fresh, seed=seed, repeats=repeats, top=top)
+    chosen = plan(campaign, fresh=fresh, seed=seed, repeats=repeats)
     first = drive_old(chosen, Driving(simulator, old, workers, drive_limit))
     second = drive_new(chosen, Driving(simulator, new, workers, drive_limit), first)
     return pair_up(chosen, first, second)
@@ -383,7 +326,7 @@ class _VersionDriver:
         drives = {}
         for chosen, records in roads.items():
             is_fresh = chosen is RoadSet.FRESH
-            folder, first = (fresh, driven) if is_fresh else (plan.folder(chosen), {})
+            folder, first = (fresh, driven) if is_fresh else (plan.old, {})
             rest = conditions[1:] if first else conditions
             found = self._drive_in(folder, records, rest)
             drives[chosen] = {i: first.get(i, ()) + own for i, own in found.items()}
@@ -428,11 +371,9 @@ class _VersionDriver:
 
 def _planned_roads(plan: Plan, fresh: Path) -> dict[RoadSet, tuple[Test, ...]]:
     """The tests whose roads are planned, the fresh ones first."""
-    roads = {RoadSet.FRESH: _fresh_records(fresh, plan.fresh)}
-    for chosen, failing in plan.failures.items():
-        with CampaignStore.open(plan.folder(chosen)) as store:
-            roads[chosen] = tuple(store.test(i, with_trajectory=False) for i in failing)
-    return roads
+    with CampaignStore.open(plan.old) as store:
+        failing = tuple(store.test(i, with_trajectory=False) for i in plan.failures)
+    return {RoadSet.FRESH: _fresh_records(fresh, plan.fresh), RoadSet.OLD: failing}
 
 
 def _fresh_records(folder: Path, number: int) -> tuple[Test, ...]:

@@ -44,6 +44,7 @@ from frenetic.drivers.driver import Driver
 from frenetic.errors import CampaignError, FreneticError, reason_of, traceback_of
 from frenetic.registry import options_of
 from frenetic.road import MAP_SIZE, MARGIN
+from frenetic.run_file import write_run_file
 from frenetic.search.records import Candidate
 from frenetic.search.strategy import Strategy, has_own
 from frenetic.simulators.capabilities import bare, capabilities
@@ -542,6 +543,7 @@ class Campaign(Shown):
         on_event: Callable[[Event], object] | None,
     ) -> Summary:
         """Tests until the budget is spent; the common part of `run` and `resume`."""
+        write_run_file(self.spec(), self.folder)
         interrupted = False
         self._search_so_far = None
         start = time.perf_counter() - summary.seconds

@@ -48,28 +48,18 @@ COMMANDS: Final = {
     "check": Row(
         "check:check", "Check that a campaign's database is sound, and say what it holds."
     ),
-    "export": Row("export:export", "Write a campaign as tables, or for the competition's tools."),
+    "export": Row("export:export", "Write a campaign or roads for other tools: tables, OpenDRIVE."),
     "rerun": Row(
         "rerun:rerun", "Drive failures again: as before, otherwise, elsewhere, by another driver."
-    ),
-    "back-to-back": Row(
-        "back_to_back:back_to_back", "Say whether a new version of a driver is better."
     ),
     "minimise": Row(
         "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
     ),
     "calibrate": Row("calibrate:calibrate", "Fit a twin to recorded drives, of any simulator."),
-    "compare": Row("compare:compare", "Compare groups of campaigns, with their repeats."),
+    "compare": Row("compare:compare", "Compare groups of campaigns, or two versions of a driver."),
     "bench": Row("bench:bench", "Compare road generators, with repeats."),
-    "drive": Row("drive:drive", "Drive one road from a file."),
+    "drive": Row("drive:drive", "Drive a road from a file, or of a campaign."),
     "rank": Row("rank:rank", "Say which of many roads to drive first in a slow simulator."),
-    "rank-service": Row(
-        "rank_service:rank_service", "Rank roads for the SDC test competitions' evaluators."
-    ),
-    "validate": Row("validate:validate", "Say whether roads are valid, as the competition does."),
-    "export-road": Row(
-        "export_road:export_road", "Write one road for other tools: OpenDRIVE, CSV, ..."
-    ),
     "list": Row("list:list_parts", "List drivers, strategies, simulators, quantities."),
     "doctor": Row("doctor:doctor", "Say whether the simulators work here."),
 }

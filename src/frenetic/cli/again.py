@@ -1,4 +1,4 @@
-"""Shared parts of the commands that drive recorded roads: drive, rerun, minimise, back-to-back."""
+"""Shared parts of the commands that drive recorded roads: drive, rerun, minimise, compare."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from frenetic.cli.parts import (
     without_place,
 )
 from frenetic.errors import CampaignError
-from frenetic.spec import DRIVEN, Spec, drive_options
+from frenetic.spec import DRIVEN, Spec
 from frenetic.trust import NOT_DRIVING
 
 if TYPE_CHECKING:
@@ -46,9 +46,12 @@ def recorded_spec(store: CampaignStore, given: Mapping[str, Any], *, checked: bo
         CampaignError: the campaign was started from Python and a part is not given, or its record
             is damaged.
         FreneticError: a given rule is out of range.
+        click.UsageError: another map is given.
     """
     from frenetic.campaign.database import DATABASE
 
+    if given.get("map_size") is not None:
+        raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
     recorded = Spec.from_json(store.config, source=store.folder / DATABASE)
     spec = with_given(recorded, given)
     if checked:
@@ -66,23 +69,30 @@ def named_parts(given: Mapping[str, Any]) -> list[str]:
     return [*NOT_DRIVING, *(kind for kind in ("driver", "simulator") if given.get(kind))]
 
 
-def file_spec(context: click.Context, file: RoadFile) -> Spec:
+def file_spec(context: click.Context, file: RoadFile, *, checked: bool = True) -> Spec:
     """The spec with which a road's file was driven, with replacements from the command line.
 
     Files that do not say it are driven as the options and their defaults say.
+
+    Args:
+        context: of the command.
+        file: the road's file.
+        checked: as for `recorded_spec`.
 
     Raises:
         FreneticError: the file names parts that are not loaded unasked, or its record is damaged.
     """
     given = given_options(context)
     if DRIVEN not in file.entries:
-        return asked_spec(context, {name: context.params[name] for name in drive_options()})
+        return asked_spec(context)
     recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
     simulator = recorded.simulator
     if is_beamng(simulator.name or ""):  # which program is started, no file says
         simulator = replace(simulator, options=without_place(simulator.options))
     spec = with_given(replace(recorded, simulator=simulator), given)
     spec = replace(spec, map_size=given.get("map_size", spec.map_size))
+    if not checked:
+        return spec
     spec.require_trusted(file.path, named_parts(given))
     return spec.with_limit()  # which loads the simulator
 

@@ -302,7 +302,7 @@ def _begun(context: click.Context, out: Path | None, asked: Mapping[str, Any]) -
             for entry in STRATEGIES.entries()
             if set(STRATEGIES.needs(STRATEGIES.load(entry.name))) <= {"seed", "map_size"}
         )
-    spec = asked_spec(context, {name: asked[name] for name in drive_options()})
+    spec = asked_spec(context).with_limit()
     with as_usage_error():
         return Bench(
             entrants=entrants,

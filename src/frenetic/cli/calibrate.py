@@ -19,7 +19,6 @@ from frenetic.cli.console import (
 from frenetic.cli.options import (
     WORKERS,
     AskedRange,
-    Duration,
     GroupedCommand,
     Range,
     Setting,
@@ -133,11 +132,6 @@ class Fits(Range):
     metavar="N",
     help="Drive in N processes; the result is the same. [default: the cores]",
 )
-@click.option(
-    "--drive-limit",
-    type=Duration(),
-    help="Count a drive of your own driver as broken that takes longer. [default: 1m40s]",
-)
 @json_option
 def calibrate(
     recordings: tuple[Path, ...],
@@ -157,7 +151,6 @@ def calibrate(
     lane_width: float | None,
     seed: int,
     workers: int | None,
-    drive_limit: float | None,
     as_json: bool,
 ) -> None:
     """Fit a twin to recorded drives: a driver and a car of the embedded simulator.
@@ -209,7 +202,6 @@ def calibrate(
             ),
             name=name or out.stem,
             workers=workers or available_cores(),
-            drive_limit=drive_limit,
             state=state,
             on_progress=progress,
             should_stop=lambda: interrupt.requested,

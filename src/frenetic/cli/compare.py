@@ -14,7 +14,17 @@ import click
 from rich.markup import escape
 
 from frenetic.cli.console import Log, print_table
-from frenetic.cli.options import NewFile, complete_campaign, file_option, json_option
+from frenetic.cli.options import (
+    GroupedCommand,
+    NewFile,
+    complete_campaign,
+    count_option,
+    file_option,
+    json_option,
+    workers_option,
+)
+from frenetic.cli.parts import as_option, given_options, part_choice, was_given
+from frenetic.cli.versions import compare_versions
 from frenetic.errors import FreneticError
 
 if TYPE_CHECKING:
@@ -27,7 +37,7 @@ _MOST_MEASURES: Final = 4
 """Most measures side by side."""
 
 
-@click.command()
+@click.command(cls=GroupedCommand)
 @click.argument(
     "places", nargs=-1, required=True, metavar="[NAME=]FOLDER...", shell_complete=complete_campaign
 )
@@ -45,18 +55,35 @@ _MOST_MEASURES: Final = 4
     "--table", "Write medians and quartiles into this CSV or Markdown (.md) file.", type=NewFile()
 )
 @click.option("--all", "with_all", is_flag=True, help="Print all measures, and all pairs by each.")
+@part_choice("driver", "A new version of the driver of the one campaign named.")
+@as_option
+@count_option("--fresh", "Fresh random roads on which both versions drive.", default=200)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    metavar="S",
+    help="Of the fresh roads. [default: the first from 0 that the campaign has not]",
+)
+@count_option("--repeats", "Drives of each road by each version.", default=1)
+@workers_option
 @json_option
+@click.pass_context
 def compare(
+    context: click.Context,
+    /,
     places: tuple[str, ...],
     plot: Path | None,
     html: Path | None,
     table: Path | None,
     with_all: bool,
     as_json: bool,
+    fresh: int,
+    seed: int | None,
+    repeats: int,
+    workers: int,
+    **_: Any,
 ) -> None:
-    """Compare what the searches of groups of campaigns found.
-
-    'frenetic back-to-back' says which of two drivers is better.
+    """Compare what the searches of groups of campaigns found, or two versions of a driver.
 
     A FOLDER is that of a campaign, or holds the folders of several. Campaigns that differ only in
     the seed repeat each other and form a group. NAME=FOLDER[,FOLDER...] forms a group of your own,
@@ -65,10 +92,34 @@ def compare(
     Prints medians and quartiles of each group; for each pair the chance that a campaign of the one
     does better than one of the other (A12), and p of the Mann-Whitney test; and the order of the
     groups by distinct failures per 100 simulations.
+
+    With --driver or --as it says instead whether that driver is better than the one of the campaign
+    named. Both drive on fresh random roads, on which the answer rests, and on those on which the
+    campaign failed. The same command goes on after Ctrl-C. The exit code is 0 if the new version is
+    better, 1 if it is worse, 3 if that cannot be told.
     """
     from frenetic.analysis.comparison import compare as compare_groups
     from frenetic.analysis.tables import table_form, write_table
 
+    if new_driver := given_options(context):
+        others = [n for n in ("plot", "html", "table", "with_all") if was_given(context, n)]
+        if others or len(places) > 1:
+            what = f"leave out --{others[0].removeprefix('with_')}" if others else "name only that"
+            raise click.UsageError(
+                f"--driver and --as compare another driver with that of one campaign: {what}"
+            )
+        compare_versions(
+            Path(places[0]),
+            new_driver,
+            fresh=fresh,
+            seed=seed,
+            repeats=repeats,
+            workers=workers,
+            as_json=as_json,
+        )
+    for name in ("fresh", "seed", "repeats", "workers"):
+        if was_given(context, name):
+            raise click.UsageError(f"--{name} is for a new version of a driver: add --driver")
     if table is not None:
         table_form(table)
     log = Log()

@@ -1,15 +1,17 @@
-"""The command that drives a single road: drive."""
+"""The command that drives single roads, from a file or of a campaign: drive."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from frenetic.cli.again import file_spec
+from frenetic.cli.again import file_spec, recorded_spec
 from frenetic.cli.console import Log, announced_compilation, facts_of_drive, print_facts
 from frenetic.cli.options import (
     GroupedCommand,
@@ -18,17 +20,34 @@ from frenetic.cli.options import (
     file_option,
     json_option,
     lane_option,
+    source_arguments,
 )
-from frenetic.cli.parts import recorded_options
+from frenetic.cli.parts import given_options, recorded_options
 
 if TYPE_CHECKING:
     from frenetic.oracle import Result
-    from frenetic.road import Road
+    from frenetic.road import Road, Verdict
+    from frenetic.spec import Spec
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A road to drive."""
+
+    name: str
+    road: Road
+    """In its place on the map, if it fits."""
+    verdict: Verdict
+    conditions: dict[str, float] = field(default_factory=dict)
+    """Of a campaign's test."""
+    recorded: object = None
+    """Its driver, in a road's file."""
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("road", type=click.Path(path_type=Path))
+@source_arguments
 @recorded_options
+@click.option("--dry", is_flag=True, help="Say whether the road is valid; do not drive it.")
 @file_option(
     "--plot", "Draw the drive into this PNG, SVG or PDF file.", type=NewFile(is_picture=True)
 )
@@ -39,76 +58,175 @@ if TYPE_CHECKING:
 def drive(
     context: click.Context,
     /,
-    road: Path,
+    source: Path,
+    test_ids: tuple[int, ...],
+    dry: bool,
     plot: Path | None,
     anyway: bool,
     lane: int | None,
     as_json: bool,
     **_: Any,
 ) -> None:
-    """Drive one road from a file and say what happened.
+    """Drive the road of a file or of a campaign's tests, and say what happened.
 
-    ROAD is JSON with curvatures (1/m) and optionally a step (m), or with road_points, or a test
-    file of the competition or of a campaign's failures; or it is OpenDRIVE with a single road
-    (.xodr). A failing road of a campaign is driven as the campaign drove
-    it: its file says with which driver, layers, simulator, rules and map. Options change that. A
-    road that lies elsewhere is moved into the map; an invalid one is not driven. The exit code is 0
-    if it was driven, 1 if it is INVALID or the simulator or driver broke (ERROR).
+    The tests of a CAMPAIGN are driven as it drove them; so is the file of a failing road. Options
+    change that. A ROAD is JSON with curvatures (1/m) or road_points, a test file of the
+    competition, or OpenDRIVE. A road that lies elsewhere is moved into the map; an invalid one is
+    not driven. The exit code is 1 if a road is INVALID or the simulator or driver broke (ERROR).
     """
+    if plot is not None and dry:
+        raise click.UsageError("--plot draws a drive: leave it out with --dry")
+    if plot is not None and len(test_ids) > 1:
+        raise click.UsageError("--plot is for one road: leave it out where there are several")
+    if source.is_dir():
+        if lane is not None:
+            raise click.UsageError("--lane is for an OpenDRIVE file, not for a campaign's test")
+        spec, roads = _of_campaign(context, source, test_ids, dry=dry)
+    elif test_ids:
+        raise click.UsageError(f"{source} is no folder: an ID needs that of a campaign")
+    elif dry:
+        _judge({str(source): _verdict_on(context, source, lane)}, as_json=as_json)
+        return
+    else:
+        spec, roads = _of_file(context, source, lane)
+    if dry:
+        _judge({asked.name: asked.verdict for asked in roads}, as_json=as_json)
+        return
+    is_whole, documents = True, []
+    for asked, result, parts in _driven(spec, roads, plot, anyway=anyway):
+        is_whole &= result.outcome.is_driven
+        if as_json:
+            document = {"road": asked.name, "length": asked.road.length, **asdict(result)}
+            documents.append(document | parts | ({} if plot is None else {"plot": str(plot)}))
+        else:
+            _print_drive(result, asked, plot, _who(asked, parts))
+    if as_json:
+        click.echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
+    if not is_whole:
+        raise click.exceptions.Exit(1)
+
+
+def _judge(verdicts: Mapping[str, Verdict], *, as_json: bool) -> None:
+    """Says which roads are valid; the exit code is 1 if one is not."""
+    documents = [
+        {"road": name, "valid": verdict.valid, "message": verdict.message}
+        for name, verdict in verdicts.items()
+    ]
+    if as_json:
+        click.echo(json.dumps(documents if len(documents) > 1 else documents[0]))
+    else:
+        for name, verdict in verdicts.items():
+            click.echo(f"{name}: {'valid' if verdict.valid else f'INVALID  {verdict.message}'}")
+    if not all(verdict.valid for verdict in verdicts.values()):
+        raise click.exceptions.Exit(1)
+
+
+def _of_campaign(
+    context: click.Context, folder: Path, test_ids: tuple[int, ...], *, dry: bool
+) -> tuple[Spec, list[Asked]]:
+    """The spec of a campaign, and the roads of tests."""
+    from frenetic.campaign import CampaignStore
+
+    if not test_ids:
+        raise click.UsageError(
+            f"{folder} is a folder: say which tests of the campaign, or name a road file"
+        )
+    with CampaignStore.open(folder) as store:
+        spec = recorded_spec(store, given_options(context), checked=not dry)
+        tests = [store.test(number) for number in dict.fromkeys(test_ids)]
+    roads = []
+    for test in tests:
+        fitted, verdict = test.road.placed(spec.map_size, spec.margin)
+        conditions = dict(test.candidate.conditions)
+        roads.append(Asked(f"{folder} {test.id}", fitted or test.road, verdict, conditions))
+    return spec, roads
+
+
+def _of_file(context: click.Context, path: Path, lane: int | None) -> tuple[Spec, list[Asked]]:
+    """The same for a road file."""
+    from frenetic.road.files import read_road
+
+    file = read_road(path, lane=lane)
+    spec, loaded = file_spec(context, file), file.road()
+    check_map_size(spec.map_size)
+    fitted, verdict = loaded.placed(spec.map_size)
+    recorded = file.entries.get("driver")
+    return spec, [Asked(str(path), fitted or loaded, verdict, recorded=recorded)]
+
+
+def _verdict_on(context: click.Context, path: Path, lane: int | None) -> Verdict:
+    """The verdict on a file's road: points are judged where they lie, curvatures where they fit."""
+    from frenetic.road.files import read_road
+
+    file = read_road(path, lane=lane)
+    map_size = file_spec(context, file, checked=False).map_size
+    check_map_size(map_size)
+    return file.check_validity(map_size)
+
+
+def _driven(
+    spec: Spec, roads: list[Asked], plot: Path | None, *, anyway: bool
+) -> Iterator[tuple[Asked, Result, dict[str, Any]]]:
+    """Drives the valid roads; gives each with its result and with what drove it."""
     from frenetic.campaign import RoadTester
     from frenetic.oracle import Result, judge
     from frenetic.outcome import Outcome
-    from frenetic.road.files import read_road
-    from frenetic.spec import describe, part_text
+    from frenetic.simulators.worlds import in_conditions
+    from frenetic.spec import describe
+
+    driver, simulator = spec.make_parts(isolate=True)
+    with ExitStack() as entered:
+        compiled = entered.enter_context(announced_compilation(Log()))
+        is_entered = False
+        for asked in roads:
+            parts: dict[str, Any] = {"driver": describe(driver), "simulator": describe(simulator)}
+            if not asked.verdict.valid and not anyway:
+                if plot is not None:
+                    _draw_undriven(asked, plot)
+                yield asked, Result(Outcome.INVALID, asked.verdict.message), parts
+                continue
+            if not is_entered:
+                entered.enter_context(simulator)
+                compiled()
+                is_entered = True
+            with in_conditions(asked.conditions, simulator, driver) as layered:
+                the_drive = RoadTester(simulator, layered).drive(asked.road)
+            result = judge(asked.road, the_drive)
+            if plot is not None:
+                from frenetic.report.picture import draw_drive
+
+                title = f"{Path(asked.name).name}: {result.outcome}"
+                draw_drive(asked.road, the_drive, plot, title=title)
+            yield asked, result, parts
+
+
+def _draw_undriven(asked: Asked, plot: Path) -> None:
+    from frenetic.report.picture import draw_road
+
+    title = f"{Path(asked.name).name}: INVALID"
+    draw_road(asked.road, plot, title=title, reason=asked.verdict.message)
+
+
+def _who(asked: Asked, parts: dict[str, Any]) -> str:
+    """Who drove, and with what it is recorded if that is another."""
+    from frenetic.spec import part_text
     from frenetic.versions import other_version
 
-    file = read_road(road, lane=lane)
-    spec, loaded = file_spec(context, file), file.road()
-    the_driver, the_simulator = spec.make_parts(isolate=True)
-    driver, simulator = describe(the_driver), describe(the_simulator)
-    recorded = file.entries.get("driver")
+    driver, recorded = parts["driver"], asked.recorded
     now = part_text(driver, recorded)
-    who = [f"{now} in {part_text(simulator)}"]
+    who = [f"{now} in {part_text(parts['simulator'])}"]
     if isinstance(recorded, dict):
         before = part_text(recorded, driver)
         if before != now:
             who.append(f"recorded with {before}")
         if note := other_version("driver", recorded, driver):
             who.append(note)
-    check_map_size(spec.map_size)
-    fitted, verdict = loaded.placed(spec.map_size)
-    the_road = fitted or loaded
-    if not verdict.valid and not anyway:
-        result = Result(Outcome.INVALID, verdict.message)
-        if plot is not None:
-            from frenetic.report.picture import draw_road
-
-            title = f"{road.name}: INVALID"
-            draw_road(the_road, plot, title=title, reason=verdict.message)
-    else:
-        with announced_compilation(Log()) as compiled, the_simulator:
-            compiled()
-            the_drive = RoadTester(the_simulator, the_driver).drive(the_road)
-        result = judge(the_road, the_drive)
-        if plot is not None:
-            from frenetic.report.picture import draw_drive
-
-            draw_drive(the_road, the_drive, plot, title=f"{road.name}: {result.outcome}")
-    if as_json:
-        document = {"road": str(road), "length": the_road.length, **asdict(result)}
-        document |= {"driver": driver, "simulator": simulator}
-        if plot is not None:
-            document["plot"] = str(plot)
-        click.echo(json.dumps(document))
-    else:
-        _print_drive(result, the_road, road, plot, "; ".join(who))
-    if not result.outcome.is_driven:
-        raise click.exceptions.Exit(1)
+    return "; ".join(who)
 
 
-def _print_drive(result: Result, the_road: Road, road: Path, plot: Path | None, who: str) -> None:
+def _print_drive(result: Result, asked: Asked, plot: Path | None, who: str) -> None:
     click.echo(f"{result.outcome}  {result.reason}")
-    facts = [("road", f"{the_road.length:.1f} m, {road}"), ("driver", who)]
+    facts = [("road", f"{asked.road.length:.1f} m, {asked.name}"), ("driver", who)]
     facts += facts_of_drive(result, result.duration if result.outcome.is_driven else None)
     if plot is not None:
         facts.append(("picture", str(plot)))

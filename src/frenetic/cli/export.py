@@ -1,89 +1,213 @@
-"""The command that writes a campaign for other tools: export."""
+"""The command that writes campaigns and roads for other tools: export."""
 
 from __future__ import annotations
 
 import json
+import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
+from frenetic._support.words import read_part
 from frenetic.cli.console import Log, counted_progress
-from frenetic.cli.options import CampaignFolder, folder_option, json_option
+from frenetic.cli.options import (
+    as_usage_error,
+    file_option,
+    json_option,
+    lane_option,
+    source_arguments,
+)
 from frenetic.outcome import Outcome
+from frenetic.registry import hint
 
-# `Format`, `Which` and `Sides` of `frenetic.export`, which take longer to import than help may.
-FORMATS: Final = ("parquet", "csv", "json", "competition")
-TRAJECTORIES: Final = ("all", "failures", "none")
-SIDES: Final = ("geometry", "competition")
+if TYPE_CHECKING:
+    from frenetic.export import ExportedRoad
+
+# `frenetic.export`, which takes longer to import than help may: format -> its options.
+TABLES: Final[Mapping[str, tuple[str, ...]]] = {
+    "parquet": ("trajectories",),
+    "csv": ("trajectories",),
+    "json": ("trajectories",),
+    "competition": ("trajectories", "sides"),
+}
+ROADS: Final[Mapping[str, tuple[str, ...]]] = {
+    "opendrive": ("origin",),
+    "competition": (),
+    "csv": (),
+    "json": (),
+    "beamng": (),
+}
+EXPORTS: Final = "exports"
+"""Folder in a campaign's folder for its exported roads."""
 
 
 @click.command()
-@click.argument("campaign", type=CampaignFolder())
+@source_arguments
 @click.option(
     "--format",
-    "name",
-    type=click.Choice(FORMATS),
-    required=True,
-    help="What to write; all but competition need the extra 'tables'.",
+    "form",
+    metavar="FORMAT",
+    help=f"Of a campaign {', '.join(TABLES)}; of roads {', '.join(ROADS)}. Options follow a comma:"
+    " csv,trajectories=failures (or all, none), competition,sides=competition (or geometry),"
+    " opendrive,origin=[49,8.4]. [default: for a road, what the suffix of --out says]",
 )
-@folder_option(
-    "Folder to write, empty or not there yet. [default: exports/FORMAT in the campaign's]"
+@file_option(
+    "--out",
+    "Folder for a campaign, file for a road, - for stdout. [default: in exports/ of the campaign,"
+    " beside the road]",
+    type=click.Path(path_type=Path, allow_dash=True),
 )
 @click.option(
     "--outcome",
     "outcomes",
     type=click.Choice([str(outcome) for outcome in Outcome], case_sensitive=False),
     multiple=True,
-    help="Only tests with this outcome; may be repeated. [default: all]",
+    help="Of a campaign, only tests with this outcome; may be repeated. [default: all]",
 )
-@click.option(
-    "--trajectories",
-    type=click.Choice(TRAJECTORIES),
-    default="all",
-    show_default=True,
-    help="Of which tests to write what was driven.",
-)
-@click.option(
-    "--sides",
-    type=click.Choice(SIDES),
-    default="geometry",
-    show_default=True,
-    help="How the competition's oob_stats.csv tells left from right: by where the car was, or by"
-    " the official script's rule.",
-)
+@lane_option
 @json_option
 def export(
-    campaign: Path,
-    name: Any,
+    source: Path,
+    test_ids: tuple[int, ...],
+    form: str | None,
     out: Path | None,
     outcomes: tuple[str, ...],
-    trajectories: Any,
-    sides: Any,
+    lane: int | None,
     as_json: bool,
 ) -> None:
-    """Write the tests of a CAMPAIGN and their trajectories, for pandas, DuckDB and others.
+    """Write a campaign, or single roads, for other tools.
 
-    Prints the folder with the files, which is written completely or not at all.
+    A CAMPAIGN alone becomes a folder of tables, for pandas, DuckDB and others (extra 'tables'), or
+    of the competition's files. The road of a test ID, where it lay on the map, or of a ROAD file
+    becomes a file of its own. Prints what was written, completely or not at all.
     """
+    is_campaign = source.is_dir() and not test_ids
+    formats = TABLES if is_campaign else ROADS
+    if is_campaign and (lane is not None or str(out) == "-"):
+        raise click.UsageError("--lane and --out - are for a road: name the ID of a test")
+    if outcomes and not is_campaign:
+        raise click.UsageError("--outcome is for a whole campaign: leave out the ID of a test")
+    try:
+        name, options = (None, {}) if form is None else read_part(form)
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="'--format'") from None
+    if name is None:
+        name = _named_by(out, is_campaign=is_campaign)
+    if name not in formats:
+        raise click.BadParameter(
+            f"{name!r} is no format of {'a campaign' if is_campaign else 'a road'}: choose from"
+            f" {', '.join(formats)}",
+            param_hint="'--format'",
+        )
+    for option in options:
+        if option not in formats[name]:
+            known = ", ".join(formats[name]) or "none"
+            raise click.BadParameter(
+                f"{name} has no option {option!r}{hint(option, formats[name])} It has: {known}",
+                param_hint="'--format'",
+            )
+    if is_campaign:
+        _export_campaign(source, name, options, out, outcomes, as_json)
+    else:
+        _export_roads(source, test_ids, name, options, out, lane, as_json)
+
+
+def _named_by(out: Path | None, *, is_campaign: bool) -> str:
+    """The format that a road's file says."""
+    from frenetic.export import format_of
+
+    if is_campaign or out is None or str(out) == "-":
+        formats = ", ".join(TABLES if is_campaign else ROADS)
+        also = "" if is_campaign else ", or say it by the suffix of --out"
+        raise click.UsageError(f"Missing option '--format': choose from {formats}{also}")
+    return format_of(out).name
+
+
+def _export_campaign(
+    source: Path,
+    name: Any,
+    options: dict[str, Any],
+    out: Path | None,
+    outcomes: tuple[str, ...],
+    as_json: bool,
+) -> None:
     from frenetic.campaign import CampaignStore
     from frenetic.export import export_campaign
 
     log = Log()
-    with CampaignStore.open(campaign) as store, counted_progress(log, "Exporting") as show:
+    with (
+        as_usage_error(),
+        CampaignStore.open(source) as store,
+        counted_progress(log, "Exporting") as show,
+    ):
         counts = store.counts()
-        folder = export_campaign(
-            store,
-            name,
-            out,
-            outcomes=outcomes,
-            trajectories=trajectories,
-            sides=sides,
-            on_progress=show,
-        )
+        folder = export_campaign(store, name, out, outcomes=outcomes, on_progress=show, **options)
     if as_json:
         document = {"folder": str(folder), "format": name, "outcomes": list(outcomes)}
         click.echo(json.dumps({**document, "campaign": counts.counts_json()}))
         return
     log.print(f"The campaign holds {counts.in_words()}", markup=False)
     click.echo(folder)
+
+
+def _export_roads(
+    source: Path,
+    test_ids: tuple[int, ...],
+    name: str,
+    options: dict[str, Any],
+    out: Path | None,
+    lane: int | None,
+    as_json: bool,
+) -> None:
+    from frenetic.export import road_format, write_road
+
+    if as_json and str(out) == "-":
+        raise click.UsageError("--json and --out - exclude each other: both write to stdout")
+    if lane is not None and test_ids:
+        raise click.UsageError("--lane is for an OpenDRIVE file, not for a campaign's test")
+    if out is not None and len(test_ids) > 1:
+        raise click.UsageError("--out is for one road: leave it out where there are several")
+    the_format = road_format(name)
+    with as_usage_error():
+        roads = [_exported(source, number, lane, options) for number in test_ids or (None,)]
+    documents = []
+    for exported, default in roads:
+        if out is not None and str(out) == "-":
+            # As bytes, so that every platform writes the same.
+            sys.stdout.buffer.write(the_format.render(exported).encode("utf-8"))
+            sys.stdout.buffer.flush()
+            return
+        path = default.with_name(default.name + the_format.suffix) if out is None else out
+        if path.exists() and source.exists() and path.samefile(source):
+            raise click.UsageError(f"{path} is the road itself: choose another file with --out")
+        write_road(exported, name, path)
+        documents.append({"file": str(path), "format": name})
+        if not as_json:
+            click.echo(path)
+    if as_json:
+        click.echo(json.dumps(documents if len(test_ids) > 1 else documents[0]))
+
+
+def _exported(
+    source: Path, test_id: int | None, lane: int | None, options: dict[str, Any]
+) -> tuple[ExportedRoad, Path]:
+    """The road, and the path of its file without the suffix."""
+    from frenetic.export import ExportedRoad
+
+    if test_id is None:
+        from frenetic.road.files import read_road
+
+        road = read_road(source, lane=lane).road()
+        return ExportedRoad(road, source.stem, **options), source.with_suffix("")
+    from frenetic.campaign import CampaignStore
+    from frenetic.report.failures import file_stem
+    from frenetic.simulators import Rules
+
+    with CampaignStore.open(source) as store:
+        test = store.test(test_id)
+        speed_limit = Rules(**store.config["rules"]).speed_limit  # type: ignore[arg-type]
+    stem = file_stem(test_id)
+    exported = ExportedRoad(test.road, stem, speed_limit, test=test, **options)
+    return exported, source / EXPORTS / stem

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -31,6 +30,7 @@ from frenetic.cli.options import (
     count_option,
     file_option,
     json_option,
+    source_arguments,
 )
 from frenetic.cli.parts import given_options, recorded_options
 from frenetic.errors import FreneticError
@@ -85,8 +85,7 @@ class Done:
 
 
 @click.command(cls=GroupedCommand)
-@click.argument("source", type=click.Path(path_type=Path), metavar="CAMPAIGN|ROAD")
-@click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
+@source_arguments
 @count_option(
     "--top", "Minimise a campaign's N most telling failures. [default: the most severe one]"
 )
@@ -172,9 +171,7 @@ def minimise(
                 complain(f"{work.name}: {error}")
                 failed = True
             else:
-                words = shlex.join(spec.drive_words(brief=True))
-                repeat = f"frenetic drive {shell(work.files.road)} {words}".rstrip()
-                done.append(Done(work, minimised, repeat))
+                done.append(Done(work, minimised, f"frenetic drive {shell(work.files.road)}"))
                 is_interrupted = minimised.ending == "stopped" and minimised.trouble is None
             left = works[number:]
             if is_interrupted:
@@ -209,8 +206,6 @@ def _of_campaign(
     from frenetic.report.minimised import MINIMISED, MinimisedFiles
 
     given = given_options(context)
-    if "map_size" in given:
-        raise click.UsageError("--map-size is for a ROAD file: a campaign has its own map")
     if test_ids and top is not None:
         raise click.UsageError("--top and the ID of a test exclude each other")
     if out is not None and (len(test_ids) > 1 or (top or 1) > 1):

@@ -37,6 +37,28 @@ def with_options(options: Sequence[Decorator], command: Callable[P, R]) -> Calla
     return command
 
 
+class Workers(click.ParamType):  # type: ignore[type-arg]
+    """A number of workers, or the address of a Dask scheduler."""
+
+    name = "n|address"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> int | str:
+        """The number or the address."""
+        text = str(value)
+        if text.lstrip("-").isdigit():
+            return WORKERS.convert(int(text), param, ctx)
+        if ":" not in text:
+            self.fail(
+                f"{text!r} is neither a number nor the address of a Dask scheduler, such as"
+                " tcp://10.0.0.1:8786",
+                param,
+                ctx,
+            )
+        return text
+
+
 class Duration(click.ParamType):  # type: ignore[type-arg]  # generic in click's newest only
     """A time such as 90, 90s, 10m or 1h30m."""
 
@@ -129,6 +151,29 @@ def complete_campaign(
         if found:
             return [CompletionItem(campaign.as_posix()) for campaign in found]
     return [CompletionItem(incomplete, type="dir")]
+
+
+class Source(CampaignFolder):
+    """The folder of a campaign, or the file of a road."""
+
+    def shell_complete(
+        self,
+        ctx: click.Context,
+        param: click.Parameter,
+        incomplete: str,
+    ) -> list[CompletionItem]:
+        """The campaigns whose folders begin so, or else the shell's own files."""
+        found = complete_campaign(ctx, param, incomplete)
+        return [CompletionItem(incomplete, type="file")] if found[0].type == "dir" else found
+
+
+def source_arguments(command: Callable[P, R]) -> Callable[P, R]:
+    """The arguments for tests of a campaign, or the file of a road."""
+    arguments = [
+        click.argument("source", type=Source(), metavar="CAMPAIGN|ROAD"),
+        click.argument("test_ids", type=int, nargs=-1, metavar="[ID]..."),
+    ]
+    return with_options(arguments, command)
 
 
 class Setting(click.ParamType):  # type: ignore[type-arg]
@@ -245,12 +290,6 @@ lane_option = click.option(
     metavar="ID",
     help="OpenDRIVE: lane to drive on; one on the left (above 0) is driven against the road."
     " [default: -1]",
-)
-drive_limit_option = click.option(
-    "--drive-limit",
-    type=Duration(),
-    help="Replace a worker that tests one road for longer. [default: 1.5 times --wall-limit and"
-    " 10 s]",
 )
 objective_option = click.option(
     "--objective",

@@ -14,7 +14,7 @@ from frenetic._support.words import read_part
 from frenetic.cli.options import Decorator, with_options
 from frenetic.quantities import quantity
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
-from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_wall_limit
+from frenetic.spec import NUMBERS, Part, Spec, drive_options
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -93,7 +93,6 @@ def part_choice(
         default=default,
         show_default=show_default,
         required=required,
-        is_eager=kind == "simulator",
         metavar=kind.upper(),
         help=f"{help} Its options follow a comma: {_EXAMPLES[kind]}.",
         shell_complete=names_of(kind),
@@ -137,13 +136,13 @@ _with_option: Final = click.option(
     help="A condition to drive in, such as delay=0.1 or, for a camera, fog=60"
     " ('frenetic list quantities'); may be repeated.",
 )
-_as_option: Final = click.option(
+as_option: Final = click.option(
     "--as",
     AS,
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Drive as this file says, that of a campaign's failing road or a twin's profile"
-    " ('frenetic calibrate'): driver, simulator and rules, unless other options are given.",
+    help="Drive as this file says: a campaign's (campaign.toml), its failing road's or a twin's"
+    " profile ('frenetic calibrate'). Other options win.",
 )
 
 
@@ -179,13 +178,12 @@ def driver_options(command: Callable[P, R], *, is_recorded: bool = False) -> Cal
                 type=float,
                 default=number.default,
                 show_default=shown(number.default),
-                callback=_or_usual_limit if number.default is None else None,
                 help=number.help,
             )
             for number in NUMBERS
         ),
     ]
-    return with_options([_as_option, *options], command)
+    return with_options([as_option, *options], command)
 
 
 def recorded_options(command: Callable[P, R]) -> Callable[P, R]:
@@ -207,7 +205,7 @@ def part_options(command: Callable[P, R]) -> Callable[P, R]:
             if number.another
         ),
     ]
-    return with_options([_as_option, *options], command)
+    return with_options([as_option, *options], command)
 
 
 def was_given(context: click.Context, name: str) -> bool:
@@ -221,18 +219,17 @@ def given_options(context: click.Context) -> dict[str, Any]:
     return {name: context.params[name] for name in names if was_given(context, name)}
 
 
-def asked_spec(context: click.Context, options: Mapping[str, Any], **others: Any) -> Spec:
+def asked_spec(context: click.Context, **usual: Any) -> Spec:
     """The spec of a command line with `driver_options`, for roads yet to be made or placed.
 
     Args:
         context: of the command.
-        options: as for `Spec.from_options`, with defaults.
-        others: likewise.
+        usual: values of options in place of those of the command line.
 
     Raises:
         FreneticError: the file cannot be read, or an option is out of range.
     """
-    spec, given = Spec.from_options(options, **others), given_options(context)
+    spec, given = Spec.from_options({**context.params, **usual}), given_options(context)
     return with_given(spec, given, has_roads=False) if AS in given else spec
 
 
@@ -250,15 +247,14 @@ def with_given(spec: Spec, given: Mapping[str, Any], *, has_roads: bool = True) 
     path = given.get(AS)
     if path is None:
         return spec.replaced(given)
-    return spec.driven_as(Spec.read(path), given, source=path, has_roads=has_roads)
+    from frenetic.run_file import read_run_file  # too slow for help
+
+    other = read_run_file(path)[0] if path.suffix.lower() == ".toml" else Spec.read(path)
+    return spec.driven_as(other, given, source=path, has_roads=has_roads)
 
 
 def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
-
-
-def _or_usual_limit(ctx: click.Context, _: click.Parameter, value: float | None) -> float:
-    return usual_wall_limit(ctx.params["simulator"]) if value is None else value
 
 
 # BeamNG.tech: options of its simulator that say where it is, and change no drive

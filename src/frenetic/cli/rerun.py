@@ -20,7 +20,6 @@ from frenetic.cli.options import (
     NewFile,
     Range,
     count_option,
-    drive_limit_option,
     file_option,
     json_option,
     workers_option,
@@ -86,7 +85,6 @@ class VaryingCommand(GroupedCommand):
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @part_options
 @workers_option
-@drive_limit_option
 @click.option(
     "--out",
     type=click.Path(path_type=Path),
@@ -94,7 +92,6 @@ class VaryingCommand(GroupedCommand):
     help="Campaign that drives them. [default: a folder in again/ of the CAMPAIGN]",
 )
 @file_option("--junit", "Write the results as JUnit XML, one test case per road.", type=NewFile())
-@click.option("--rows", "with_rows", is_flag=True, help="Print a row per test, however many.")
 @fail_on_failure_option
 @json_option
 def rerun(
@@ -106,10 +103,8 @@ def rerun(
     asked: tuple[AskedRange, ...],
     seed: int,
     workers: int,
-    drive_limit: float | None,
     out: Path | None,
     junit: Path | None,
-    with_rows: bool,
     fail_on_failure: bool,
     as_json: bool,
     **given: Any,
@@ -136,7 +131,7 @@ def rerun(
     with CampaignStore.open(campaign) as store:
         chosen = _driven_tests(store) if everything else chosen_tests(store, test_ids, top)
         spec = recorded_spec(store, given)
-    driver, simulator = spec.make_parts(isolate=workers == 1, drive_limit=drive_limit)
+    driver, simulator = spec.make_parts(isolate=workers == 1)
     variations = [variation(one, simulator) for one in asked]
     log = Log()
     with shown_driving(log, "Driving again") as on_event:
@@ -149,7 +144,6 @@ def rerun(
             vary=variations,
             seed=seed,
             workers=workers,
-            drive_limit=drive_limit,
             out=out,
             on_event=on_event,
         )
@@ -163,7 +157,7 @@ def rerun(
         click.echo(f"{campaign} holds no {'driven road' if everything else 'failure'}")
     else:
         is_as_before = not asked and all(value in (None, ()) for value in given.values())
-        _print(found, times, is_as_before, is_elsewhere, with_rows)
+        _print(found, times, is_as_before, is_elsewhere, with_rows=bool(test_ids))
         see = f"to see it: frenetic report {shell(campaign)}"
         click.echo(f"Kept in {found.folder}; {see if out is None else 'the same command shows it'}")
     gallery = _draw(log, campaign, found, out) if is_elsewhere else None
@@ -191,7 +185,7 @@ def _draw(log: Log, campaign: Path, found: Rerun, out: Path | None) -> Path | No
 
 
 def _print(
-    found: Rerun, times: int, is_as_before: bool, is_elsewhere: bool, with_rows: bool
+    found: Rerun, times: int, is_as_before: bool, is_elsewhere: bool, *, with_rows: bool
 ) -> None:
     from frenetic.again.verdicts import Stability, matches_text
     from frenetic.analysis.failures import LISTED
@@ -227,7 +221,7 @@ def _print(
             f"{counted(len(troubles), 'drive')} could not be judged, the first one: {troubles[0]}"
         )
     if not with_rows and len(tests) > LISTED:
-        click.echo("Test by test: --rows")
+        click.echo(f"Test by test: name the IDs, or --top {LISTED}")
     elif times > 1:
         _print_shares(tests)
     else:

@@ -22,7 +22,7 @@ from frenetic.cli.search import (
     is_finished,
     make_campaign,
     search,
-    worker_options,
+    workers_option,
 )
 from frenetic.spec import Budget, Spec
 
@@ -32,7 +32,7 @@ from frenetic.spec import Budget, Spec
 @click.option("--simulations", type=int, metavar="N", help="N more drives.")
 @click.option("--time", "seconds", type=Duration(), help="This much more time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="N more failures.")
-@worker_options
+@workers_option
 @place_option
 @fail_on_failure_option
 @json_option
@@ -41,9 +41,7 @@ def resume(
     simulations: int | None,
     seconds: float | None,
     failures: int | None,
-    workers: int | None,
-    cluster: str | None,
-    drive_limit: float | None,
+    workers: int | str | None,
     simulator: str | None,
     simulator_options: tuple[tuple[str, Any], ...],
     fail_on_failure: bool,
@@ -73,7 +71,7 @@ def resume(
     if "again" in config:
         raise click.UsageError(
             f"{campaign} drives the roads of another campaign again: the command that began it,"
-            " 'frenetic rerun', 'minimise' or 'back-to-back', goes on with it"
+            " 'frenetic rerun' or 'minimise', goes on with it"
         )
     if config.get("command") is None:
         raise click.UsageError(
@@ -109,7 +107,7 @@ def resume(
             )
     there = moved(spec.simulator, simulator, simulator_options)
     spec = replace(spec, simulator=replace(spec.simulator, options=there))
-    the_campaign = make_campaign(spec, campaign, workers, cluster, drive_limit)
+    the_campaign = make_campaign(spec, campaign, workers)
     text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
     if is_spent:
         text = f"Finishing after {counts.tests} tests, which spent the budget"

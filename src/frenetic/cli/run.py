@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,37 +14,33 @@ from frenetic.cli.options import (
     Duration,
     GroupedCommand,
     as_usage_error,
-    count_option,
     folder_option,
     json_option,
     objective_option,
 )
-from frenetic.cli.parts import asked_spec, driver_options, part_choice
-from frenetic.cli.search import fail_on_failure_option, make_campaign, search, worker_options
-from frenetic.spec import Budget, EarlierCampaign
+from frenetic.cli.parts import (
+    AS,
+    asked_spec,
+    driver_options,
+    given_options,
+    part_choice,
+    was_given,
+    with_given,
+)
+from frenetic.cli.search import fail_on_failure_option, make_campaign, search, workers_option
+from frenetic.spec import Budget, EarlierCampaign, Spec
 
 DEFAULT_SIMULATIONS: Final = 1000
 
 
 @click.command(cls=GroupedCommand)
+@click.argument("file", type=click.Path(path_type=Path), required=False, metavar="[FILE.toml]")
 @click.option("--simulations", type=int, metavar="N", help="Stop after N drives. [default: 1000]")
-@click.option("--time", "seconds", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
+@click.option("--time", type=Duration(), help="Stop after this time: 90s, 10m, 1h30m.")
 @click.option("--failures", type=int, metavar="N", help="Stop after N failures.")
-@part_choice("strategy", "How to search (see 'frenetic list strategies').", "frenetic")
+@part_choice("strategy", "How to search ('frenetic list strategies').", "frenetic")
 @driver_options
-@worker_options
-@click.option(
-    "--ordered/--unordered",
-    default=None,
-    help="Whether the results are used in the order of the proposals, so that a seed gives the same"
-    " campaign whatever the number of workers. [default: ordered if a seed is given, and with"
-    " frenetic-2021]",
-)
-@count_option(
-    "--lookahead",
-    "Propose N roads ahead in an ordered campaign; more workers are of no use then. [default: 16,"
-    " with frenetic-2021 1]",
-)
+@workers_option
 @objective_option
 @click.option(
     "--from",
@@ -51,8 +48,7 @@ DEFAULT_SIMULATIONS: Final = 1000
     type=CampaignFolder(),
     multiple=True,
     metavar="CAMPAIGN",
-    help="Start from an earlier campaign, such as one of the driver's last version: what failed"
-    " there is driven again first; may be repeated.",
+    help="Start from an earlier campaign: what failed there is driven first; may be repeated.",
 )
 @click.option("--seed", type=click.IntRange(0), help="Repeats a search. [default: a new one]")
 @folder_option("Folder for the results. [default: a new one under campaigns/]")
@@ -62,56 +58,92 @@ DEFAULT_SIMULATIONS: Final = 1000
 def run(
     context: click.Context,
     /,
-    simulations: int | None,
-    seconds: float | None,
-    failures: int | None,
-    workers: int | None,
-    cluster: str | None,
-    drive_limit: float | None,
-    ordered: bool | None,
-    lookahead: int | None,
-    objective: str,
-    start_from: tuple[Path, ...],
-    seed: int | None,
+    file: Path | None,
+    workers: int | str | None,
     out: Path | None,
     fail_on_failure: bool,
     as_json: bool,
-    **how: Any,
+    **_: Any,
 ) -> None:
     """Search for roads on which a driver leaves its lane.
 
     With no option at all, 1000 drives of the built-in planner go into a new folder under
     campaigns/. The first of --simulations, --time and --failures that is reached ends the search;
-    so does Ctrl-C, and nothing found is lost.
+    so does Ctrl-C. FILE.toml says what the options say, as campaign.toml in every campaign's folder
+    does; options given beside it win.
     """
-    from frenetic.campaign import LOOKAHEAD, new_folder
-    from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
+    from frenetic.campaign import new_folder
 
-    if simulations is None and seconds is None and failures is None:
-        simulations = DEFAULT_SIMULATIONS
-    usual = getattr(STRATEGIES.load(how["strategy"]), "usual_lookahead", None)
-    if ordered is None:
-        one_by_one = usual == 1 and workers is None and cluster is None
-        ordered = seed is not None or one_by_one
-    if lookahead is not None and not ordered:
-        raise click.UsageError("--lookahead is for an ordered campaign: add --ordered")
-    seed = secrets.randbelow(2**31) if seed is None else seed
-    with as_usage_error():
-        budget = Budget(simulations=simulations, time=seconds, failures=failures)
-    spec = asked_spec(
-        context,
-        how,
-        seed=seed,
-        budget=budget,
-        objective=objective,
-        start_from=tuple(EarlierCampaign(str(folder)) for folder in start_from),
-        lookahead=(lookahead or usual or LOOKAHEAD) if ordered else None,
-    )
-    campaign = make_campaign(
-        spec, new_folder() if out is None else out, workers, cluster, drive_limit
-    )
+    if file is None:
+        spec, lookahead = asked_spec(context), None
+        spec = replace(spec, objective=context.params["objective"])
+    else:
+        spec, lookahead, of_file = _of_file(context, file)
+        workers = of_file if workers is None else workers
+    spec = _with_search(context, spec, lookahead, is_parallel=workers is not None)
+    campaign = make_campaign(spec, new_folder() if out is None else out, workers)
     text = (
         f"Searching with {spec.strategy.name} for roads on which {spec.driver.name} fails,"
-        f" seed {seed}"
+        f" seed {spec.seed}"
     )
-    search(campaign, campaign.run, text, as_json, seed, fail_on_failure=fail_on_failure)
+    search(campaign, campaign.run, text, as_json, spec.seed, fail_on_failure=fail_on_failure)
+
+
+def _of_file(context: click.Context, path: Path) -> tuple[Spec, int | None, int | str | None]:
+    """The spec of a file under the given options; its lookahead and workers, None if not there.
+
+    Raises:
+        FreneticError: the file is wrong, or names code that is not loaded unasked.
+    """
+    from frenetic.run_file import read_run_file
+
+    spec, entries = read_run_file(path)
+    given = given_options(context)
+    for name in ("strategy", "strategy_options"):
+        if was_given(context, name):
+            given[name] = context.params[name]
+    named: list[str] = [kind for kind in ("strategy", "driver", "simulator") if kind in given]
+    if was_given(context, "objective"):
+        spec = replace(spec, objective=context.params["objective"])
+        named.append("objective")
+    if AS in given:
+        named += ["driver", "simulator"]
+    spec.require_trusted(path, named)
+    spec = with_given(spec, given, has_roads=False)
+    return (
+        replace(spec, map_size=given.get("map_size", spec.map_size)),
+        entries.lookahead,
+        entries.workers,
+    )
+
+
+def _with_search(
+    context: click.Context, spec: Spec, lookahead: int | None, *, is_parallel: bool
+) -> Spec:
+    """The spec with budget, seed, order and earlier campaigns.
+
+    Without a seed the results are used as they come, unless the strategy wants one road at a time
+    and nobody asks for more workers.
+    """
+    from frenetic.campaign import LOOKAHEAD
+    from frenetic.registry import STRATEGIES  # with what it loads, too slow for help
+
+    limits = {} if spec.budget is None else asdict(spec.budget)
+    for name in ("simulations", "time", "failures"):
+        if was_given(context, name):
+            limits[name] = context.params[name]
+    with as_usage_error():
+        budget = Budget(**(limits or {"simulations": DEFAULT_SIMULATIONS}))
+    seed = context.params["seed"] if was_given(context, "seed") else spec.seed
+    assert spec.strategy.name is not None
+    usual = getattr(STRATEGIES.load(spec.strategy.name), "usual_lookahead", None)
+    if lookahead is None and (seed is not None or (usual == 1 and not is_parallel)):
+        lookahead = usual or LOOKAHEAD
+    earlier = tuple(EarlierCampaign(str(folder)) for folder in context.params["start_from"])
+    return replace(
+        spec,
+        budget=budget,
+        seed=secrets.randbelow(2**31) if seed is None else seed,
+        lookahead=lookahead or None,
+        start_from=earlier or spec.start_from,
+    )

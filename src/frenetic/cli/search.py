@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, ParamSpec, TypeVar
+from typing import TYPE_CHECKING
 
 import click
 
@@ -21,41 +21,20 @@ from frenetic.cli.console import (
     print_failures,
     shell,
 )
-from frenetic.cli.options import WORKERS, as_usage_error, drive_limit_option, with_options
+from frenetic.cli.options import Workers, as_usage_error
 from frenetic.errors import CampaignError, FreneticError
-from frenetic.spec import number_word
 
 if TYPE_CHECKING:
     from frenetic.analysis import Clusters
     from frenetic.campaign import Campaign, CampaignStore, Event, Summary
     from frenetic.spec import Spec
 
-_TO_GO_ON: Final = ("workers", "cluster", "drive_limit")
-"""Options of a search that hold for going on with it, too."""
-
-P = ParamSpec("P")
-R = TypeVar("R")
-
-
-def worker_options(command: Callable[P, R]) -> Callable[P, R]:
-    """The options that choose the workers."""
-    options = [
-        click.option(
-            "--workers",
-            type=WORKERS,
-            metavar="N",
-            help="Drive on N roads at once, in processes of their own. [default: the cores]",
-        ),
-        click.option(
-            "--cluster",
-            metavar="ADDRESS",
-            help="Drive on the workers of a running Dask cluster, such as tcp://10.0.0.1:8786.",
-        ),
-        drive_limit_option,
-    ]
-    return with_options(options, command)
-
-
+workers_option = click.option(
+    "--workers",
+    type=Workers(),
+    help="Drive on N roads at once, in processes of their own, or on the workers of a running Dask"
+    " cluster, such as tcp://10.0.0.1:8786. [default: the cores]",
+)
 fail_on_failure_option = click.option(
     "--fail-on-failure",
     is_flag=True,
@@ -63,31 +42,20 @@ fail_on_failure_option = click.option(
 )
 
 
-def make_campaign(
-    spec: Spec,
-    folder: Path,
-    workers: int | None,
-    cluster: str | None,
-    drive_limit: float | None,
-) -> Campaign:
+def make_campaign(spec: Spec, folder: Path, workers: int | str | None) -> Campaign:
     """The campaign of a command line.
 
     Raises:
-        click.UsageError: the options exclude each other or are out of range.
+        click.UsageError: the options are out of range.
     """
     from frenetic.campaign import Campaign
 
-    if cluster is not None and workers is not None:
-        raise click.UsageError(
-            "--workers and --cluster exclude each other: the cluster has its own"
-        )
     with announced_compilation(Log()), as_usage_error():
         return Campaign.of(
             spec,
             folder=folder,
-            workers=workers,
-            cluster=cluster,
-            drive_limit=drive_limit,
+            workers=None if isinstance(workers, str) else workers,
+            cluster=workers if isinstance(workers, str) else None,
             isolate=True,
         )
 
@@ -101,14 +69,9 @@ def is_finished(folder: Path, facts: Mapping[str, object]) -> bool:
 
 def _resume_words(folder: Path) -> str:
     """The command line that goes on with what the present one began."""
-    context = click.get_current_context()
-    words = ["frenetic", "resume", shell(folder)]
-    for parameter in context.command.params:
-        value = context.params.get(parameter.name or "")
-        if parameter.name in _TO_GO_ON and value is not None:
-            unit = "s" if isinstance(value, float) else ""
-            words += [parameter.opts[0], f"{shell(number_word(value))}{unit}"]
-    return " ".join(words)
+    workers = click.get_current_context().params["workers"]
+    given = "" if workers is None else f" --workers {shell(str(workers))}"
+    return f"frenetic resume {shell(folder)}{given}"
 
 
 def search(

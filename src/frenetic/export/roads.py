@@ -10,7 +10,9 @@ from types import MappingProxyType
 from typing import Final
 
 import numpy as np
+from msgspec import ValidationError, convert
 
+from frenetic._support.bounds import Finite
 from frenetic._support.files import write_file
 from frenetic.campaign.record import Test
 from frenetic.errors import FreneticError, UnknownNameError
@@ -54,6 +56,14 @@ class ExportedRoad:
     """The campaign's test with this road, if any."""
     origin: tuple[float, float] = ORIGIN
     """Latitude and longitude of (0, 0), in degrees; only OpenDRIVE knows them."""
+
+    def __post_init__(self) -> None:
+        try:
+            convert(self.origin, tuple[Finite, Finite])
+        except ValidationError:
+            raise ValueError(
+                f"origin is {self.origin!r}: [latitude, longitude] in degrees is needed"
+            ) from None
 
 
 @dataclass(frozen=True)

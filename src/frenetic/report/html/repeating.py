@@ -10,6 +10,7 @@ from typing import Any
 from frenetic._support.json_value import JSONValue, plain
 from frenetic.errors import CampaignError
 from frenetic.report.html.blocks import Block, Command, Fact, Facts, Paragraph, Section
+from frenetic.run_file import NAME
 from frenetic.spec import Spec, number_word
 
 
@@ -18,7 +19,7 @@ def repeat_section(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
     blocks: list[Block] = []
     command = repeat_command(config, facts)
     if command is not None:
-        blocks.append(Command(command, "Repeats the campaign, in a new folder:"))
+        blocks.append(Command(command, "Repeats the campaign, in a new folder, from its own:"))
     blocks.append(Paragraph(repeatability(config, facts)))
     blocks += [
         Facts(tuple(_flat(config.get(name))), title, folded=True)
@@ -49,7 +50,7 @@ def repeat_command(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValu
     if spec is None:
         return None
     entrant = _generator(config)
-    return shlex.join(spec.run_words() if entrant is None else _bench_words(entrant, spec))
+    return f"frenetic run {NAME}" if entrant is None else shlex.join(_bench_words(entrant, spec))
 
 
 def drive_options(config: Mapping[str, JSONValue]) -> str | None:
@@ -107,7 +108,7 @@ def repeatability(config: Mapping[str, JSONValue], facts: Mapping[str, JSONValue
     elif many:
         sentences.append(
             "Several workers drove, and results were used as they came, so it is not exactly"
-            " repeatable: another run proposes other roads. With --ordered it would be."
+            " repeatable: another run proposes other roads. An ordered one would be."
         )
     else:
         sentences.append("One worker drove, so the same seed gives the same campaign.")

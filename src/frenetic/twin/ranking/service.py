@@ -37,9 +37,6 @@ except ImportError:
 logger = logging.getLogger(__name__)
 
 SERVICE: Final = "CompetitionTool"
-PORT: Final = 4545
-"""The port that the competitions' own sample tools use."""
-
 _MESSAGES: Final = {
     "Empty": (),
     "NameReply": (("name", "string"),),
@@ -156,7 +153,7 @@ def _threshold(tests: Iterable[tuple[Prospect, bool]]) -> tuple[float, float] | 
 
 
 @contextmanager
-def serving(tool: CompetitionTool, host: str = "127.0.0.1", port: int = PORT) -> Iterator[int]:
+def serving(tool: CompetitionTool, host: str = "127.0.0.1", port: int = 4545) -> Iterator[int]:
     """Serves the tool; gives the port, which is another one if ``port`` is 0.
 
     Raises:
@@ -172,7 +169,7 @@ def serving(tool: CompetitionTool, host: str = "127.0.0.1", port: int = PORT) ->
     except RuntimeError:
         bound = 0
     if not bound:
-        raise FreneticError(f"cannot listen at {place}:{port}: is it taken? choose another --port")
+        raise FreneticError(f"cannot listen at {place}:{port}: is it taken? choose another port")
     server.start()
     try:
         yield bound

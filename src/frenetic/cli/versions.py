@@ -1,4 +1,4 @@
-"""The command that says whether a new version of a driver is better: back-to-back."""
+"""What compare says of two versions of a driver."""
 
 from __future__ import annotations
 
@@ -9,23 +9,14 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import click
 
 from frenetic._support.words import capitalised, counted
 from frenetic.cli.again import interrupted, recorded_spec, shown_driving
 from frenetic.cli.console import Log, print_table, two_digits
-from frenetic.cli.options import (
-    CampaignFolder,
-    GroupedCommand,
-    as_usage_error,
-    count_option,
-    drive_limit_option,
-    json_option,
-    workers_option,
-)
-from frenetic.cli.parts import moved, part_choice, place_option
+from frenetic.cli.options import as_usage_error
 from frenetic.errors import CampaignError
 
 if TYPE_CHECKING:
@@ -39,91 +30,44 @@ _LISTED: Final = 10
 _EXIT_CODES: Final = {"new is better": 0, "new is worse": 1, "cannot tell": 3}
 
 
-@click.command(name="back-to-back", cls=GroupedCommand)
-@click.argument("old", type=CampaignFolder())
-@click.argument("new", type=CampaignFolder(), required=False)
-@part_choice("driver", "The new version, in place of NEW's driver.")
-@part_choice(
-    "driver",
-    "The old version, in place of OLD's driver.",
-    name="old-driver",
-)
-@count_option("--fresh", "Number of fresh random roads.", default=200)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    metavar="S",
-    help="Seed of the fresh roads. [default: the first from 0 that no campaign has]",
-)
-@count_option(
-    "--repeats",
-    "Drive each road N times with each version: for what does not repeat, and for noise, whose"
-    " errors then differ.",
-    default=1,
-)
-@count_option("--top", "Only the N most telling failures of each campaign. [default: all]", least=0)
-@workers_option
-@drive_limit_option
-@place_option
-@json_option
-def back_to_back(
-    old: Path,
-    new: Path | None,
-    driver: str | None,
-    driver_options: tuple[tuple[str, Any], ...],
-    old_driver: str | None,
-    old_driver_options: tuple[tuple[str, Any], ...],
-    simulator: str | None,
-    simulator_options: tuple[tuple[str, Any], ...],
+def compare_versions(
+    folder: Path,
+    given: Mapping[str, Any],
+    *,
     fresh: int,
     seed: int | None,
     repeats: int,
-    top: int | None,
     workers: int,
-    drive_limit: float | None,
     as_json: bool,
-) -> None:
-    """Say whether a new version of a driver is better than the old one.
+) -> NoReturn:
+    """Says whether another driver is better than that of a campaign; ends the command.
 
-    OLD is a campaign with the old version. The new one is that of the campaign NEW, or --driver.
-    Both drive on fresh random roads and on the failing roads of each campaign, in the same
-    simulator, by the same rules. The answer rests on the fresh roads: the difference of the failure
-    rates, with its interval. What is driven is stored, so the same command goes on after Ctrl-C.
-    The exit code is 0 if the new version is better, 1 if it is worse, 3 if that cannot be told, 2
-    if something is wrong with the command.
+    Args:
+        folder: of the campaign.
+        given: values of the options ``--driver`` and ``--as``.
+        fresh: number of fresh random roads.
+        seed: of these.
+        repeats: drives of each road.
+        workers: roads driven at once.
+        as_json: whether to print the result as JSON.
     """
     from frenetic.again.paired import Version, back_to_back_document
     from frenetic.again.versions import as_recorded
     from frenetic.again.versions import plan as plan_roads
 
-    if new is None and driver is None and not driver_options:
-        raise click.UsageError(
-            "say what the new version is: give its campaign after OLD, or --driver"
-        )
     with as_usage_error():
-        plan = plan_roads(old, new, fresh=fresh, seed=seed, repeats=repeats, top=top)
-    place = simulator, simulator_options
-    is_recorded = old_driver is None and not old_driver_options
-    old_spec = _spec(old, old_driver, old_driver_options, place, checked=not is_recorded)
-    new_spec = _spec(new or old, driver, driver_options, place)
-    old_version = partial(as_recorded, old) if is_recorded else nullcontext
-    result = _driven(plan, lambda: old_version(old_spec), new_spec, workers, drive_limit)
+        plan = plan_roads(folder, fresh=fresh, seed=seed, repeats=repeats)
+    old, new = _specs(folder, given)
+    result = _driven(plan, partial(as_recorded, folder, old), new, workers)
     if as_json:
         click.echo(json.dumps(back_to_back_document(result)))
     else:
-        _print(result, {Version.OLD: old_spec, Version.NEW: new_spec})
+        _print(result, {Version.OLD: old, Version.NEW: new})
     raise click.exceptions.Exit(_EXIT_CODES[result.verdict])
 
 
-def _spec(
-    folder: Path,
-    driver: str | None,
-    options: tuple[tuple[str, Any], ...],
-    place: tuple[str | None, tuple[tuple[str, Any], ...]],
-    *,
-    checked: bool = True,
-) -> Spec:
-    """The spec of a version, whose parts have to be trusted if that is ``checked``.
+def _specs(folder: Path, given: Mapping[str, Any]) -> tuple[Spec, Spec]:
+    """The specs of both versions.
 
     Raises:
         CampaignError: the campaign was started from Python, or its record is damaged.
@@ -137,15 +81,8 @@ def _spec(
                 f"{folder} was started from Python, so its parts have no names: compare the"
                 " versions there, with frenetic.again.versions"
             )
-        given = {"driver": driver, "driver_options": options}
-        spec = recorded_spec(store, given, checked=checked)
-        recorded: Any = store.config["driver"]
-    simulator = spec.simulator
-    return replace(
-        spec,
-        driver=replace(spec.driver, made=recorded if spec.driver.made else {}),
-        simulator=replace(simulator, options=moved(simulator, *place)),
-    )
+        old = recorded_spec(store, {}, checked=False)
+        return old, replace(old, driver=recorded_spec(store, given).driver)
 
 
 def _driven(
@@ -153,7 +90,6 @@ def _driven(
     old_version: Callable[[], AbstractContextManager[Spec]],
     new_spec: Spec,
     workers: int,
-    drive_limit: float | None,
 ) -> BackToBack:
     from frenetic.again.versions import (
         Driving,
@@ -164,7 +100,6 @@ def _driven(
     )
     from frenetic.simulators.isolated import isolated
     from frenetic.spec import describe
-    from frenetic.versions import other_version
 
     log = Log()
     # First both are made, so that a mistake in the new one shows before the old one has driven.
@@ -174,13 +109,11 @@ def _driven(
             made.append(describe(spec.make_driver()))
     simulator = new_spec.make_simulator()
     check_differ(*made)
-    if plan.new is not None and (note := other_version("driver", new_spec.driver.made, made[1])):
-        log.print(f"Note: {plan.new}: {note}", markup=False)
 
     def driving(spec: Spec, on_event: Callable[[Event], None]) -> Driving:
         driver = spec.make_driver()
-        place = isolated(simulator, driver, drive_limit) if workers == 1 else simulator
-        return Driving(place, driver, workers, drive_limit, on_event)
+        place = isolated(simulator, driver) if workers == 1 else simulator
+        return Driving(place, driver, workers, on_event=on_event)
 
     with (
         old_version() as spec,
