@@ -129,7 +129,7 @@ def test_the_command_serves_in_the_competitions_setting(
         return serving(tool, host, 0)
 
     monkeypatch.setattr("frenetic.twin.ranking.service.serving", served)
-    monkeypatch.setattr("frenetic.cli.rank.until_interrupted", lambda: None)
+    monkeypatch.setattr("frenetic.twin.commands.rank.until_interrupted", lambda: None)
     answer = frenetic("rank", "--json", "--serve")
     assert json.loads(answer.out)["host"] == "127.0.0.1"
     assert told == [("127.0.0.1", 4545)]

@@ -5,12 +5,16 @@ A command is imported when it runs, so ``frenetic --help`` starts at once.
 
 from __future__ import annotations
 
+import ast
 import logging
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Final, NoReturn, TextIO
 
 import click
@@ -55,11 +59,8 @@ COMMANDS: Final = {
     "minimise": Row(
         "minimise:minimise", "Reduce failing roads to the shortest and plainest that still fail."
     ),
-    "calibrate": Row("calibrate:calibrate", "Fit a twin to recorded drives, of any simulator."),
     "compare": Row("compare:compare", "Compare groups of campaigns, or two versions of a driver."),
-    "bench": Row("bench:bench", "Compare road generators, with repeats."),
     "drive": Row("drive:drive", "Drive a road from a file, or of a campaign."),
-    "rank": Row("rank:rank", "Say which of many roads to drive first in a slow simulator."),
     "list": Row("list:list_parts", "List drivers, strategies, simulators, quantities."),
     "doctor": Row("doctor:doctor", "Say whether the simulators work here."),
 }
@@ -71,6 +72,18 @@ def _guests() -> dict[str, str]:
     from frenetic.registry import installed  # what it imports takes its time
 
     return {entry.name: entry.target for entry in installed("frenetic.commands")}
+
+
+def _summary(target: str) -> str:
+    """The first line of a guest's command: its source is read, since importing it takes long."""
+    module, _, name = target.partition(":")
+    with suppress(ImportError, OSError, SyntaxError, ValueError):  # a broken package
+        spec = find_spec(module)
+        source = b"" if spec is None or spec.origin is None else Path(spec.origin).read_bytes()
+        for statement in ast.parse(source).body:
+            if isinstance(statement, ast.FunctionDef) and statement.name == name:
+                return (ast.get_docstring(statement) or "").partition("\n")[0]
+    return ""
 
 
 class CommandTable(click.Group):
@@ -91,11 +104,9 @@ class CommandTable(click.Group):
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Writes the summary of each, without importing our own."""
+        """Writes the summary of each, without importing them."""
         summaries = {name: row.summary for name, row in COMMANDS.items()}
-        for name in _guests():
-            command = self.get_command(ctx, name)
-            summaries[name] = "" if command is None else command.get_short_help_str(limit=80)
+        summaries |= {name: _summary(target) for name, target in _guests().items()}
         with formatter.section("Commands"):
             formatter.write_dl(sorted(summaries.items()))
 

@@ -1,7 +1,26 @@
-"""Twins: a driver in a fast simulator that stands in for a slow one."""
+"""Twins: a driver in a fast simulator that stands in for a slow one.
 
-from frenetic.twin.profile import Profile
-from frenetic.twin.screening import screened
-from frenetic.twin.twin import Twin
+The names are imported on use, so that the help of its commands comes at once.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from frenetic._support.public_names import lazy_names
+
+if TYPE_CHECKING:
+    from frenetic.twin.profile import Profile
+    from frenetic.twin.screening import screened
+    from frenetic.twin.twin import Twin
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "frenetic.twin.profile": ("Profile",),
+        "frenetic.twin.screening": ("screened",),
+        "frenetic.twin.twin": ("Twin",),
+    },
+)
 
 __all__ = ["Profile", "Twin", "screened"]
