@@ -24,7 +24,7 @@ def imports_within_functions(path: Path) -> Iterator[int]:
 def test_an_import_within_a_function_says_why() -> None:
     unexplained = []
     for path in sorted(ROOT.rglob("*.py")):
-        if ROOT / "cli" in path.parents:  # whose start-up time is the reason, as its text says
+        if {"cli", "commands", "command"} & {*path.parts, path.stem}:  # help has to come at once
             continue
         lines = path.read_text(encoding="utf-8").splitlines()
         unexplained += [

@@ -18,7 +18,7 @@ from frenetic.registry import DRIVERS, SIMULATORS
 from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator
 from frenetic.simulators.capabilities import capabilities, check_pair
-from frenetic.spec import Budget, Part, Spec, driver_of, usual_wall_limit
+from frenetic.spec import Budget, Part, Spec, driver_of, usual_of
 
 PARTS: Final = """
 import os
@@ -101,7 +101,7 @@ def test_a_named_driver_tells_what_is_read_of_it() -> None:
 
 
 def test_a_named_simulator_has_its_capabilities() -> None:
-    assert usual_wall_limit("own.py:Simulator") == 7.0
+    assert usual_of("own.py:Simulator").usual_wall_limit == 7.0
     spec = Spec(simulator=Part("own.py:Simulator", {"friction": 0.7}), driver=Part("own.py:Seeing"))
     driver, simulator = spec.make_parts(isolate=False)
     its = capabilities(simulator)

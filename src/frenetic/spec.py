@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from frenetic.drive import CarBody, Rules
     from frenetic.drivers import Driver
     from frenetic.search import Strategy
+    from frenetic.simulators.capabilities import Usual
     from frenetic.simulators.simulator import Simulator
 
 logger = logging.getLogger(__name__)
@@ -456,7 +457,7 @@ class Spec:
         """The same with the usual wall limit of its simulator if it has none."""
         if self.wall_limit is not None or self.simulator.name is None:
             return self
-        return replace(self, wall_limit=usual_wall_limit(self.simulator.name))
+        return replace(self, wall_limit=usual_of(self.simulator.name).usual_wall_limit)
 
     def require_trusted(self, source: object, named: Collection[str] = (), **remedy: str) -> None:
         """Checks that what a file or campaign names may be made, see `frenetic.trust`.
@@ -603,22 +604,22 @@ def drive_record(config: Mapping[str, Any]) -> dict[str, JSONValue] | None:
     return {name: known[name] for name in drive_options() if name in known}
 
 
-def usual_wall_limit(simulator: str) -> float:
-    """Default limit of a drive's wall time in the simulator of that name, in s."""
+def usual_of(simulator: str) -> Usual:
+    """What the class of the simulator of that name declares before one is made."""
     if SIMULATORS.is_own(simulator):
-        limit: float = Recipe("simulator", simulator).ask(_usual_wall_limit)
-        return limit
-    return _limit_of_class(SIMULATORS.load(simulator))
+        declared: Usual = Recipe("simulator", simulator).ask(_usual_of_guest)
+        return declared
+    return _usual_of_class(SIMULATORS.load(simulator))
 
 
-def _usual_wall_limit(guest: Guest) -> float:
-    return _limit_of_class(guest.factory)
+def _usual_of_guest(guest: Guest) -> Usual:
+    return _usual_of_class(guest.factory)
 
 
-def _limit_of_class(factory: Callable[..., Any]) -> float:
+def _usual_of_class(factory: Callable[..., Any]) -> Usual:
     from frenetic.simulators.capabilities import usual  # numba takes its time
 
-    return usual(factory).usual_wall_limit
+    return usual(factory)
 
 
 def drive_options() -> list[str]:

@@ -93,6 +93,9 @@ def test_resumption_at_another_place(frenetic: Frenetic, stand_in: StandIn, tmp_
     code, _, err = frenetic(*more)
     assert code == 2
     assert "nothing answers" in err
+    code, _, err = frenetic(*more, "--simulator", "aggression=1.0")
+    assert code == 2
+    assert "can only say where beamng is (home, user, " in err
     with StandIn() as other:
         code, out, err = frenetic(*more, "--simulator", f"port={other.port}")
     assert code == 0, err
@@ -124,9 +127,9 @@ def test_place_is_for_no_campaign_of_another_simulator(frenetic: Frenetic) -> No
     assert frenetic("run", "--simulations", "1", "--seed", "1", "--out", "c")[0] == 0
     more = ("resume", "c", "--simulations", "1", "--simulator")
     for given, text in (
-        ("port=25252", "the simulator is 'embedded', which is nowhere else"),
-        ("friction=0.9", "can only say where BeamNG.tech is (home, user, "),
-        ("beamng,port=25252", "can only say where BeamNG.tech is (home, user, "),
+        ("port=25252", "--simulator is for one that moves, unlike embedded: all else would be"),
+        ("friction=0.9", "--simulator is for one that moves, unlike embedded"),
+        ("beamng,port=25252", "--simulator is for one that moves, unlike embedded"),
     ):
         code, _, err = frenetic(*more, given)
         assert code == 2

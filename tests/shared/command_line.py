@@ -42,7 +42,6 @@ class Answer:
 Frenetic = Callable[..., Answer]
 
 DRAWINGS = (
-    "frenetic.twin.page.draw_calibration",
     "frenetic.report.picture.draw_drive",
     "frenetic.report.picture.draw_gallery",
     "frenetic.report.elsewhere.draw_pair",

@@ -63,6 +63,7 @@ def test_what_a_simulator_declares_is_found() -> None:
 def test_a_class_says_what_holds_before_one_is_made() -> None:
     assert (usual(Shared).usual_workers, usual(Shared).needs) == (2, ("a_module",))
     assert usual(BeamngSimulator).usual_wall_limit == 600.0
+    assert "home" in usual(BeamngSimulator).place_options
     assert usual(lambda: DummySimulator()).usual_wall_limit == 60.0
 
 
@@ -104,8 +105,8 @@ def test_what_can_be_varied_is_what_can_be_set() -> None:
         ("wall_limit", 0.0, r"Dummy.*\.wall_limit is 0.0: a positive number of seconds is needed"),
         ("usual_workers", "two", "a whole number of at least 1 is needed"),
         ("workers_at_most", True, "a whole number of at least 1 is needed"),
-        ("preloads", ["json", 1], "a tuple of names of modules is needed"),
-        ("needs", "beamngpy", "a tuple of names of modules is needed"),
+        ("preloads", ["json", 1], "a tuple of names is needed"),
+        ("needs", "beamngpy", "a tuple of names is needed"),
         ("prepare", True, "a method is needed"),
     ],
 )

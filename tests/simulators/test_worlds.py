@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner, appearance
+from frenetic.drivers import Delayed, Driver, LimitedView, Noisy, Planner
 from frenetic.drivers.layers import compiled_form
 from frenetic.errors import FreneticError
 from frenetic.quantities import quantities
@@ -15,6 +15,7 @@ from frenetic.road import Road
 from frenetic.simulators import EmbeddedSimulator, Rules, Simulator
 from frenetic.simulators.worlds import Conditions, check_can_vary, in_conditions
 from frenetic.testing import DummySimulator
+from frenetic.vision import appearance
 from frenetic.vision.marking_follower import MarkingFollower
 
 ROAD = Road([0.0, 0.0, 0.01, 0.03, 0.05, 0.05, 0.02, -0.02, -0.04, -0.04, 0.0, 0.0])

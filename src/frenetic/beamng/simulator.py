@@ -114,6 +114,7 @@ class BeamngSimulator:
     usual_workers: Final = 1
     """One worker by default: a BeamNG.tech takes a whole graphics card."""
 
+    place_options: Final = ("home", "user", "headless", "no_gpu", "host", "port", "restart_every")
     draws: Final = True
     BEHAVIOUR: ClassVar[int] = 2
     """Raised when its drives change; campaigns record it."""

@@ -103,7 +103,7 @@ class CommandTable(click.Group):
         command: click.Command = getattr(import_module(module), name)
         return command
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Writes the summary of each, without importing them."""
         summaries = {name: row.summary for name, row in COMMANDS.items()}
         summaries |= {name: _summary(target) for name, target in _guests().items()}

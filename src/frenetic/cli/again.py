@@ -16,7 +16,6 @@ from frenetic.cli.options import (
 from frenetic.cli.parts import (
     asked_spec,
     given_options,
-    is_beamng,
     with_given,
     without_place,
 )
@@ -86,14 +85,17 @@ def file_spec(context: click.Context, file: RoadFile, *, checked: bool = True) -
     if DRIVEN not in file.entries:
         return asked_spec(context)
     recorded = Spec.from_drive_record(file.entries[DRIVEN], source=file.path)
-    simulator = recorded.simulator
-    if is_beamng(simulator.name or ""):  # which program is started, no file says
-        simulator = replace(simulator, options=without_place(simulator.options))
-    spec = with_given(replace(recorded, simulator=simulator), given)
-    spec = replace(spec, map_size=given.get("map_size", spec.map_size))
+
+    def asked(spec: Spec) -> Spec:
+        spec = with_given(spec, given)
+        return replace(spec, map_size=given.get("map_size", spec.map_size))
+
+    spec = asked(recorded)
     if not checked:
         return spec
     spec.require_trusted(file.path, named_parts(given))
+    if spec.simulator.name == recorded.simulator.name:  # which program is started, no file says
+        spec = asked(replace(recorded, simulator=without_place(recorded.simulator)))
     return spec.with_limit()  # which loads the simulator
 
 

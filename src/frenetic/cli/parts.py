@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -14,7 +15,7 @@ from frenetic._support.words import read_part
 from frenetic.cli.options import Decorator, with_options
 from frenetic.quantities import quantity
 from frenetic.registry import DRIVERS, SIMULATORS, STRATEGIES
-from frenetic.spec import NUMBERS, Part, Spec, drive_options
+from frenetic.spec import NUMBERS, Part, Spec, drive_options, usual_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -257,49 +258,32 @@ def _option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
-# BeamNG.tech: options of its simulator that say where it is, and change no drive
-
-BEAMNG: Final = "beamng"
-_STARTING: Final = ("home", "user", "headless", "no_gpu", "restart_every")
-"""Those of a BeamNG.tech that is started."""
-_PLACE: Final = ("home", "user", "headless", "no_gpu", "host", "port")
 place_option: Final = part_choice(
-    "simulator", "Where BeamNG.tech is now, if it has moved: host=pc,port=25252 or home=/opt/b."
+    "simulator", "Where the simulator is now, if it has moved: host=pc,port=25252 or home=/opt/b."
 )
 
 
-def is_beamng(simulator: str) -> bool:
-    """Whether a simulator's name is that of BeamNG.tech."""
-    return simulator == BEAMNG or simulator.endswith(":BeamngSimulator")
+def without_place(simulator: Part) -> Part:
+    """A simulator without the options that say where it is."""
+    places = usual_of(simulator.name or "").place_options if simulator.options else ()
+    kept = {name: value for name, value in simulator.options.items() if name not in places}
+    return replace(simulator, options=kept)
 
 
-def without_place(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Recorded options of the simulator without those that say where it is."""
-    return {k: v for k, v in options.items() if k not in (*_STARTING, "host", "port")}
-
-
-def moved(
-    recorded: Part, simulator: str | None, options: tuple[tuple[str, Any], ...]
-) -> dict[str, Any]:
-    """The options of a campaign's simulator, with what `place_option` says in their place.
-
-    If BeamNG.tech was started and is now connected to, or the other way round, recorded options for
-    that no longer hold.
+def moved(recorded: Part, name: str | None, options: tuple[tuple[str, Any], ...]) -> Part:
+    """A campaign's simulator, where `place_option` says that it is now.
 
     Raises:
         click.UsageError: it says more than a place, or the simulator is another.
     """
-    given = dict(options)
-    if simulator not in (None, recorded.name) or given.keys() - set(_PLACE):
+    if name is None and not options:
+        return recorded
+    places = usual_of(recorded.name or "").place_options
+    if name not in (None, recorded.name) or not {option for option, _ in options} <= {*places}:
+        only = f"can only say where {recorded.name} is ({', '.join(places)})"
         raise click.UsageError(
-            f"--simulator can only say where BeamNG.tech is ({', '.join(_PLACE)}): all else would"
-            " be another campaign"
+            f"--simulator {only if places else f'is for one that moves, unlike {recorded.name}'}:"
+            " all else would be another campaign"
         )
-    if given and not is_beamng(recorded.name or ""):
-        raise click.UsageError(f"the simulator is {recorded.name!r}, which is nowhere else")
-    ended: tuple[str, ...] = ()
-    if "host" in given:
-        ended = _STARTING
-    elif "home" in given and "home" not in recorded.options:
-        ended = ("host", "port")
-    return {k: v for k, v in recorded.options.items() if k not in ended} | given
+    there = without_place(recorded)
+    return replace(there, options={**there.options, **dict(options)})

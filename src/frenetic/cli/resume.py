@@ -105,8 +105,7 @@ def resume(
                 f"the budget of {campaign} is spent: say how much more, with --simulations,"
                 " --time or --failures"
             )
-    there = moved(spec.simulator, simulator, simulator_options)
-    spec = replace(spec, simulator=replace(spec.simulator, options=there))
+    spec = replace(spec, simulator=moved(spec.simulator, simulator, simulator_options))
     the_campaign = make_campaign(spec, campaign, workers)
     text = f"Going on after {counts.tests} tests with {spec.strategy.name}"
     if is_spent:

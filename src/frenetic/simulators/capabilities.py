@@ -40,6 +40,10 @@ class Usual:
     usual_workers: int | None = None
     """Number of workers unless another is given; None: one per processor core."""
 
+    place_options: tuple[str, ...] = ()
+    """Names of its options that say where it is and change no drive: a campaign may be resumed
+    with others, and a road's file never gives them."""
+
     @property
     def missing(self) -> list[str]:
         """Those of `needs` that are not installed."""
@@ -157,12 +161,13 @@ def _are_names(value: object) -> bool:
     return isinstance(value, tuple | list) and all(isinstance(name, str) for name in value)
 
 
-_NAMES: Final = (_are_names, "a tuple of names of modules")
+_NAMES: Final = (_are_names, "a tuple of names")
 _TIME: Final = (_is_time, "a positive number of seconds")
 _WORKERS: Final = (_is_number_of_workers, "a whole number of at least 1")
 _WANTED: Final[dict[str, tuple[Callable[[object], bool], str]]] = {
     "needs": _NAMES,
     "preloads": _NAMES,
+    "place_options": _NAMES,
     "usual_wall_limit": _TIME,
     "wall_limit": _TIME,
     "draws": (_is_yes_or_no, "True or False"),

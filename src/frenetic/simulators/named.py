@@ -15,7 +15,7 @@ from frenetic.simulators.capabilities import capabilities
 from frenetic.simulators.simulator import Simulator
 
 _VALUES: Final = (
-    *("preloads", "usual_wall_limit", "usual_workers"),
+    *("place_options", "preloads", "usual_wall_limit", "usual_workers"),
     *("wall_limit", "workers_at_most", "draws"),
 )
 _METHODS: Final = ("prepare", "check_driver")
