@@ -26,6 +26,7 @@ from frenetic.calibration import (
     calibrate,
     read_recordings,
 )
+from frenetic.calibration import recordings as recordings_file
 from frenetic.calibration.calibrate import folds_of
 from frenetic.calibration.determination import difference
 from frenetic.calibration.driving import (
@@ -50,6 +51,9 @@ from frenetic.spec import Spec
 from frenetic.twin.profile import Figures
 
 KNOWN = 7.3
+HUGE = int("9" * 320)
+"""A number that JSON holds and a float does not."""
+MOVES = {"time": [0, 1], "x": [0, 5], "y": [0, 0]}
 MODEL_OF = [Asked("lateral_acceleration"), Asked("vehicle.brake_deceleration", 7.0, 9.0)]
 BROKEN = """
 class Broken:
@@ -484,6 +488,14 @@ def test_usual_bounds_end_where_no_car_can_be_made() -> None:
         (lambda line: line | {"trajectory": [[0, 1, 2], [1, 2]]}, "trajectory"),
         (lambda line: line | {"execution_data": [[1, 2]]}, "are no records of a drive"),
         (lambda line: line | {"trajectory": 3}, "its trajectory is"),
+        (lambda line: line | {"trajectory": MOVES | {"speed": 5}}, "its speed is not a list of nu"),
+        (lambda line: line | {"trajectory": MOVES | {"x": [HUGE] * 2}}, "its x is not a list of n"),
+        (lambda line: line | {"trajectory": [[0, HUGE, 2]] * 2}, "its x is not a list of numbers"),
+        (lambda line: line | {"max_oob_share": HUGE}, "its max_oob_share is 9999.*: a number"),
+        (
+            lambda line: line | {"execution_data": [drive_record(0), drive_record(1, HUGE)]},
+            "are no records of a drive",
+        ),
         (
             lambda line: line | {"execution_data": [drive_record(0), drive_record(1, math.nan)]},
             r"vel of record 2 of its execution_data is \[nan, 0\.0, 0\.0\]: finite numbers",
@@ -502,6 +514,29 @@ def test_a_damaged_table_names_its_row(
     with pytest.raises(FreneticError, match=message) as caught:
         read_recordings([table])
     assert str(table) in str(caught.value)
+
+
+@pytest.mark.parametrize("cut", [100, -100])
+def test_a_damaged_parquet_table_is_named(campaigns: list[Path], tmp_path: Path, cut: int) -> None:
+    from frenetic.export import export_campaign
+
+    export_campaign(campaigns[0], "parquet", tmp_path / "out")
+    table = tmp_path / "out" / "tests.parquet"
+    table.write_bytes(table.read_bytes()[:cut])
+    with pytest.raises(FreneticError, match=r"tests.parquet is no table in Parquet"):
+        read_recordings([table])
+
+
+@pytest.mark.parametrize("form", ["csv", "json", "parquet"])
+def test_a_file_that_no_memory_holds_is_refused(
+    campaigns: list[Path], tmp_path: Path, form: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from frenetic.export import export_campaign
+
+    export_campaign(campaigns[0], form, tmp_path / "out")
+    monkeypatch.setattr(recordings_file, "MAX_BYTES", 100)
+    with pytest.raises(FreneticError, match="has more than 100 bytes: split it"):
+        read_recordings([tmp_path / "out"])
 
 
 def test_recordings_under_different_terms_are_not_mixed(
