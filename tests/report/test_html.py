@@ -46,6 +46,7 @@ from frenetic.report.html import (
     write_report,
 )
 from frenetic.report.html.feature_map import NOT_MEASURED
+from frenetic.report.html.headline import headline
 from frenetic.report.html.operators import operator_results, operators_section
 from frenetic.report.html.repeating import repeat_command, repeatability
 from frenetic.report.html.tests import RoadData, TestSummary, TestTable, ancestors
@@ -177,15 +178,18 @@ def test_headline_counts_what_the_campaign_holds(searched: Path) -> None:
     with CampaignStore.open(searched) as store:
         counts = store.counts()
         clusters = distinct_failures(store)
+        slow = {"seconds": 3600.0 * counts.tests / 4.3}
+        rate = headline(store.config, slow, counts, clusters, folder="", elapsed=0.0).tiles[0].note
         report = campaign_report(store)
-    (headline,) = report.sections[0].blocks
-    tiles = {tile.label: tile.value for tile in headline.tiles}  # type: ignore[attr-defined]
+    (block,) = report.sections[0].blocks
+    assert rate == "4.3 tests/h"
+    tiles = {tile.label: tile.value for tile in block.tiles}  # type: ignore[attr-defined]
     assert tiles["simulations"] == str(counts.simulations) == "150"
     assert tiles["failures"] == str(counts.by_outcome[Outcome.FAIL])
     assert tiles["distinct failures"] == str(len(clusters))
     assert tiles["invalid roads"] == str(counts.by_outcome[Outcome.INVALID])
     assert report.title == f"{len(clusters)} distinct failures in 150 simulations"
-    assert headline.warning == ""  # type: ignore[attr-defined]
+    assert block.warning == ""  # type: ignore[attr-defined]
 
 
 def test_a_campaign_without_failures_shows_its_nearest_misses(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from html_campaigns import HOSTILE
 from playwright.sync_api import Page, expect
 
 from frenetic.analysis.comparison import Comparison, compare_measured
+from frenetic.analysis.conclusions import findings
 from frenetic.analysis.metrics import CampaignMeasures
 from frenetic.errors import FreneticError
 from frenetic.report.html import Fact
@@ -43,6 +44,7 @@ def campaign(folder: Path, distinct: int, simulations: int = 60) -> CampaignMeas
         competition_filled=frozenset((i,) for i in range(distinct)),
         pairwise_diversity=0.4 - 0.01 * distinct if distinct > 1 else -math.inf,
         competition_sparseness=25.0 if distinct > 1 else -math.inf,
+        min_moobd=-0.1 * distinct,
     )
 
 
@@ -88,6 +90,7 @@ def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
     titles = [column.title for column in medians.columns]
     first = dict(zip(titles, medians.rows[0], strict=True))
     assert (first["distinct"].value, first["distinct"].note) == ("13", "12–14")
+    assert first["lowest MOOBD (m)"].note == "-1.40 to -1.20"
     never = dict(zip(titles, medians.rows[2], strict=True))
     assert (never["pairwise"].value, never["pairwise"].note) == ("none", "")
     assert "failures per\u00a0100" not in titles, "all have as many simulations"
@@ -103,6 +106,11 @@ def test_table_has_medians_and_quartiles_and_what_does_not_vary_once(
     ]
     assert [cell.strength for cell in places] == [1.0, 0.5, 0.0]
     assert [cell.value for cell in maps.rows[0]][:2] == ["10", "84.0\u00a0%"]
+
+
+def test_a_single_group_between_is_told_as_one(tmp_path: Path) -> None:
+    comparison = made(tmp_path, **dict.fromkeys("abcde", LOW))
+    assert findings(comparison).endswith(", 1 group between.")
 
 
 def test_curves_are_thinned_and_have_bands_where_there_are_enough(tmp_path: Path) -> None:
