@@ -56,7 +56,7 @@ LISTED_TESTS: Final = 20
 @click.option(
     "--feature",
     "features",
-    type=Range(),
+    type=Range("max_curvature=0.05:0.07", values=False),
     multiple=True,
     help="List the tests with a feature in a range, as in max_curvature=0.05:0.07, or show the"
     " feature's values: max_curvature; may be repeated.",
