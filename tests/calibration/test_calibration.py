@@ -78,11 +78,11 @@ def drive_record(time: float, speed: float = 5.0) -> list[Any]:
 QUICK = Settings(seed=1, evaluations=26, folds=2)
 
 
-def recorded(folder: Path, seed: int, drives: int) -> Path:
+def recorded(folder: Path, seed: int, drives: int, known: float = KNOWN) -> Path:
     """A campaign of random roads with a driver of known parameters."""
     Campaign(
         strategy=RandomSearch(seed=seed),
-        driver=Stanley(lateral_acceleration=KNOWN),
+        driver=Stanley(lateral_acceleration=known),
         simulator=EmbeddedSimulator(),
         budget=Budget(simulations=drives),
         folder=folder,
@@ -150,6 +150,29 @@ def test_a_known_parameter_is_found_and_an_idle_one_is_called_undetermined(
     assert (idle.low, idle.high) == pytest.approx((7.0, 9.0))
     assert calibration.profile.fitted[0].value == found.value
     assert [one.is_determined for one in calibration.profile.fitted] == [True, False]
+
+
+def test_an_interval_that_ends_at_a_bound_is_a_warning_and_usual_bounds_are_wide(
+    tmp_path: Path,
+) -> None:
+    slow = read_recordings([recorded(tmp_path / "slow", 101, 12, known=2.5)])
+    found = {}
+    for bounds in ((3.0, 12.0), (None, None)):
+        asked = Model.of("stanley", [Asked("lateral_acceleration", *bounds)])
+        result = calibrate(slow, asked, QUICK)
+        assert result is not None
+        found[bounds] = result.parameters[0], result.answer
+    one, answer = found[3.0, 12.0]
+    assert one.low == pytest.approx(3.0)
+    assert (one.at_bound, one.is_determined) == (True, False)
+    assert "; its interval ends at a bound" in str(one)
+    assert answer.endswith(
+        "; the bounds decide driver.lateral_acceleration: widen them, and calibrate again"
+    )
+    one, answer = found[None, None]
+    assert one.value == pytest.approx(2.5, rel=0.03)
+    assert one.is_determined
+    assert "widen" not in answer
 
 
 def test_figures_are_those_of_drives_that_a_fold_has_not_seen(
@@ -469,7 +492,7 @@ def test_parameters_that_cannot_be_fitted(asked: list[Asked], message: str) -> N
 
 def test_usual_bounds_end_where_no_car_can_be_made() -> None:
     (friction,) = Model.of("planner", [Asked("friction")]).parameters
-    assert friction.low == 0.5
+    assert friction.low == 0.25
     assert 1.0 < friction.high < 2.0
     _, simulator = Model.of("planner", [Asked("friction")]).make(
         {"vehicle.friction": friction.high}, Rules()

@@ -18,7 +18,7 @@ from frenetic.spec import driver_of
 
 Owner: TypeAlias = Literal["driver", "vehicle", "layer"]
 
-SPAN: Final = 2.0
+SPAN: Final = 4.0
 """A parameter without stated bounds is searched from its value over this to its value times it."""
 _HALVINGS: Final = 20
 _FITTED_LAYERS: Final = ("delay",)  # noise differs from drive to drive, and a view may be endless

@@ -68,7 +68,8 @@ class Fits(Range):
     multiple=True,
     required=True,
     help="Parameters to fit: options of the driver, vehicle.NAME or layer.delay, such as"
-    " --fit aggression,braking=1:4,vehicle.friction. [default bounds: half to twice the value]",
+    " --fit aggression,braking=1:4,vehicle.friction. [default bounds: a quarter of the value to"
+    " four times it]",
 )
 @click.option(
     "--vehicle",
