@@ -316,7 +316,7 @@ def compare(groups: Mapping[str, Iterable[Path | str]]) -> Comparison:
     parts = {name: [parts_of(folder) for folder in folders] for name, folders in listed.items()}
     return compare_measured(
         measured,
-        notes=[*_drivers_differ(listed, parts), *_notes(parts, measured)],
+        notes=[*_drivers_differ(parts), *_notes(parts, measured)],
         shared=shared_parts([one for found in parts.values() for one in found]),
     )
 
@@ -383,18 +383,15 @@ def _weakness(groups: Mapping[str, Sequence[object]]) -> Iterator[str]:
 
 
 def _drivers_differ(
-    groups: Mapping[str, Sequence[Path | str]], parts: Mapping[str, Sequence[Mapping[str, Any]]]
+    parts: Mapping[str, Sequence[Mapping[str, Any]]],
 ) -> Iterator[str]:
     """A note if groups have different drivers, about which a comparison of searches says little."""
-    (first, (own, *_)), *others = parts.items()
-    for other, (theirs, *_) in others:
-        if own["driver"] != theirs["driver"]:
-            yield (
-                "the groups have different drivers, and this compares what their searches found;"
-                f" 'frenetic back-to-back {groups[first][0]} {groups[other][0]}' says which driver"
-                " is better"
-            )
-            return
+    (own, *_), *others = parts.values()
+    if any(own["driver"] != theirs["driver"] for theirs, *_ in others):
+        yield (
+            "the groups have different drivers, and this compares what their searches found;"
+            " 'frenetic back-to-back' says which driver is better"
+        )
 
 
 def _notes(

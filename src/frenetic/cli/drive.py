@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -95,7 +94,7 @@ def drive(
 
             draw_drive(the_road, the_drive, plot, title=f"{road.name}: {result.outcome}")
     if as_json:
-        document = {"road": str(road), "length": the_road.length, **asdict(result)}
+        document = {"road": str(road), "length": the_road.length, **result.as_json()}
         document |= {"driver": driver, "simulator": simulator}
         if plot is not None:
             document["plot"] = str(plot)

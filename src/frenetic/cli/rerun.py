@@ -38,11 +38,6 @@ if TYPE_CHECKING:
 VARY: Final = "--vary"
 VARIED_TIMES: Final = 20
 """Default number of drives of each test if something is varied."""
-# `frenetic.simulators.worlds.QUANTITIES`, whose import is too slow for help.
-QUANTITIES: Final = (
-    *("friction", "speed", "noise", "delay", "start", "heading"),
-    *("scene", "wear", "fog", "rain", "blur", "light", "grain"),
-)
 
 
 def variation(asked: AskedRange, simulator: Simulator) -> Variation:
@@ -54,24 +49,7 @@ def variation(asked: AskedRange, simulator: Simulator) -> Variation:
     return Variation(asked.name, *asked.limits)
 
 
-class VaryingCommand(GroupedCommand):
-    """A command whose --vary takes all ranges that follow it."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Gives each range its own --vary."""
-        spread: list[str] = []
-        is_range = False
-        for arg in args:
-            name, equals, _ = arg.partition("=")
-            is_range = is_range and (name in QUANTITIES or bool(equals)) and arg[:1] != "-"
-            if is_range and spread[-1] != VARY:
-                spread.append(VARY)
-            spread.append(arg)
-            is_range = is_range or arg == VARY
-        return super().parse_args(ctx, spread)
-
-
-@click.command(cls=VaryingCommand)
+@click.command(cls=GroupedCommand)
 @click.argument("campaign", type=CampaignFolder())
 @click.argument("test_ids", type=int, nargs=-1, metavar="[ID]...")
 @count_option("--top", "Only the N most telling failures. [default: all failures]")
@@ -85,9 +63,9 @@ class VaryingCommand(GroupedCommand):
     type=Range("friction=0.8:1.0"),
     multiple=True,
     help="What differs between the drives: friction, speed (km/h), noise (m), delay (s), start (m),"
-    " heading (rad), as in --vary friction=0.8:1.0 noise=0.2 speed; for a driver with a camera also"
-    " scene, wear, fog (m), rain (mm/h), blur (s), light and grain; a name alone means its usual"
-    " range. [default: nothing]",
+    " heading (rad), as in --vary friction=0.8:1.0; for a driver with a camera also scene, wear,"
+    " fog (m), rain (mm/h), blur (s), light and grain. A name alone means its usual range; may be"
+    " repeated. [default: nothing]",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the draws.")
 @part_options
